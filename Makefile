@@ -11,11 +11,11 @@ INSTALL = $(BIN)/python -m pip install -qq --disable-pip-version-check --editabl
 export MPLBACKEND = Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help paper test slow deep cluster mutations lint format types doctest docs bench clean
+.PHONY: help paper test slow deep cluster mutations lint format types doctest docs bench dist first-hour clean
 
 help: ## list the targets
 	@echo 'Usage: make TARGET [ARGS="..."] [PYTHON=python3.12]'
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-10s%s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-12s%s\n", $$1, $$2 }' Makefile
 
 paper: .venv/core.stamp ## the paper's figures and verdicts, into paper-results/ (ARGS="--seeds 5")
 	$(BIN)/curricle paper --out "$(OUT)" $(ARGS)
@@ -53,17 +53,24 @@ doctest: .venv/dev.stamp ## every example in src/, docs/ and README.md
 docs: .venv/dev.stamp ## the documentation, into docs/_build (open index.html there)
 	rm -rf docs/_build docs/api/generated docs/api/*.rst
 	$(BIN)/python -m sphinx -W --keep-going -q docs docs/_build
+	$(BIN)/python -m pytest -n0 -m slow tests/site
 
 bench: .venv/test.stamp ## time every benchmarks/bench_*.py
 	@set -e; for script in $(sort $(wildcard benchmarks/bench_*.py)); do \
 	  echo "$$script"; $(BIN)/python $$script $(ARGS); done
+
+dist: .venv/dist.stamp ## build sdist and wheel into dist/, and try the wheel alone on every Python here
+	$(BIN)/python tests/release.py $(ARGS)
+
+first-hour: ## README and tutorial word for word, timed, in fresh clones with an empty HOME
+	tests/first_hour.sh $(ARGS)
 
 clean: ## remove .venv, caches and builds (results stay)
 	rm -rf .venv build dist docs/_build docs/api/generated docs/api/*.rst .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find src tests -type d -name __pycache__ -prune -exec rm -rf {} +
 
 # Each stamp says that .venv holds that much: the library, then its test tools, then all tools.
-.venv/core.stamp: pyproject.toml
+.venv/core.stamp: pyproject.toml src/curricle/__init__.py
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("Curricle needs Python 3.11 or newer, and $(PYTHON) is %d.%d: name a newer one, as in make PYTHON=python3.12." % sys.version_info[:2])'
 	@echo 'Installing into .venv ...'
 	@$(PYTHON) -m venv .venv
@@ -84,4 +91,8 @@ clean: ## remove .venv, caches and builds (results stay)
 
 .venv/cluster.stamp: .venv/test.stamp
 	@$(INSTALL) '.[dask,ray]' 'moto[server]>=5'
+	@touch $@
+
+.venv/dist.stamp: .venv/test.stamp
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check 'build>=1.2' 'twine>=6' 'check-wheel-contents>=0.6'
 	@touch $@

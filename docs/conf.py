@@ -1,8 +1,9 @@
 """How Sphinx makes a site of these pages: offline, and strict about what leads nowhere."""
 
 import sys
-from importlib.metadata import version as installed
 from pathlib import Path
+
+import curricle
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -10,7 +11,7 @@ sys.path.insert(0, str(HERE))
 from reference import write_pages  # noqa: E402 (found where the line above has Python look)
 
 project = html_title = "Curricle"
-version = release = installed("curricle")
+version = release = curricle.__version__
 
 extensions = [
     "myst_parser",
@@ -22,6 +23,7 @@ extensions = [
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["_build"]
 templates_path = ["_templates"]
+myst_heading_anchors = 4  # so that links to headings lead somewhere, or the build fails
 reference_packages = [
     f"curricle.{name}"
     for name in (
@@ -39,15 +41,13 @@ napoleon_google_docstring = False
 napoleon_use_param = napoleon_use_rtype = False
 napoleon_custom_sections = [("Attributes", "params_style")]
 
-# Nothing is fetched, so Python's own names lead nowhere. Folders of the repository are no pages.
-# The others are real and not public.
+# Nothing is fetched, so Python's own names lead nowhere. The others are real and not public.
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:class", r"ValueError|Exception|concurrent\.futures\._base\.BrokenExecutor"),
     ("py:exc", r"pydantic\.ValidationError"),
     ("py:class", "Arms|FactoredModel"),
     ("py:func", "right_states|shared_limits|arm_styles"),
-    ("myst", r"(\.\./)+examples(/\w+)?/"),
 ]
 
 html_theme = "furo"

@@ -1,20 +1,50 @@
-"""Take a picture of a part of a report for the docs: pictures.py PAGE SELECTOR NAME.
+"""Take the documentation's pictures of reports: pictures.py [PAGE SELECTOR NAME].
 
-Needs Chromium and Playwright (the extra ``test``).
+Without arguments the tutorial's studies are run in a temporary folder, as the tutorial says, and
+all PICTURES are taken of their reports. Needs Chromium and Playwright (the extra ``test``).
 """
 
 import io
+import os
 import shutil
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 from PIL import Image
 
+HERE = Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent))
+
+from tests.walk import walk  # noqa: E402 (found where the line above has Python look)
+
+PICTURES = {
+    "report_watch.png": ("maze-results", "#watch .viewer"),
+    "report_findings.png": ("vault-results", "#findings"),
+    "report_curves.png": ("vault-results", "#curves .answers"),
+}
+"""Of which of the tutorial's studies, and of what part of its report."""
 WIDTH, HEIGHT = 860, 900
 
 
-def main(page: Path, part: str, picture: Path) -> None:
-    """Take a picture of the element that a CSS selector finds, with replays at their ends."""
+def of_tutorial() -> None:
+    """Do what the tutorial says, and take all pictures of the reports of its studies."""
+    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    with tempfile.TemporaryDirectory() as place:
+        folder, variables = Path(place), {**os.environ, "PATH": programs}
+        page = HERE / "tutorial.md"
+        walk(page, folder, variables, timed=False, taken=lambda line: line.startswith("curricle "))
+        for name, (study, part) in PICTURES.items():
+            subprocess.run(["curricle", "report", study], cwd=folder, env=variables, check=True)
+            take(folder / study / "report.html", part, HERE / name)
+
+
+def take(page: Path, part: str, picture: Path) -> None:
+    """Take a picture of the element that a CSS selector finds.
+
+    Replays are at their ends, and values of curves are read at three tenths of the steps.
+    """
     from playwright.sync_api import sync_playwright
 
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
@@ -24,6 +54,8 @@ def main(page: Path, part: str, picture: Path) -> None:
         view.goto(page.resolve().as_uri())
         for slider in ("#moment", "#tick"):
             view.locator(slider).press("End")
+        for _ in range(7):
+            view.locator("#chart").press("PageDown")
         view.evaluate("document.activeElement.blur()")
         taken = Image.open(io.BytesIO(view.locator(part).screenshot()))
         taken.convert("RGB").save(picture, optimize=True)
@@ -31,4 +63,7 @@ def main(page: Path, part: str, picture: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2], Path(__file__).with_name(sys.argv[3]))
+    if len(sys.argv) == 1:
+        of_tutorial()
+    else:
+        take(Path(sys.argv[1]), sys.argv[2], HERE / sys.argv[3])

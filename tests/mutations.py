@@ -146,6 +146,20 @@ MUTATIONS = [
         ),
     ),
     Mutation(
+        "a search that is not seeded",
+        "study/tuning.py",
+        "seed=tuning.seed, n_startup_trials",
+        "n_startup_trials",
+        ("tests/unit/test_tuning.py",),
+    ),
+    Mutation(
+        "scratch not swept",
+        "study/config/sweeps.py",
+        'place[2] in ("learner", "storage")',
+        "not place",
+        ("tests/unit/test_config_sweeps.py",),
+    ),
+    Mutation(
         "the lock not taken",
         "study/folders.py",
         "lock.acquire(timeout=0)",

@@ -9,11 +9,11 @@ import zipfile
 import numpy as np
 import pytest
 
+from curricle.archives.array_archive import SEAL, sealed_archive
+from curricle.archives.sealed_json import as_json, sealed, unsealed
 from curricle.errors import StoreError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, read_study, run_study
-from curricle.study.sealed_json import as_json, sealed, unsealed
-from curricle.study.unit_file import SEAL, sealed_archive
 
 RULES = """
 import curricle as cr

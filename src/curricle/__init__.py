@@ -18,6 +18,8 @@ import lazy_loader
 
 from curricle.interop.registration import register
 
+__version__ = "0.2.0"
+
 __getattr__, __dir__, _offered = lazy_loader.attach_stub(__name__, __file__)
 # Packages are attributes (`curricle.statistics`) and not exported.
 _packages = {module.name for module in iter_modules(__path__)}

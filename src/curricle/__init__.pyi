@@ -17,8 +17,6 @@ from . import (
     transfer as transfer,
 )
 from .certificate.certification import certify as certify
-from .comparison.comparing import compare as compare
-from .comparison.forecasting import forecast as forecast
 from .curriculum.curriculum import Curriculum as Curriculum
 from .errors import CurricleError as CurricleError
 from .interop.environment import to_gymnasium as to_gymnasium
@@ -56,6 +54,7 @@ from .planning.solution import evaluate as evaluate, solve as solve
 from .plotting.picture import plot as plot
 from .study.config.reading import read_study as read_study
 from .study.running import run_study as run_study
+from .study.study_arguments import compare as compare, forecast as forecast
 from .tasks.computed import ComputedMDP as ComputedMDP
 from .tasks.gridworld import GridWorld as GridWorld, Rewards as Rewards
 from .tasks.mdp import FiniteMDP as FiniteMDP
@@ -76,3 +75,5 @@ from .transfer.mapping import (
     from_function as from_function,
     same_position as same_position,
 )
+
+__version__: str

@@ -11,7 +11,7 @@
     ├── CurriculumError  a graph with a cycle or an unknown task         (also ValueError)
     ├── ConfigError      a study file that cannot be understood          (also ValueError)
     ├── StoreError       a results folder that cannot be used
-    │   └── LostStoreError  one that could be written to when the run began
+    │   └── LostStoreError  one that could be used when the run began
     └── StudyError       a study's own code, or an executor, that failed
         └── EngineError  a cluster that was lost, or has other versions (also BrokenExecutor)
 
@@ -58,7 +58,7 @@ class StoreError(CurricleError):
 
 
 class LostStoreError(StoreError):
-    """The place of a run's results, where it began to write, cannot be written to any more."""
+    """The place of a run's results cannot be read or written any more, as it could at first."""
 
 
 class StudyError(CurricleError):

@@ -3,6 +3,7 @@
 import errno
 import hashlib
 import os
+import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -59,6 +60,14 @@ def read_bounded(path: Place, most: int) -> bytes:
         if size > most:
             raise OSError(errno.EFBIG, f"it has more than {most:,} bytes", str(path))
         return file.read(most)
+
+
+def remove_folder(path: Place) -> None:
+    """Delete a folder and all that is in it, as far as that can be done."""
+    if isinstance(path, RemotePath):
+        path.remove_folder()
+    else:
+        shutil.rmtree(path, ignore_errors=True)
 
 
 @contextmanager

@@ -3,7 +3,8 @@
 import io
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from os import PathLike
 from pathlib import Path, PurePosixPath
 from time import sleep
 from typing import IO, TYPE_CHECKING, Any, TypeVar
@@ -110,6 +111,11 @@ class RemotePath:
         return self._at(str(self.key.parent))
 
     @property
+    def bucket(self) -> "RemotePath":
+        """The first part: of a server for objects, the bucket."""
+        return self._at(self.key.parts[0])
+
+    @property
     def name(self) -> str:
         """The last part."""
         return self.key.name
@@ -161,6 +167,11 @@ class RemotePath:
         if not missing_ok or self.exists():
             self._tried(lambda: self.system.delete_file(str(self.key)))
 
+    def remove_folder(self) -> None:
+        """Delete the folder and all that is in it, as far as that can be done."""
+        with suppress(OSError):
+            self.system.delete_dir(str(self.key))
+
     @contextmanager
     def opened(self) -> Iterator[tuple[IO[bytes], int]]:
         """Open the file to read it, and tell its bytes; all but a large one is read at once."""
@@ -206,7 +217,7 @@ Place = Path | RemotePath
 
 
 def place_at(path: Any) -> Place:
-    """Return a folder of this machine, or the one at a URL.
+    """Return a folder of this machine, or the one at a URL; StoreError where it is neither.
 
     Examples
     --------
@@ -215,4 +226,6 @@ def place_at(path: Any) -> Place:
     """
     if isinstance(path, RemotePath):
         return path
+    if not isinstance(path, str | PathLike):
+        raise StoreError(f"a folder must be a path or a URL: got {path!r}")
     return RemotePath.of(path) if isinstance(path, str) and "://" in path else Path(path)

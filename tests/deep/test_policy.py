@@ -8,9 +8,10 @@ from PIL import Image
 from stable_baselines3 import DQN, PPO
 
 import curricle as cr
-from curricle.deep import DeepLearner, Episode, SmallCNN, TrainedPolicy, checkpoint, learn_deep
-from curricle.errors import CurriculumError, SettingError, StoreError
+from curricle.deep import DeepLearner, SmallCNN, TrainedPolicy, checkpoint, learn_deep
+from curricle.errors import SettingError, StoreError
 from curricle.interop import MiniGridView
+from curricle.planning import Episode
 from curricle.study import StudyResults, read_study, run_study
 
 from .worlds import one_hot, table_potential
@@ -131,12 +132,6 @@ def test_a_curriculum_has_the_policy_of_its_target():
     assert result.policy is result["lake"].policy
     assert result.policies is result["lake"].policies
     assert result.policies[1] is not result["alone"].policies[1]
-
-
-def test_a_table_has_no_policy_to_take_away():
-    result = cr.Curriculum({"maze": MAZE}, budget=50).train(seeds=1)
-    with pytest.raises(CurriculumError, match="the target 'maze' is learnt in a table"):
-        _ = result.policy
 
 
 def test_values_that_were_not_saved_are_no_policy():
@@ -262,4 +257,4 @@ def _timeless():
 def test_an_episode_says_what_it_is():
     frames = (np.zeros((4, 4, 3), np.uint8),) * 2
     episode = Episode(frames, np.array([0]), np.array([1.5]), terminated=False, fps=4.0)
-    assert repr(episode) == "Episode(1 steps, return 1.5, truncated)"
+    assert repr(episode) == "Episode(1 step, return 1.5, truncated)"

@@ -63,7 +63,8 @@ def test_every_file_of_every_figure_is_there_and_whole(folder):
         assert all(column.null_count == 0 for column in table.columns)
     page = (folder / "index.html").read_text("utf-8")
     assert all(f'src="{p.name}"' in page for p in folder.glob("*.svg"))
-    assert "http" not in page
+    assert "http:" not in page
+    assert "https:" not in page
     assert not list(folder.rglob("*.part"))
 
 

@@ -4,13 +4,15 @@ from dataclasses import fields
 from functools import cache
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from curricle import Episodes, GreedyEvaluation, GridWorld, StoppingRule, Storage, learn
 from curricle.learning.result import joined_results
+from curricle.learning.result_arrays import arrays_of
 from curricle.study.record import UnitRecord
-from curricle.study.serialization import UnitResult, arrays_of, joined_units
+from curricle.study.serialization import UnitResult, joined_units
 from curricle.study.unit_file import unit_content
 
 MAZE = GridWorld(["S...", "..P.", "...T"], time_limit=30)
@@ -92,7 +94,8 @@ def unit_of(seeds, budget, storage, snapshots):
         for seed in seeds
         for step in (20, 40)
     ]
-    return UnitResult(arrays_of(learnt(seeds, budget, storage, snapshots)), decisions)
+    arrays = arrays_of(learnt(seeds, budget, storage, snapshots))
+    return UnitResult(arrays, pa.Table.from_pylist(decisions))
 
 
 @for_any_groups

@@ -15,8 +15,9 @@ import pytest
 
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
-    *["errors", "array_types", "frozen_arrays", "checks"],
+    *["errors", "array_types", "frozen_arrays", "checks", "text_tables"],
     *["display", "progress", "remote_path", "files"],
+    "archives",
     *["tasks", "statistics", "planning", "learning", "teaching", "transfer", "certificate"],
     *["interop", "deep", "curriculum", "comparison", "design", "study"],
     *["plotting", "report", "paper", "cli"],

@@ -84,7 +84,7 @@ MAPPINGS = {
     ),
     "unknown source component": (
         lambda: project(HUNT, CHASE, wolf="prey"),
-        r"\(predator, prey\): got 'wolf'",
+        "components of the source, predator, prey: got 'wolf'",
     ),
     "function without components": (
         lambda: from_function(LINE, LINE, lambda s, a: ({"row": s["row"]}, a)),

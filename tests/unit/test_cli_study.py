@@ -10,7 +10,9 @@ import pytest
 
 import curricle as cr
 from curricle.cli.app import main
+from curricle.cli.commands import KINDS as COMPLETED
 from curricle.study import StudyResults, StudyStore, read_study
+from curricle.study.config.templates import KINDS
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -71,8 +73,51 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
     refused(1, "a new study needs a new file: maze.toml is there already", "new", "maze")
     assert (tmp_path / "maze.toml").read_text() == "years of work"
     refused(1, "cannot be written to nowhere/maze.toml", "new", "maze", "nowhere/maze.toml")
-    refused(2, "'labyrinth' is not one of 'maze'", "new", "labyrinth")
+    refused(1, "called 'labyrinth'; curricle new without a name lists", "new", "labyrinth")
+    refused(1, "no file 'mase' to start from, did you mean 'maze'?", "new", "mase")
+    refused(1, "did you mean FrozenLake-v1", "new", "FrozenLakes-v1")
     assert curricle("new", "maze", "other.toml")[0] == 0
+
+
+def test_new_lists_what_it_knows(curricle):
+    code, out, _ = curricle("new")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()[1:6]] == list(KINDS)
+    assert set(COMPLETED) == set(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [
+        ("FrozenLake-v1", "gymnasium"),
+        ("Blackjack-v1", "gymnasium"),
+        ("MiniGrid-Empty-5x5-v0", "tabulated"),
+        ("CartPole-v1", "observation_task"),
+    ],
+)
+def test_a_new_study_of_an_environment_is_one(curricle, tmp_path, name, form):
+    code, _, complaint = curricle("new", name)
+    assert code == 0, complaint
+    assert f'type = "{form}"' in (tmp_path / f"{name}.toml").read_text()
+    assert list(read_study(tmp_path / f"{name}.toml").curricula) == ["transfer"]
+
+
+def test_a_new_study_of_an_environment_runs_as_it_is(curricle):
+    assert curricle("new", "FrozenLake-v1", "lake.toml")[0] == 0
+    quick = ["--seeds", "2", "--set", "tasks.target.budget=400"]
+    code, _, complaint = curricle("run", "lake.toml", *quick)
+    assert code == 0, complaint
+    assert curricle("report", "lake-results")[0] == 0
+
+
+def test_the_words_are_explained_if_asked(curricle, finished):
+    code, plain, _ = curricle("show", finished)
+    assert "strong gain: mean return above" not in plain
+    code, out, _ = curricle("show", finished, "--explain")
+    assert code == 0
+    assert out.startswith(plain)
+    assert "\nstrong gain: mean return above" in out
+    assert "\nphi: " not in out  # it was not printed
 
 
 def test_check_tells_all_and_trains_sources_only(curricle, study_file, monkeypatch, tmp_path):
@@ -86,7 +131,7 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, monkeypat
     code, out, complaint = curricle("check", study_file)
     assert code == 0, complaint
     lines = out.splitlines()
-    assert lines[0] == "chain: 4 arms, 4 seeds"
+    assert lines[0] == "chain: 4 arms, 4 seeds, 16 units"
     cost_at = next(n for n, line in enumerate(lines) if line.startswith("cost at most"))
     heads = [line for line in lines[:cost_at] if line.startswith("arm")]
     assert heads == ["arm scratch", "arms chain, state", "arm calibrated"]  # a graph is drawn once
@@ -114,7 +159,7 @@ def test_check_takes_other_seeds_and_settings(curricle, study_file):
         "check", study_file, "--seeds", "3,8-9", "--set", "tasks.maze.budget=900"
     )
     assert code == 0
-    assert out.startswith("chain: 4 arms, 3 seeds\n")
+    assert out.startswith("chain: 4 arms, 3 seeds, 16 units\n")
     assert "1,800 steps" in out
 
 
@@ -362,7 +407,7 @@ def test_show_refuses_an_arm_or_a_task_that_is_not_there(refused, finished, more
     refused(1, "mace", "show", finished, "--task", "mace", *more)
 
 
-@pytest.mark.parametrize("command", ["show", "compare"])
+@pytest.mark.parametrize("command", ["show", "compare", "watch"])
 def test_what_is_no_study_cannot_be_read(refused, tmp_path, command):
     refused(1, "a folder of results holds a study.json: nowhere has none", command, "nowhere")
 
@@ -402,3 +447,68 @@ def test_parts_are_merged(curricle, refused, study_file, finished, tmp_path):
         assert (tmp_path / "whole" / name).read_bytes() == (finished / name).read_bytes()
     refused(2, "Missing argument", "merge", "whole")
     refused(1, "has none", "merge", "whole", "nowhere")
+
+
+# -- sweeps and tunings ------------------------------------------------------------------------
+
+SWEPT = """
+name = "line"
+seeds = 2
+[tasks.line]
+type = "maze"
+map = "S...T"
+budget = 500
+[tasks.end]
+type = "crop"
+of = "line"
+rows = [0, 1]
+columns = [2, 5]
+budget = 100
+[[transfers]]
+source = "end"
+target = "line"
+mapping = "same_position"
+"""
+SWEEP = "[sweep]\nlearner.learning_rate = [0.1, 0.3]\n"
+TUNE = "[tune]\ntrials = 2\nseeds = 1\n[tune.space]\nlearner.epsilon = [0.1, 0.3]\n"
+
+
+def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
+    pytest.importorskip("optuna")
+    (tmp_path / "line.toml").write_text(SWEPT + SWEEP + TUNE)
+    code, out, _ = curricle("check", "line.toml")
+    assert code == 0
+    assert "line: 4 arms, 2 seeds, 6 units" in out
+    assert "swept: learner.learning_rate = 0.1, 0.3" in out
+    words = " ".join(out.split())
+    assert "before that, tuning: 2 trials of each arm on seeds 1000000, 8 trials in all" in words
+    assert "forecasts are for the first settings of each arm" in out
+
+
+def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
+    pytest.importorskip("optuna")
+    (tmp_path / "line.toml").write_text(SWEPT + SWEEP + TUNE)
+    code, out, _ = curricle("run", "line.toml", "--dry-run")
+    assert code == 0
+    assert out.startswith("first of all 2 trials of each arm")
+    code, _, told = curricle("run", "line.toml")
+    assert code == 0
+    assert "tuning, 2 of 2 trials" in told
+    code, out, _ = curricle("show", "line-results")
+    assert code == 0
+    assert "tuned on seeds 1000000, " in out
+    assert "shown here and not charged to the curves" in " ".join(out.split())
+    assert out.count("main effects: mean return") == 2
+    assert "scratch: learner.learning_rate = 0.3" in out
+    assert "nan" not in out
+    code, out, _ = curricle("run", "line.toml", "--dry-run", "--resume")
+    assert out.startswith("0 units to do")
+    code, _, told = curricle("run", "line.toml")
+    assert code == 1
+    assert "go on with --resume" in told
+
+
+def test_a_sweep_of_too_many_arms_is_one_sentence(curricle, refused, tmp_path):
+    (tmp_path / "line.toml").write_text(SWEPT)
+    values = f"--set=sweep.unknown_value={[*range(200)]}"
+    refused(1, "sweep must make at most 100 arms: got 200 values", "run", "line.toml", values)

@@ -359,7 +359,8 @@ def test_the_error_of_a_user_s_function_is_the_cause(tmp_path):
     [
         (
             "def f(state, action): return state['nowhere'], action",
-            "own:f failed: KeyError: 'nowhere'",
+            "a mapping's function must ask for components of the target's states, row, column: got "
+            "'nowhere'",
         ),
         ("def f(state, action): return state", "the function must return two dicts"),
     ],

@@ -1,9 +1,13 @@
 """The estimate of what a study costs."""
 
+from pathlib import Path
+
 import pytest
 
-from curricle.study import cost, read_study
+from curricle.cli.study_preview import traffic
+from curricle.study import StudyConfig, cost, packing, read_study
 from curricle.study.arms import Arms
+from curricle.study.packing import bytes_a_seed
 
 PACE = 1e-6
 
@@ -64,3 +68,19 @@ def test_a_distillation_takes_seconds_and_no_steps(tmp_path):
     (one,) = (each for each in cost.costs(study, Arms.of(study)) if each.task == "small")
     assert one.steps == 0
     assert one.seconds == len(study.seeds) * cost.DISTILLING
+
+
+def test_where_results_go_on_a_cluster(monkeypatch):
+    plan = {"tasks": {"line": {"type": "maze", "map": "S..T", "budget": 500}}}
+    study = StudyConfig.from_data({"name": "line", "seeds": 6, "arms": {"a": plan}}, Path())
+    arms = Arms.of(study)
+    each = cost.costs(study, arms)
+    nodes = [(one.seeds, arms.curricula[one.arm].node(one.task)) for one in each]
+    small = sum(seeds * bytes_a_seed(node) for seeds, node in nodes) / 1e6
+    assert traffic(study, arms, each) == (
+        f"on a cluster, results come back here: {small:.1f} MB at most"
+    )
+    monkeypatch.setattr(packing, "FULL", 1)
+    assert traffic(study, arms, each).endswith(
+        "; with --out at a URL, workers write those of line there, and 0.0 MB come back"
+    )

@@ -142,7 +142,9 @@ def test_checking_needs_no_torch_and_says_what_does(tmp_path):
 
     checked = curricle("check", "study.toml")
     assert checked.returncode == 0, checked.stderr
-    assert "Stable-Baselines3 is not installed: pip install curricle[deep]" in checked.stdout
+    assert "Stable-Baselines3 is not installed: pip install curricle[deep]" in " ".join(
+        checked.stdout.split()
+    )
     assert "hunt: Box(10,) -> Discrete(25); DQN; 5,000 steps" in checked.stdout
     assert (
         "Forecast for 'hunt': whether it pays is open\nno trial: 'hunt' is seen through"

@@ -43,6 +43,14 @@ def test_the_tutorials_maze_is_the_same_in_its_file_and_its_program(tmp_path):
     assert study.curriculum(arm).tasks["maze"] == program["maze"]
 
 
+def test_the_page_on_a_class_of_ones_own_shows_the_example():
+    text = (DOCS / "howto" / "own_environment.md").read_text("utf-8")
+    folder = DOCS.parent / "examples" / "own_environment"
+    for kind, file, first in (("python", "courier.py", "MOVES"), ("toml", "courier.toml", "name")):
+        (shown,) = re.findall(rf"^```{kind}\n({first} .*?)^```$", text, re.MULTILINE | re.DOTALL)
+        assert (folder / file).read_text("utf-8").endswith(shown)
+
+
 def test_every_promise_names_tests_that_exist():
     text = (DOCS / "promises.md").read_text("utf-8")
     promises = re.split(r"\n- ", text)[1:]

@@ -6,8 +6,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from curricle.errors import ConfigError, EngineError, SettingError, StoreError, StudyError
+from curricle.errors import (
+    ConfigError,
+    EngineError,
+    LostStoreError,
+    SettingError,
+    StoreError,
+    StudyError,
+)
 from curricle.interop.trackers import Tracker
+from curricle.remote_path import RemotePath
 from curricle.study import packing, read_study, run_study, running, scheduling
 from curricle.study.arms import Arms
 from curricle.study.engines import engine, opening
@@ -23,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("quick_disk")
 class FakeEngine:
     """Holds what is submitted; each time it is asked for its workers, it may call one function."""
 
-    link, local = None, False
+    link, local, repeated = None, False, 0
 
     def __init__(self, numbers):
         self.numbers, self.held, self.most = list(numbers), [], []
@@ -54,11 +62,11 @@ def own(tmp_path):
     return read_study(tmp_path / "own.toml")
 
 
-def sent_units(engine, monkeypatch, study, out, trackers=()):
+def sent_units(engine, monkeypatch, study, out, **settings):
     monkeypatch.setattr(scheduling, "wait", engine.wait)
     given = workers_of(engine, "fake", Arms.of(study), study.folder)
     monkeypatch.setattr(running, "_workers", lambda *_: given)
-    return run_study(study, out, trackers=trackers)
+    return run_study(study, out, **settings)
 
 
 @pytest.mark.parametrize("on", ["slurm", "", "dask://", "dask://host", "ray://a b:1", "DASK", 3])
@@ -198,7 +206,9 @@ def test_workers_read_and_write_large_units_at_a_url(
 
     monkeypatch.setattr(engine, "train_sent", noted)
     study, recorder = read_study(study_file), Recorder()
-    sent_units(FakeCluster([2]), monkeypatch, study, (tmp_path / "out").as_uri(), [recorder])
+    sent_units(
+        FakeCluster([2]), monkeypatch, study, (tmp_path / "out").as_uri(), trackers=[recorder]
+    )
     assert all(isinstance(one, StoredUnit) for one in returned)
     assert all(len(pickle.dumps(one)) < 500 for one in returned)
     assert all(not sent.given.sources for sent in received)
@@ -232,3 +242,27 @@ def test_a_worker_that_writes_elsewhere_is_told(study_file, tmp_path, monkeypatc
         sent_units(
             FakeCluster([2]), monkeypatch, read_study(study_file), (tmp_path / "out").as_uri()
         )
+
+
+def test_a_place_that_a_worker_cannot_write_to_any_more_ends_the_run(
+    study_file, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(packing, "FULL", 1)
+    write = RemotePath.write
+
+    def failing(path, content):
+        if path.suffix == ".npz":
+            raise OSError("nothing answers")
+        write(path, content)
+
+    monkeypatch.setattr(RemotePath, "write", failing)
+    study, url = read_study(study_file), (tmp_path / "out").as_uri()
+    with pytest.raises(LostStoreError, match="nothing answers"):
+        sent_units(FakeCluster([2]), monkeypatch, study, url)
+
+
+def test_what_a_cluster_begins_again_is_told(study_file, tmp_path, monkeypatch):
+    told, cluster = [], FakeCluster([2])
+    cluster.repeated = 3
+    sent_units(cluster, monkeypatch, read_study(study_file), tmp_path / "out", progress=told.append)
+    assert {one.repeated for one in told} == {3}

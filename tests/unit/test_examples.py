@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+import curricle as cr
+
 FOLDER = Path(__file__).parents[2] / "examples"
 PICTURES = {
     "first_curriculum": {"seeds": 2},
@@ -41,6 +43,16 @@ def test_example_runs_and_compares(name, capsys):
     assert "scratch" in printed
 
 
+def test_a_gymnasium_class_of_ones_own_is_studied_from_its_file(tmp_path):
+    file = FOLDER / "own_environment" / "courier.toml"
+    study = cr.read_study(
+        file, set=["seeds=2", "tasks.fetch.budget=3_000", "tasks.deliver.budget=500"]
+    )
+    found = cr.run_study(study, tmp_path / "results")
+    assert sorted(task.view.words for task in found.record.tasks) == ["parcel 0", "parcel 1"]
+    assert "Replay of training" in cr.report.write_report(tmp_path / "results").read_text("utf-8")
+
+
 def test_a_network_learns_from_a_table(capsys, monkeypatch):
     pytest.importorskip("stable_baselines3")
     deep = example("deep_pursuit")
@@ -48,6 +60,22 @@ def test_a_network_learns_from_a_table(capsys, monkeypatch):
         monkeypatch.setattr(deep, name, small)
     deep.main()
     assert "from one predator: -" in capsys.readouterr().out
+
+
+def test_a_sweep_and_a_tuning_run(tmp_path):
+    pytest.importorskip("optuna")
+    small = ["seeds=2", "tasks.hunt.size=3", "tasks.chase.size=3", "tasks.hunt.budget=2_000"]
+    changes = {
+        "sweep": ["sweep.tasks.chase.budget=[300, 900]"],
+        "tune": ["tune.trials=3", "tune.seeds=1", "tune.space.tasks.chase.budget.high=2_001"],
+    }
+    for name, own in changes.items():
+        study = cr.read_study(FOLDER / f"{name}.toml", set=[*small, *own])
+        results = cr.run_study(study, tmp_path / name)
+        assert len(results.seeds) == 2
+        assert "mean return" in str(results.comparison)
+        kind = {"sweep": "sweep", "tune": "tuning"}[name]
+        assert f'id="{kind}"' in cr.report.write_report(tmp_path / name).read_text("utf-8")
 
 
 def test_no_example_is_left_out():

@@ -282,8 +282,8 @@ def test_a_forecast_prints_as_a_table():
         "source -> target: 100.0% of 8 target pairs mapped, 0.0% at the source's end,",
         "  0.0% unmapped; 0 of 8 source pairs never used, the others read by 1.0 target",
         "  pairs on average, 1 at most",
-        "            start  phi > Q*    excess   rank  scale",
-        "mean *       98.5      100%         1   1.00   0.99",
+        "        start  phi > Q*  excess  rank  scale",
+        "mean *   98.5      100%       1  1.00   0.99",
         "mean: starts at 98.5, 100% optimistic: expect no fall from there",
     ])  # fmt: skip
 

@@ -13,7 +13,7 @@ from curricle.checks import unfit_name
 from curricle.cli.app import main
 from curricle.cli.forecast_preview import print_forecasts
 from curricle.cli.study_preview import graph
-from curricle.cli.terminal_tables import print_table, table
+from curricle.cli.terminal_tables import print_table
 from curricle.errors import ConfigError, CurriculumError, MappingError, SettingError
 from curricle.learning.seeds import MOST_SEEDS, seed_tuple
 from curricle.report.templates import render
@@ -95,9 +95,7 @@ def test_other_names_are_names(name):
 
 @pytest.mark.parametrize("name", ["[red]b", "[/b]", ":bug:"])
 def test_names_with_the_marks_of_terminals_are_shown_as_they_are(name, capsys):
-    rows = table("", "seeds")
-    rows.add_row(name, "2")
-    print_table(rows)
+    print_table(("", "seeds"), [(name, "2")])
     assert name in capsys.readouterr().out
 
 

@@ -15,11 +15,11 @@ import pyarrow as pa
 import pytest
 
 import curricle as cr
+from curricle.archives.array_archive import SEAL, sealed_archive
 from curricle.errors import StoreError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, StudyStore, merge
 from curricle.study.serialization import DECISION_SCHEMA, as_parquet
-from curricle.study.unit_file import SEAL, sealed_archive
 from tests.sent_folders import a_unit, change, npy, put, refuses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -54,7 +54,8 @@ sys.addaudithook(hook)
 from curricle.cli import main
 from curricle.study import StudyResults
 
-for command in (["show"], ["show", "--decisions"], ["compare"], ["report"]):
+play = ["play", "--arm", "transfer"]
+for command in (["show"], ["show", "--decisions"], ["compare"], ["report"], play):
     sys.argv = ["curricle", command[0], "out", *command[1:]]
     try:
         main()

@@ -17,6 +17,7 @@ from curricle import (
     project,
     same_position,
 )
+from curricle.errors import MappingError
 from curricle.transfer import Coverage, StateActionMapping, compose, identity, relative_objects
 
 LINE = GridWorld("S..T")
@@ -157,6 +158,15 @@ def test_from_function_may_map_actions_by_state():
 
     mapping = from_function(LINE, LINE, mirrored)
     assert mapping.index[:2].tolist() == [[0, 3, 2, 1], [4, 5, 6, 7]]
+
+
+def test_a_function_that_asks_for_an_unknown_component_is_told_those_there_are():
+    with pytest.raises(MappingError, match="of the target's states, row, column: got 'colunm'"):
+        from_function(LINE, END, lambda state, action: ({"row": state["colunm"]}, action))
+    with pytest.raises(MappingError, match="of the target's actions, move: got 'step'"):
+        from_function(LINE, END, lambda state, action: (state, {"move": action["step"]}))
+    with pytest.raises(MappingError, match="components of the source, column, move, row: got 'x'"):
+        project(LINE, END, x="row")
 
 
 def test_from_function_does_not_round_fractions():

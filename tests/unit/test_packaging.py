@@ -1,10 +1,15 @@
-"""What pyproject.toml says once holds everywhere."""
+"""What pyproject.toml and the package say once holds everywhere."""
 
+import re
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
-PYPROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8"))
+import curricle
+
+ROOT = Path(__file__).parents[2]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+CITATION = (ROOT / "CITATION.cff").read_text("utf-8")
 
 
 def test_dependency_groups_mirror_the_extras():
@@ -16,5 +21,20 @@ def test_dependency_groups_mirror_the_extras():
     assert groups["dev"][2:] == extras["dev"][1:]
 
 
-def test_installed_version_is_the_one_in_pyproject():
-    assert version("curricle") == PYPROJECT["project"]["version"]
+def test_the_installed_version_is_the_packages():
+    assert version("curricle") == curricle.__version__
+
+
+def test_the_citation_is_of_this_version():
+    said = dict(re.findall(r"^([\w-]+): (.+)$", CITATION, re.MULTILINE))
+    assert said["version"] == curricle.__version__
+    assert said["title"] == "Curricle"
+    assert said["license"] == PYPROJECT["project"]["license"]
+    assert said["cff-version"] == "1.2.0"
+    assert {"message", "type"} <= set(said)
+    assert re.search(r"^authors:\n  - name: \w", CITATION, re.MULTILINE)
+
+
+def test_the_changelog_has_the_version():
+    changes = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    assert f"## [{curricle.__version__}]" in changes

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.learning import potential_rollouts
 from curricle.planning import Target, target as target_module
 from curricle.tasks.reachability import reachable_states
 from curricle.transfer import potential_quality, quality
@@ -367,3 +368,18 @@ def test_a_computed_task_is_estimated_by_rollouts():
     found = potential_quality(cr.StateActionPotential(ring, q - 1), Target.of(ring, episodes=100))
     assert (found.excess, found.optimistic) == (pytest.approx(-1.0), 0.0)
     assert -2 < found.start < -1
+
+
+def test_a_mapped_potential_is_followed_alike_by_lookup_and_from_an_array(monkeypatch):
+    hunt, chase = cr.Pursuit(3, 2, time_limit=20), cr.Pursuit(3, 1, time_limit=20)
+    transfer = cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"))
+    plan = cr.Curriculum({"chase": chase, "hunt": hunt}, [transfer], budget=1000)
+    (phi,) = plan.potentials("hunt", plan.train(seeds=1, only="chase").sources)
+    found = []
+    for largest in (0, 10**6):
+        monkeypatch.setattr(potential_rollouts, "LARGEST_ARRAY", largest)
+        rollouts = potential_rollouts.greedy_rollouts(phi, episodes=20)
+        start = potential_rollouts.greedy_start(phi, cr.GreedyEvaluation(method="rollouts"))
+        found.append((*vars(rollouts).values(), start))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -63,11 +63,31 @@ def test_the_end_has_no_time_left(clock):
     assert pace.line() == "2 of 2 units, 1 worker, 1 unit a second"
 
 
+def test_units_that_were_begun_again_are_counted(clock):
+    pace, every = Pace(clock), units(3)
+    pace.note(Progress(every, workers=2, repeated=1))
+    assert pace.line() == "0 of 3 units, 2 workers, 1 unit begun again"
+    pace.note(Progress(every, workers=1, repeated=1_200))
+    assert pace.line() == "0 of 3 units, 1 worker, 1,200 units begun again"
+
+
+def test_the_rate_of_a_folder_is_that_of_what_was_seen(clock):
+    pace = Pace(clock)
+    assert pace.line_of(40, 100) == "40 of 100 units"
+    clock.now += 10.0
+    assert pace.line_of(40, 100) == "40 of 100 units"
+    assert pace.line_of(45, 100) == "45 of 100 units, 30 units a minute, 0:01:50 left"
+    clock.now += 10.0
+    assert pace.line_of(50, 200) == "50 of 200 units, 30 units a minute, 0:05:00 left"
+
+
 def printed(capsys, clock, number):
     pace, every = Pace(clock), units(number)
     lines = Lines(pace)
     for unit in (None, *every):
-        lines.show(Progress(every, unit))
+        progress = Progress(every, unit)
+        pace.note(progress)
+        lines.show(progress)
         clock.now += 0.01
     return capsys.readouterr().err.splitlines()
 

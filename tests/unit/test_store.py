@@ -6,9 +6,9 @@ import os
 import pyarrow.parquet as pq
 import pytest
 
+from curricle.archives.sealed_json import sealed
 from curricle.errors import StoreError
 from curricle.study import StudyStore
-from curricle.study.sealed_json import sealed
 from curricle.study.store import SCHEMA_VERSION
 
 SETTINGS = {"seeds": 30, "version": "1"}

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.curriculum.stored_sources import StoredValues
 from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study, scheduling
 from curricle.study.arms import Arms
 from curricle.study.results import DECISIONS, RESULTS
 from curricle.study.serialization import RUN
-from curricle.study.source_values import StoredValues
 from curricle.study.units import UnitInput, train_unit, units_of
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

@@ -5,10 +5,12 @@ import shutil
 
 import numpy as np
 import pytest
+from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 
 from curricle import remote_path
 from curricle.cli.app import main
-from curricle.errors import StoreError
+from curricle.errors import LostStoreError, StoreError
+from curricle.files import write_whole
 from curricle.remote_path import RemotePath, place_at
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
@@ -97,19 +99,23 @@ def test_a_place_at_a_url_is_sent_with_its_options(url):
     assert (str(sent), sent.key, sent.system) == (str(place), place.key, place.system)
 
 
-def test_networks_have_no_checkpoints_at_a_url(tmp_path):
+@pytest.mark.parametrize("shared", [True, False])
+def test_networks_have_checkpoints_where_their_workers_see_a_place(tmp_path, shared):
     (tmp_path / "hunt.toml").write_text(VECTOR_HUNT)
     study = read_study(tmp_path / "hunt.toml")
     arms = Arms.of(study)
 
     class Noting(ExecutorWorkers):
+        def see(self, place):
+            return isinstance(place, RemotePath)
+
         def train(self, given, stored=None, place=None):
             return given
 
-    workers = Noting(None, 1)
-    for place, kept in ((url_of(tmp_path / "out"), False), (tmp_path / "here", True)):
+    workers = Noting(None, 1, shared)
+    for place, kept in ((url_of(tmp_path / "out"), True), (tmp_path / "here", shared)):
         with StudyStore.opened(place, {}, resume=False) as store:
-            packing = Packing(store, {}, {})
+            packing = Packing(store, {}, dict.fromkeys(arms.keys.values(), 1))
             scheduler = Scheduler(("", "", ""), arms, packing, workers, Failures(arms.keys))
             deep = [
                 unit
@@ -118,7 +124,58 @@ def test_networks_have_no_checkpoints_at_a_url(tmp_path):
             ]
             given = [scheduler._train(unit).checkpoints for unit in deep]
             assert given
-            assert all((one is not None) == kept for one in given)
+            assert given == [store.checkpoints(unit) if kept else None for unit in deep]
+
+
+@pytest.mark.parametrize("place", ["folder", "url"])
+def test_checkpoints_end_when_their_unit_is_stored(finished, tmp_path, place):
+    out = url_of(tmp_path / "out") if place == "url" else tmp_path / "out"
+    given = StudyStore(finished)
+    units = given.units()[:2]
+    with StudyStore.opened(out, {}, resume=False) as store:
+        for unit in units:
+            write_whole(made(store.checkpoints(unit.about) / "seed-0.checkpoint"), b"saved")
+        store.write_unit(units[0].about, given.result(units[0], units[0].seeds))
+        left = [*store.path.glob(".checkpoints/*/*/*")]
+        assert [one.parent for one in left] == [store.checkpoints(units[1].about)]
+        store.remove_checkpoints()
+        assert not [*store.path.glob(".checkpoints/*/*/*")]
+        store.remove_checkpoints()
+
+
+def made(path):
+    """A path whose folder is there."""
+    if not isinstance(path, RemotePath):
+        path.parent.mkdir(parents=True)
+    return path
+
+
+def test_a_missing_bucket_is_named(tmp_path):
+    objects = SubTreeFileSystem(str(tmp_path), LocalFileSystem())
+    with pytest.raises(StoreError, match=r"holds a study.json: there is no s3://bucket$"):
+        StudyStore(RemotePath(objects, "bucket/study", "s3://"))
+    (tmp_path / "bucket").mkdir()
+    with pytest.raises(StoreError, match=r"holds a study.json: s3://bucket/study has none$"):
+        StudyStore(RemotePath(objects, "bucket/study", "s3://"))
+
+
+@pytest.mark.parametrize("name", [".npz", "results.parquet", "analysis.json"])
+def test_a_place_that_is_lost_during_a_run_has_an_error_of_its_own(
+    study_file, tmp_path, monkeypatch, name
+):
+    write = RemotePath.write
+
+    def failing(path, content):
+        if str(path).endswith(name):
+            raise OSError("nothing answers")
+        write(path, content)
+
+    monkeypatch.setattr(RemotePath, "write", failing)
+    study, url = read_study(study_file), url_of(tmp_path / "out")
+    with pytest.raises(LostStoreError, match=r"results cannot be written to .*nothing answers"):
+        run_study(study, url)
+    monkeypatch.undo()
+    assert run_study(study, url, resume=True).seeds == study.seeds
 
 
 def test_parts_at_urls_are_merged(study_file, finished, tmp_path):
@@ -143,7 +200,7 @@ def test_what_is_read_of_a_large_unit_is_what_is_read_of_all(finished, monkeypat
     unit = StudyStore(url_of(finished)).units()[0]
     store = StudyStore(finished)
     wanted = store.arrays(StoredUnit.at(finished / str(unit.path).split(f"{finished}/")[1]), "run")
-    monkeypatch.setattr("curricle.study.unit_file.READ_AT_ONCE", 0)
+    monkeypatch.setattr("curricle.archives.array_archive.READ_AT_ONCE", 0)
     found = StudyStore(url_of(finished)).arrays(unit, "run")
     assert found.keys() == wanted.keys()
     assert all(np.array_equal(found[name], wanted[name], equal_nan=True) for name in found)

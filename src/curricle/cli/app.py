@@ -13,7 +13,8 @@
 import os
 import sys
 import traceback
-from typing import Any
+from importlib.metadata import version
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -34,15 +35,36 @@ class _Commands(TyperGroup):
             os._exit(130)  # or Python would wait for units in compiled loops
 
 
+QUICK = {"--help", "--version", "--install-completion", "--show-completion"}
+"""Flags that nothing is imported for."""
+
 app = typer.Typer(
     cls=_Commands,
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Curriculum learning by potential-based reward shaping.",
     epilog="Exit codes: 0 done, 1 refused, 2 wrong command line, 3 the study's own code failed, "
     "its cluster was lost or its results cannot be written any more, 130 interrupted.",
 )
+
+
+def _print_version(wanted: bool) -> None:
+    """Print the version and end, if that is wanted."""
+    if wanted:
+        typer.echo(f"curricle {version('curricle')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    pass
 
 
 for command in COMMANDS:
@@ -52,7 +74,7 @@ for command in COMMANDS:
 def _refuse_renamed_flags() -> None:
     """Exit with the new name where the command line has a flag's old name."""
     flags = [one.partition("=")[0] for one in sys.argv[1:] if one.startswith("--")]
-    if flags not in ([], ["--help"]):
+    if set(flags) - QUICK:
         from curricle.study.config.renamed_keys import FLAG, RENAMED
 
         for flag in flags:

@@ -3,53 +3,71 @@
 import json
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from curricle.study import StudyConfig
+from curricle.cli.design_commands import apply, design
+from curricle.cli.options import (
+    Changes,
+    Explain,
+    File,
+    Folder,
+    Live,
+    Port,
+    Seeds,
+    announce_imports,
+    part_of,
+    read,
+    write_new,
+)
 
-File = Annotated[Path, typer.Argument(help="The study, a TOML file.", show_default=False)]
-Folder = Annotated[
-    str, typer.Argument(help="A study's folder, or its URL: s3://bucket/name.", show_default=False)
-]
-Seeds = Annotated[
-    str | None, typer.Option(help="Instead of the file's: a number of them, or 0-29, or 0,3,7.")
-]
-Changes = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="key=value over the file's, such as tasks.chase.budget=1000."),
-]
+KINDS = ("maze", "pursuit", "gymnasium", "deep", "design")
+"""What a shell completes after `curricle new`; a test holds that these are all."""
 
 
 def new(
     kind: Annotated[
-        Literal["maze", "pursuit", "gymnasium", "deep", "design"],
-        typer.Argument(help="What the tasks are; or design, for a recipe."),
-    ],
+        str | None,
+        typer.Argument(
+            help="maze, pursuit, gymnasium, deep or design; or any id of Gymnasium's registry. "
+            "Left out, they are listed.",
+            autocompletion=lambda: list(KINDS),
+            show_default=False,
+        ),
+    ] = None,
     file: Annotated[Path | None, typer.Argument(help="The file; KIND.toml by default.")] = None,
 ) -> None:
     """Write a commented study to start from, or a design, which runs as it is."""
-    from curricle.study.config.templates import DESIGN, template
+    from curricle.cli.new_files import DESIGN, kinds, new_file
 
-    path = file or Path(f"{kind}.toml")
-    _write_new(path, template(kind), kind if kind == DESIGN else "study")
+    if kind is None:
+        typer.echo(kinds())
+        return
+    name, text = new_file(kind)
+    path = file or Path(name)
+    write_new(path, text, kind if kind == DESIGN else "study")
     first = f"curricle check {path}, then curricle run {path}"
     if kind == DESIGN:
         first = f"curricle design {path} --on miniatures --budget 3_000_000"
     typer.echo(f"Wrote {path}: {first}")
 
 
-def check(file: File, seeds: Seeds = None, changes: Changes = None) -> None:
+def check(
+    file: File, seeds: Seeds = None, changes: Changes = None, explain: Explain = False
+) -> None:
     """Validate a study; print its tasks, its cost and a forecast, without training the target.
 
     For the forecast the sources are trained at their budgets, where that takes seconds.
     """
+    from curricle.cli.compilation import announce_compilation
+    from curricle.cli.explanations import explained
     from curricle.cli.study_preview import print_preview
 
-    _announce_imports()
-    print_preview(_read(file, seeds, changes))
+    announce_imports()
+    announce_compilation()
+    with explained(explain):
+        print_preview(read(file, seeds, changes))
 
 
 def run(
@@ -78,6 +96,8 @@ def run(
         bool, typer.Option(help="Use units that were trained before code changed.")
     ] = False,
     dry_run: Annotated[bool, typer.Option(help="Print what would be done; train nothing.")] = False,
+    live: Live = False,
+    port: Port = None,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
 
@@ -89,11 +109,13 @@ def run(
 
     if on is not None and processes:
         raise typer.BadParameter(f"units are trained in one place: got --on {on} and --processes")
-    _announce_imports()
-    study = _read(file, seeds, changes)
-    folder = out or f"{file.stem}-results"
+    if port is not None and not live:
+        raise typer.BadParameter(f"a port is that of the page of --open: got --port {port} alone")
+    announce_imports()
+    study = read(file, seeds, changes)
+    folder = out or study.results_folder
     if dry_run:
-        for line in units_left(study, folder, _part(shard), keep_stale=keep_stale):
+        for line in units_left(study, folder, part_of(shard), keep_stale=keep_stale):
             typer.echo(line)
         return
     if few := too_few(study, Arms.of(study)):
@@ -106,10 +128,23 @@ def run(
         workers=workers,
         processes=processes,
         on=on,
-        shard=_part(shard),
+        shard=part_of(shard),
         trackers=track or [],
+        page=(port or 0) if live else None,
     )
     typer.echo(f"Stored in {folder}: curricle show {folder}, curricle report {folder}")
+
+
+def watch(folder: Folder, port: Port = None) -> None:
+    """Show a study's report in the browser, and keep it up to date while units are stored.
+
+    It reads the folder alone, so the study may run anywhere. Ctrl-C ends it, and not the run.
+    """
+    from curricle.cli.live_page import watch_folder
+    from curricle.study import StudyResults
+
+    StudyResults(folder)  # refused before a page is opened
+    watch_folder(folder, port or 0)
 
 
 def merge(
@@ -118,9 +153,11 @@ def merge(
 ) -> None:
     """Merge the parts of a study that several machines ran with --shard."""
     from curricle.study import merge as merged
+    from curricle.text_tables import counted
 
     results = merged(out, parts)
-    typer.echo(f"{len(results.seeds)} seeds of {len(parts)} folders in {out}")
+    seeds, folders = counted(len(results.seeds), "seed"), counted(len(parts), "folder")
+    typer.echo(f"{seeds} of {folders} in {out}")
 
 
 def schema() -> None:
@@ -136,17 +173,58 @@ def show(
     arm: Annotated[str | None, typer.Option(help="Of this arm only.")] = None,
     task: Annotated[str | None, typer.Option(help="Of this task only.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of this seed only.")] = None,
+    explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
+    from curricle.cli.explanations import explained
     from curricle.cli.results_tables import decision_lines, print_results
     from curricle.study import StudyResults
 
     results = StudyResults(folder)
     if not decisions:
-        print_results(results, arm, task)
+        with explained(explain):
+            print_results(results, arm, task)
         return
     for line in decision_lines(results, arm, task, seed):
         typer.echo(line)
+
+
+def play(
+    folder: Folder,
+    arm: Annotated[str | None, typer.Option(help="The arm; needed if there are several.")] = None,
+    task: Annotated[str | None, typer.Option(help="The task; the target by default.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="The seed that learnt it; with --study any.")
+    ] = None,
+    study: Annotated[
+        Path | None, typer.Option(help="The study's file: the task is made and played.")
+    ] = None,
+    changes: Changes = None,
+    out: Annotated[Path | None, typer.Option(help="Write the episode as a GIF instead.")] = None,
+) -> None:
+    """Show one episode of what an arm learnt, drawn with characters or as a GIF.
+
+    Without --study it is the episode that the folder stores, of the first seed: nothing is made or
+    imported. With it the learnt policy plays in the task itself.
+    """
+    from curricle.study import StudyResults, played_episode, stored_episode
+
+    results = StudyResults(folder)
+    arms = list(results.record.arms)
+    if arm is None and len(arms) > 1:
+        raise typer.BadParameter(f"--arm must be one of {', '.join(arms)}: got none")
+    arm = arms[0] if arm is None else arm
+    task = results.record.target if task is None else task
+    if study is None:
+        seed, episode = stored_episode(results, arm, task, seed)
+    else:
+        announce_imports()
+        seed, episode = played_episode(results, read(study, None, changes), arm, task, seed)
+    words = f"{arm}: {task}, learnt by seed {seed}"
+    if out is None:
+        typer.echo(f"{words}\n\n{episode}")
+    else:
+        typer.echo(f"{words}: {episode!r}\nOpen {episode.save(out)}")
 
 
 def report(
@@ -168,15 +246,19 @@ def compare(
     against: Annotated[
         str | None, typer.Option(help="Also whether each other arm gains more than this one.")
     ] = None,
+    explain: Explain = False,
 ) -> None:
     """Compare the arms of several studies of one target with learning it from scratch."""
+    from curricle.cli.explanations import explained
+    from curricle.cli.terminal_tables import table_width
     from curricle.study import StudyResults, compare_studies
 
     found = compare_studies([StudyResults(folder) for folder in folders])
     answers = {} if against is None else found.against(against)
-    typer.echo(str(found))
-    for name, verdict in answers.items():
-        typer.echo(f"{name} gains more than {against}: {verdict}")
+    with explained(explain):
+        print(found.text(table_width()))
+        for name, verdict in answers.items():
+            print(f"{name} gains more than {against}: {verdict}")
 
 
 def paper(
@@ -190,10 +272,12 @@ def paper(
     Writes index.html, claims.json, each figure as PNG and SVG and its data as Parquet. An
     interrupted run goes on where it was; a folder with results of other settings is refused.
     """
+    from curricle.cli.progress_bars import bars_with_words
     from curricle.paper.reproduce import FIGURES, reproduce
 
     wanted = FIGURES if figure == "all" else [figure]
-    claims = reproduce(out, figures=wanted, seeds=seeds, workers=workers)
+    with bars_with_words() as bars:
+        claims = reproduce(out, figures=wanted, seeds=seeds, workers=workers, progress=bars)
     for claim in claims:
         typer.echo(f"{claim['verdict']:>15}  {claim['id']}")
     counts = Counter(claim["verdict"] for claim in claims)
@@ -201,96 +285,18 @@ def paper(
     typer.echo(f"Open {out / 'index.html'}")
 
 
-def design(
-    file: Annotated[
-        Path, typer.Argument(help="A family and its miniatures, a TOML file.", show_default=False)
-    ],
-    budget: Annotated[int, typer.Option(min=0, help="Steps of all trainings together, at most.")],
-    on: Annotated[str, typer.Option(help="The table of the file with the members.")] = "miniatures",
-    out: Annotated[Path, typer.Option(help="The recipe.")] = Path("recipe.toml"),
-    seed: Annotated[int, typer.Option(min=0, help="The same seed, the same recipe.")] = 0,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Threads; all processors by default.")
-    ] = None,
-    resume: Annotated[bool, typer.Option(help="Go on with a design that was interrupted.")] = False,
-    changes: Changes = None,
-) -> None:
-    """Design a recipe on small members of a family: which sources, and how long each.
-
-    Every training is kept beside the recipe, so that an interrupted design goes on with --resume.
-    Beside it is a page too, on how it was found.
-    """
-    from curricle.report.design_report import write_design_report
-    from curricle.study.recipes.designing import run_design
-
-    _announce_imports()
-    found = run_design(
-        file, on, out, budget=budget, seed=seed, workers=workers, resume=resume, set=changes or []
-    )
-    typer.echo(str(found))
-    typer.echo(f'Wrote {out}: curricle apply {out} --to "PARAMETER=VALUE, ..."')
-    page = out.with_suffix(".html" if out.suffix != ".html" else ".report.html")
-    typer.echo(f"Open {write_design_report(found, page)}")
-
-
-def apply(
-    recipe: Annotated[Path, typer.Argument(help="The recipe, a TOML file.", show_default=False)],
-    to: Annotated[str, typer.Option(help="The member by its parameters: size=10, predators=3.")],
-    budget: Annotated[int, typer.Option(min=1, help="Steps of the target.")] = 200_000,
-    seeds: Annotated[int, typer.Option(min=1, help="How many.")] = 30,
-    out: Annotated[Path, typer.Option(help="The study.")] = Path("study.toml"),
-) -> None:
-    """Write the study of one member of a recipe's family, to be read, changed and run."""
-    from curricle.study import read_recipe, study_text
-    from curricle.study.recipes.designing import parameters_of
-
-    _announce_imports()
-    stored = read_recipe(recipe)
-    text = study_text(stored, parameters_of(to), budget=budget, seeds=seeds, file=out)
-    _write_new(out, text, "study")
-    if not stored.recipe.stages:
-        typer.echo("The recipe has no sources: the study learns the target alone.")
-    typer.echo(f"Wrote {out}: curricle check {out}, then curricle run {out}")
-
-
-COMMANDS = (new, check, run, merge, schema, show, report, compare, design, apply, paper)
-
-
-def _write_new(path: Path, text: str, what: str) -> None:
-    """Write a file that was not there; StoreError if it was, or cannot be written."""
-    from curricle.errors import StoreError
-
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise StoreError(f"a new {what} needs a new file: {path} is there already") from None
-    except OSError as error:
-        raise StoreError(f"a {what} cannot be written to {path}: {error.strerror}") from None
-
-
-def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyConfig":
-    from curricle.study import read_study
-
-    number = seeds is not None and seeds.isdecimal()
-    given = [] if seeds is None else [f"seeds={seeds}" if number else f'seeds="{seeds}"']
-    return read_study(file, set=[*(changes or []), *given])
-
-
-def _announce_imports() -> None:
-    """Print which modules a study names before they are imported."""
-    import logging
-
-    from curricle.study.config.references import LOGGER
-
-    if not LOGGER.handlers:
-        LOGGER.addHandler(logging.StreamHandler())
-        LOGGER.setLevel(logging.INFO)
-
-
-def _part(shard: str) -> tuple[int, int]:
-    part, slash, parts = shard.partition("/")
-    numbers = slash and part.isdecimal() and parts.isdecimal()
-    if not numbers or not 1 <= int(part) <= int(parts):
-        raise typer.BadParameter(f"a shard is i/n, i from 1 to n, such as 1/4: got {shard!r}")
-    return int(part), int(parts)
+COMMANDS = (
+    new,
+    check,
+    run,
+    watch,
+    merge,
+    schema,
+    show,
+    play,
+    report,
+    compare,
+    design,
+    apply,
+    paper,
+)

@@ -7,12 +7,13 @@ line or where training would take too long, from sources that are solved, as if 
 
 import sys
 from collections.abc import Mapping, Sequence
-from textwrap import fill
 from typing import Any
 
+from curricle.cli.terminal_tables import line_width, print_text
 from curricle.comparison.candidates import AGGREGATES, candidates_of
-from curricle.comparison.forecasting import forecast
+from curricle.comparison.forecasting import forecast_once
 from curricle.comparison.forecasts import Forecast
+from curricle.comparison.judged_potentials import JudgedPotentials
 from curricle.comparison.trial import affordable, hindrance
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
@@ -23,6 +24,7 @@ from curricle.study.config.study_config import StudyConfig
 from curricle.study.cost import Cost, duration, sweeping_seconds
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model, has_tables
+from curricle.text_tables import counted
 from curricle.transfer.observation_rollouts import OBSERVATION_ROLLOUTS
 
 LONGEST = 5.0
@@ -45,7 +47,14 @@ SEEDS = 3
 def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> None:
     """Print a forecast for each arm with transfers into the target; `each` is what it costs."""
     # Not those of `arms`, whose target has the total: a trial adds the sources' steps by itself.
-    curricula = {name: one for name, one in study.curricula.items() if one.in_edges(one.target)}
+    shown = _first_settings(study)
+    curricula = {
+        name: one
+        for name, one in study.curricula.items()
+        if name in shown and one.in_edges(one.target)
+    }
+    if len(shown) < len(study.arms):
+        print("\nforecasts are for the first settings of each arm")
     sources = {
         arms.keys[name, source]: source
         for name, one in curricula.items()
@@ -57,8 +66,9 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     look = sum(_look(one, target.step_seconds) for one in curricula.values())
     look *= min(SEEDS, len(study.seeds))
     if look > LONGEST_LOOK:
-        print(
-            f"\nno forecast: to compare the potentials in {arms.target} could take "
+        print()
+        print_text(
+            f"no forecast: to compare the potentials in {arms.target} could take "
             f"{duration(look)}; curricle.forecast does it, with fewer episodes if they are given"
         )
         return
@@ -73,25 +83,35 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     longest = LONGEST_DISTILLED if distilled else LONGEST
     counts = [n for n in (min(SEEDS, len(study.seeds)), 1) if n * a_seed <= longest]
     if not counts:
-        print(
-            f"\ntraining {names} for one seed would take about {duration(a_seed)}, so these "
+        print()
+        print_text(
+            f"training {names} for one seed would take about {duration(a_seed)}, so these "
             "forecasts are for sources learnt perfectly; curricle.forecast trains them"
         )
+        judged = JudgedPotentials()
         for name, curriculum in curricula.items():
-            print(f"\narm {name}", _forecast(curriculum, perfect=True), sep="\n")
+            _print(name, _forecast(judged, curriculum, perfect=True))
         return
     seeds = study.seeds[: counts[0]]
     tried, seconds = _trials(curricula, a_seed, target)
     quick = seconds <= LONGEST_TRIAL
-    words = f"training {names} for {len(seeds)} seed{'s' * (len(seeds) > 1)}"
-    words += f" and trials of {tried} seeds" * bool(tried and quick)
+    words = f"training {names} for {counted(len(seeds), 'seed')}"
+    words += f" and trials of {counted(tried, 'seed')}" * bool(tried and quick)
     took = duration(len(seeds) * a_seed + seconds * quick)
-    print("\n" + fill(f"{words}, for the forecast: about {took}", 80, subsequent_indent="  "))
+    print()
+    print_text(f"{words}, for the forecast: about {took}")
     if not quick:
-        print(f"trials would take about {duration(seconds)} and are left out")
+        print_text(f"trials would take about {duration(seconds)} and are left out")
     sys.stdout.flush()
     trial = None if quick else False
     _print_trained(curricula, arms, seeds, trial=trial, threshold=study.threshold)
+
+
+def _first_settings(study: StudyConfig) -> set[str]:
+    """Return the first arm of each that a sweep makes of an arm in the file."""
+    own = {name: (study.variants or {}).get(name) for name in study.arms}
+    first = {name if one is None else one.arm: name for name, one in reversed(own.items())}
+    return set(first.values())
 
 
 def _trials(curricula: Mapping[str, Curriculum], a_seed: float, target: Cost) -> tuple[int, float]:
@@ -147,17 +167,26 @@ def _print_trained(
 
     A line for sources that are learnt perfectly follows, where they can be solved.
     """
-    known: dict[str, SourceValues] = {}
+    judged, known = JudgedPotentials(), dict[str, SourceValues]()
     for name, curriculum in curricula.items():
         own = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
         trained = {source: known[key] for source, key in own.items() if key in known}
-        found = _forecast(curriculum, seeds=seeds, trained=trained, **settings)
-        print(f"\narm {name}", found, sep="\n")
+        found = _forecast(judged, curriculum, seeds=seeds, trained=trained, **settings)
+        _print(name, found)
         if isinstance(found, Forecast):
             known |= {own[source]: values for source, values in found.trained.items()}
-            perfect = _forecast(curriculum, perfect=True)
+            perfect = _forecast(judged, curriculum, perfect=True, only_used=True)
             if isinstance(perfect, Forecast):
-                print(fill(_in_a_line(perfect), 80, subsequent_indent="  "))
+                print_text(_in_a_line(perfect))
+
+
+def _print(arm: str, found: Forecast | str) -> None:
+    """Print the forecast of an arm, or why there is none."""
+    print(f"\narm {arm}")
+    if isinstance(found, Forecast):
+        print(found.text(line_width()))
+    else:
+        print_text(found)
 
 
 def _in_a_line(found: Forecast) -> str:
@@ -165,9 +194,9 @@ def _in_a_line(found: Forecast) -> str:
     return f"{found.computed_from}: {found.used.name} {found.used.verdict}"
 
 
-def _forecast(curriculum: Curriculum, **settings: Any) -> Forecast | str:
+def _forecast(judged: JudgedPotentials, curriculum: Curriculum, **settings: Any) -> Forecast | str:
     """Return a forecast, or why there is none."""
     try:
-        return forecast(curriculum, **settings)
+        return forecast_once(judged, curriculum, **settings)
     except (CurricleError, ImportError) as error:
         return f"no forecast: {error}"

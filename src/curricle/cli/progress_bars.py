@@ -4,15 +4,20 @@ There a line is printed for each unit; in a study of very many, how fast it goes
 """
 
 import sys
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from typing import Any
 
 from rich.console import Console
 
+from curricle.cli.compilation import announce_compilation
+from curricle.cli.live_page import page_of_run
+from curricle.progress import Bars, shown
 from curricle.remote_path import Place
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.progress import Pace, Progress
+from curricle.study.progress import Pace, Progress, shown_units
 from curricle.study.running import run_study
 from curricle.study.workers import WorkerProcesses
 
@@ -23,7 +28,10 @@ BETWEEN = 1.0
 
 
 class Lines:
-    """What is printed where there is no terminal: each unit, or at most a line a second of many."""
+    """What is printed where there is no terminal: each unit, or at most a line a second of many.
+
+    Of a tuning it is which trials are made. The pace is noted elsewhere.
+    """
 
     def __init__(self, pace: Pace):
         self.pace = pace
@@ -31,12 +39,13 @@ class Lines:
 
     def show(self, progress: Progress) -> None:
         """Print a line about the unit that was stored, if it is time for one."""
-        self.pace.note(progress)
         units, now = len(progress.units), self.pace.clock()
-        if progress.stored is None:
+        if progress.stored is None and progress.tuning:
+            line = progress.tuning
+        elif progress.stored is None or progress.tuning:
             return
-        if units <= MANY:
-            line = f"done {progress.stored.label}"
+        elif units <= MANY:
+            line = ", ".join(filter(None, [f"done {progress.stored.label}", self.pace.repeated()]))
         elif now - self._printed >= BETWEEN or self.pace.stored == units:
             line, self._printed = self.pace.line(), now
         else:
@@ -51,13 +60,42 @@ def run_with_bars(
     processes: bool,
     workers: int | None,
     on: str | None,
+    page: int | None = None,
     **settings: Any,
 ) -> None:
-    """Run a study and show its progress."""
-    progress = True if Console(stderr=True).is_terminal else Lines(Pace()).show
-    with ExitStack() as ending:
+    """Run a study and show its progress.
+
+    With a port for its `page`, which may be 0, a browser shows it and the report so far.
+    """
+    pace = Pace()
+    progress = True if Console(stderr=True).is_terminal else Lines(pace).show
+    with (
+        page_of_run(path, pace, page),
+        shown_units(progress, pace, and_compilation(pace.line)) as show,
+        ExitStack() as ending,
+    ):
         pool: WorkerProcesses | None = None
         if on is None and (processes or Arms.of(study).live):
             pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        run_study(study, path, workers=workers, executor=pool, on=on, progress=progress, **settings)
+        run_study(study, path, workers=workers, executor=pool, on=on, progress=show, **settings)
+
+
+@contextmanager
+def bars_with_words() -> Iterator[Bars]:
+    """Yield bars, below which stands what they were told last, and what is being compiled."""
+    words = ""
+
+    def say(part: str) -> None:
+        nonlocal words
+        words = part
+
+    with shown(True, and_compilation(lambda: words)) as bars:
+        yield replace(bars, told=say)
+
+
+def and_compilation(line: Callable[[], str]) -> Callable[[], str]:
+    """Return a line below bars that also says what is compiled, which nothing else says then."""
+    compilation = announce_compilation()
+    compilation.aside = Console(stderr=True).is_terminal
+    return lambda: ", ".join(filter(None, [line(), compilation.words]))

@@ -4,10 +4,13 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.checks import one_of
-from curricle.cli.terminal_tables import print_table, table
+from curricle.cli.effects_tables import print_effects
+from curricle.cli.terminal_tables import print_table, print_text, table_width
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
+from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
+from curricle.text_tables import counted
 
 
 def print_results(results: StudyResults, arm: str | None, task: str | None) -> None:
@@ -15,26 +18,36 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     _check(results, arm, task)
     record = results.record
     arms = "every arm" + " that has not failed" * bool(results.failed)
-    print(f"{record.name}: {len(results.seeds)} of {len(record.seeds)} seeds finished in {arms}")
-    rows = table("", "seeds", "steps", "episodes", "greedy return")
+    total = counted(len(record.seeds), "seed")
+    print_text(f"{record.name}: {len(results.seeds)} of {total} finished in {arms}")
+    rows = list[tuple[str, ...]]()
     for name, found in results.results.items():
         for node, learnt in found.items():
             if arm in (None, name) and task in (None, node):
-                rows.add_row(
-                    f"{name}: {node}",
-                    f"{len(learnt.seeds)}",
-                    f"{learnt.steps_used.mean():,.0f}",
-                    f"{learnt.episodes_used.mean():,.0f}",
-                    _mean_and_deviation(learnt.greedy_return[:, -1]),
+                rows.append(
+                    (
+                        f"{name}: {node}",
+                        f"{len(learnt.seeds)}",
+                        f"{learnt.steps_used.mean():,.0f}",
+                        f"{learnt.episodes_used.mean():,.0f}",
+                        _mean_and_deviation(learnt.greedy_return[:, -1]),
+                    )
                 )
-    print_table(rows)
-    print("(means over seeds; evaluations are free; the greedy return with its standard deviation)")
+    print_table(("", "seeds", "steps", "episodes", "greedy return"), rows)
+    print_text(
+        "(means over seeds; evaluations are free; the greedy return with its standard deviation)"
+    )
+    if record.budget is not None and record.total not in (None, record.budget):
+        steps = record.budget, record.total, record.eval_freq
+        sources = any(one.transfers for one in record.arms.values())
+        print_text(total_words(record.target, *steps, sources=sources))
     compared = record.total is not None and SCRATCH in {*record.arms} - {*results.failed}
     if compared and results.seeds:
-        print(f"\n{results.comparison}")
+        print(f"\n{results.comparison.text(table_width())}")
+        print_effects(results)
     else:
         for name, error in results.failed.items():
-            print(f"{name} failed: {error}")
+            print_text(f"{name} failed: {error}")
 
 
 def decision_lines(
@@ -68,6 +81,8 @@ def _check(results: StudyResults, arm: str | None, task: str | None) -> None:
 
 
 def _mean_and_deviation(returns: FloatArray) -> str:
-    """Return mean and standard deviation, 0 where seeds differ by rounding alone."""
+    """Return mean and deviation, 0 where seeds differ by rounding alone; a dash for no number."""
     mean, deviation = float(np.mean(returns)), float(np.std(returns))
+    if np.isnan(mean):
+        return "-"
     return f"{mean:.4g} ± {deviation if deviation > ROUNDING * abs(mean) else 0.0:.2g}"

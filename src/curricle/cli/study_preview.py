@@ -1,21 +1,24 @@
 """What ``curricle check`` prints: a study's tasks, its cost and a forecast, before it is run."""
 
 from collections.abc import Iterator
-from textwrap import fill
 
 from curricle.cli.forecast_preview import print_forecasts
-from curricle.cli.terminal_tables import print_table, table
+from curricle.cli.terminal_tables import print_table, print_text, wrapped
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.remote_path import Place, place_at
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.cost import Cost, costs, duration
+from curricle.study.config.varied_settings import value_text
+from curricle.study.cost import Cost, costs, duration, total_words
 from curricle.study.folders import STUDY
-from curricle.study.resuming import Done, arms_in, usable_units
+from curricle.study.packing import bytes_a_seed, seeds_per_file
+from curricle.study.resuming import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore
-from curricle.study.units import units_of
+from curricle.study.tuning import check_tuning, tuning_of
+from curricle.study.units import seed_ranges, units_of
+from curricle.text_tables import counted
 from curricle.transfer.descriptions import countable, mapping_words
 from curricle.transfer.edges import transfer_names
 
@@ -23,21 +26,33 @@ from curricle.transfer.edges import transfer_names
 def print_preview(study: StudyConfig) -> None:
     """Print the graph of each arm, its cost, and forecasts, for which sources are trained."""
     arms = Arms.of(study)
-    print(f"{study.name}: {len(arms.curricula)} arms, {len(study.seeds)} seeds")
+    units = len(units_of(study, arms, {}))
+    numbers = (len(arms.curricula), "arm"), (len(study.seeds), "seed"), (units, "unit")
+    print_text(f"{study.name}: {', '.join(counted(*one) for one in numbers)}")
+    for line in _swept(study):
+        print_text(line, 2)
     if few := too_few(study, arms):
-        print(few)
+        print_text(few)
     alike: dict[tuple[str, ...], list[str]] = {}
     for name, curriculum in arms.curricula.items():
         alike.setdefault(tuple(graph(curriculum)), []).append(name)
     for lines, names in alike.items():
-        print(f"\narm{'s' * (len(names) > 1)} {', '.join(names)}", *lines, sep="\n")
+        between = "; " if study.variants else ", "
+        print(f"\narm{'s' * (len(names) > 1)} {between.join(names)}", *lines, sep="\n")
     print()
     each = costs(study, arms)
     _print_cost(each)
+    if arms.budget is not None and arms.total not in (None, arms.budget):
+        steps = arms.budget, arms.total, arms.eval_freq
+        sources = any(one.transfers for one in arms.curricula.values())
+        print_text(total_words(arms.target, *steps, sources=sources))
+    print_text(traffic(study, arms, each))
+    if study.tune is not None:
+        print_text(_tuning(study, arms, each))
     try:
         study.check_networks()
     except ImportError as error:
-        print(f"a task is learnt by a network: {error}")
+        print_text(f"a task is learnt by a network: {error}")
     print_forecasts(study, arms, each)
 
 
@@ -58,32 +73,77 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         else:
             task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
             learner = type(node.learner).__name__
-        steps = f"{node.budget:,} steps" if isinstance(node.budget, int) else node.budget
+        steps = counted(node.budget, "step") if isinstance(node.budget, int) else node.budget
         steps = "no steps, by exact answers" if node.takes_no_steps else steps
-        yield _wrapped(f"{name}: {task}; {learner}; {steps}", 2)
+        yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = f"; {edge.mapping.coverage()}" if countable(edge.mapping) else ""
-            yield _wrapped(f"{label}: {mapping_words(edge)}{cover}", 4)
+            yield wrapped(f"{label}: {mapping_words(edge)}{cover}", 4)
 
 
-def _wrapped(line: str, indent: int) -> str:
-    return fill(line, 80, initial_indent=" " * indent, subsequent_indent=" " * (indent + 2))
+def _swept(study: StudyConfig) -> Iterator[str]:
+    """Yield each setting that is swept, with its values."""
+    values: dict[str, dict[str, None]] = {}
+    for one in (study.variants or {}).values():
+        for key, value in one.values.items():
+            values.setdefault(key, {})[value_text(value)] = None
+    yield from (f"swept: {key} = {', '.join(texts)}" for key, texts in values.items())
+
+
+def _tuning(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
+    """Return what tuning every arm takes at most, in words."""
+    tune, total = tuning_of(study), check_tuning(study)
+    number = sum(tune.trials if tune.keys(arm) else 1 for arm in arms.curricula)
+    runs = number * len(tune.seeds)
+    one = sum(one.seconds / one.seeds for one in each) / len(arms.curricula)
+    return (
+        f"before that, tuning: {counted(tune.trials, 'trial')} of each arm on seeds "
+        f"{seed_ranges(tune.seeds)}, {counted(number, 'trial')} in all, {runs * total:,} steps, "
+        f"about {duration(runs * one)}"
+    )
 
 
 def _print_cost(each: list[Cost]) -> None:
-    rows = table("cost at most", "seeds", "steps a seed", "tables", "time")
-    for one in each:
-        rows.add_row(
+    rows = [
+        (
             f"{one.arm}: {one.task}",
             f"{one.seeds}",
             f"{one.steps:,}",
-            f"{one.table_bytes / 1e6:,.1f} MB",
+            _megabytes(one.table_bytes),
             duration(one.seconds),
         )
-    print_table(rows)
+        for one in each
+    ]
+    print_table(("cost at most", "seeds", "steps a seed", "tables", "time"), rows)
     seconds = sum(one.seconds for one in each)
-    print(f"about {duration(seconds)} on one processor, without compilation")
+    print_text(f"about {duration(seconds)} on one processor, without compilation")
+
+
+def traffic(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
+    """Return where the results of units on a cluster go, and how large they are, in words."""
+    come_back, written, large = 0, 0, set[str]()
+    for one in each:
+        node = arms.curricula[one.arm].node(one.task)
+        size = 0 if node.deep else one.seeds * bytes_a_seed(node)
+        if seeds_per_file(node) <= study.seeds_per_unit:
+            written += size
+            large.add(one.task)
+        else:
+            come_back += size
+    text = f"on a cluster, results come back here: {_megabytes(come_back + written)} at most"
+    if any(arms.curricula[one.arm].node(one.task).deep for one in each):
+        text += ", and networks"
+    if large:
+        text += (
+            f"; with --out at a URL, workers write those of {', '.join(sorted(large))} there, and "
+            f"{_megabytes(come_back)} come back"
+        )
+    return text
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:,.1f} MB"
 
 
 def units_left(
@@ -91,6 +151,13 @@ def units_left(
 ) -> Iterator[str]:
     """Yield what is damaged or stale in a folder, what a run would train, and how much is done."""
     arms = arms_in(study, path, keep_stale=keep_stale)
+    study, arms = tuned_before(study, arms, path, keep_stale=keep_stale)
+    if study.tune is not None:
+        check_tuning(study)
+        yield (
+            f"first of all {study.tune.trials} trials of each arm; what follows is then trained "
+            "with the best settings, not with those of the file"
+        )
     done: Done = {}
     if (place_at(path) / STUDY).exists():
         done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)
@@ -100,4 +167,4 @@ def units_left(
         most = arms.curricula[unit.arm].node(unit.task).most_steps
         yield f"{unit.label}: {most:,} steps at most"
     done_before = len(units_of(study, arms, {}, shard)) - len(left)
-    yield f"{len(left)} units to do, {done_before} done, in {path}"
+    yield f"{counted(len(left), 'unit')} to do, {done_before} done, in {path}"

@@ -1,41 +1,49 @@
-"""Tables on the terminal: names fold at its width, numbers are never cut."""
+"""Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded."""
 
 import sys
-from functools import partial
+from collections.abc import Iterable, Sequence
+from shutil import get_terminal_size
+from textwrap import fill
 
-from rich.console import Console
-from rich.table import Table
+from curricle.text_tables import UNBOUNDED, text_table
 
-PIPED_WIDTH = 10_000
-"""Columns of an output that is no terminal: nothing is folded there."""
+LINE = 80
+"""Characters of a line of text where there is no terminal, and at most where there is one."""
 
 
-def table(*columns: str) -> Table:
-    """Return a table whose first column is a name and whose others are numbers.
+def table_width() -> int:
+    """Return the columns that a table may have."""
+    return get_terminal_size().columns if sys.stdout.isatty() else UNBOUNDED
+
+
+def line_width() -> int:
+    """Return the characters that a line of text may have."""
+    return min(LINE, table_width())
+
+
+def print_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], *, words: bool = False
+) -> None:
+    """Print a table of names and numbers to standard output.
 
     Examples
     --------
-    >>> rows = table("", "seeds", "steps")
-    >>> rows.add_row("scratch: maze", "20", "1,000")
-    >>> print_table(rows)
-                     seeds   steps
-    scratch: maze       20   1,000
+    >>> print_table(("", "seeds", "steps"), [("scratch: maze", "20", "1,000")])
+                   seeds  steps
+    scratch: maze     20  1,000
     """
-    made = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold")
-    name, *numbers = columns
-    made.add_column(name, overflow="fold")
-    for one in numbers:
-        made.add_column(one, justify="right", no_wrap=True)
-    return made
+    for line in text_table(heads, rows, table_width(), words=words):
+        print(line)
 
 
-def print_table(rows: Table) -> None:
-    """Print a table to standard output, without colour codes where that is no terminal."""
-    plain = partial(Console, file=sys.stdout, highlight=False, markup=False, emoji=False)
-    console = plain()
-    if not console.is_terminal:
-        console = plain(width=PIPED_WIDTH, no_color=True)
-    with console.capture() as captured:
-        console.print(rows)
-    for line in captured.get().splitlines():
-        print(line.rstrip())
+def print_text(text: str, indent: int = 0) -> None:
+    """Print a paragraph, its lines after the first indented by two more."""
+    print(wrapped(text, indent))
+
+
+def wrapped(text: str, indent: int = 0) -> str:
+    """Return a paragraph as lines that fit."""
+    first, later = " " * indent, " " * (indent + 2)
+    return fill(
+        text, line_width(), initial_indent=first, subsequent_indent=later, break_on_hyphens=False
+    )

@@ -1,6 +1,7 @@
 """Whether arms can be compared: one target with the same settings, at one total of steps."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from typing import Any
 
 from curricle.checks import fit_name, instance
 from curricle.comparison.task_differences import differences
@@ -36,8 +37,12 @@ def most_source_steps(curriculum: Curriculum) -> int:
     return most
 
 
-def check_comparable(arms: Mapping[str, Curriculum]) -> None:
-    """Raise CurriculumError unless all arms have one target with the same settings."""
+def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] | None = ()) -> None:
+    """Raise CurriculumError unless all arms have one target with the same settings.
+
+    Instead of the first arm's learner of the target one may have another of `learners`, which learn
+    it from scratch too; any where that is None.
+    """
     (name, first), *others = arms.items()
     target = first.target
     for other_name, other in others:
@@ -53,7 +58,8 @@ def check_comparable(arms: Mapping[str, Curriculum]) -> None:
             )
         for which in ("evaluation", "budget", "learner", "eval_freq"):
             mine, yours = first.setting(which, target), other.setting(which, target)
-            if mine != yours:
+            fair = which == "learner" and (learners is None or yours in learners)
+            if mine != yours and not fair:
                 raise CurriculumError(
                     f"arms must share their target's {which}: {pair} have {mine} and {yours}"
                 )

@@ -86,7 +86,9 @@ def compare(
     Parameters
     ----------
     arms : Curriculum or dict of str to Curriculum
-        All with the same target; the name "scratch" is reserved.
+        All with the same target; the name "scratch" is reserved. ``curricle.compare`` also takes a
+        study or the path of its file: its arms, seeds, threshold, window and learners from scratch,
+        where others are not given.
     seeds : int or sequence of int
         With `precision` or `difference`, the number of seeds to begin with.
     controls : sequence of str

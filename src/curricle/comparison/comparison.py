@@ -10,7 +10,7 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
-from curricle.comparison.comparison_table import as_html, as_text, in_brief, short
+from curricle.comparison.comparison_table import as_html, comparison_text, in_brief, short
 from curricle.comparison.reasons import Reason, not_asked
 from curricle.comparison.verdicts import ONE_LOOK, Verdict, verdicts_of
 from curricle.display import block, brief_repr, table
@@ -26,6 +26,7 @@ from curricle.statistics.intervals import (
 from curricle.statistics.metrics import asymptotic_performance, jumpstart, mean_return
 from curricle.statistics.sequential import Looks
 from curricle.statistics.thresholds import Times, steps_saved, time_to_threshold
+from curricle.text_tables import UNBOUNDED
 
 UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
 
@@ -316,7 +317,11 @@ class Comparison:
         return row
 
     def __str__(self) -> str:
-        return as_text(self)
+        return self.text()
+
+    def text(self, width: int = UNBOUNDED) -> str:
+        """Return the table, and sentences on it, in lines of so many characters at most."""
+        return comparison_text(self, width)
 
     def __repr__(self) -> str:
         return in_brief(self)

@@ -2,46 +2,46 @@
 
 from typing import Any
 
+import numpy as np
+
 from curricle.display import COLOURS, OWN_COLOURS, block, curves, shortened, table
 from curricle.errors import in_words
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 from curricle.statistics.seed_lines import seed_line
+from curricle.text_tables import counted, folded, or_dash, text_table
 
-HEAD = ("steps to threshold", "mean return (IQM)", "strong gain", "weak gain", "verdict")
+HEADS = ("", "steps to threshold", "mean return (IQM)", "strong gain", "weak gain", "verdict")
 
 
 def in_brief(comparison: Any) -> str:
     """Return a comparison in a few words: its target, its arms and what they came to."""
     verdicts = [f"{name}: {one.against_scratch}" for name, one in comparison.verdicts.items()]
     return shortened(
-        f"Comparison({comparison.target!r}, {len(comparison.arms)} arms, "
-        f"{_seeds(comparison)}; {'; '.join(verdicts)})"
+        f"Comparison({comparison.target!r}, {counted(len(comparison.arms), 'arm')}, "
+        f"{counted(comparison.seeds, 'seed')}; {'; '.join(verdicts)})"
     )
 
 
-def as_text(comparison: Any) -> str:
-    """Return a comparison as a table for a terminal, and sentences below it."""
-    width = max(len(name) for name in comparison.arms) + 2
-    threshold, mean, strong, weak, verdict = HEAD
-    lines = [
-        title(comparison),
-        f"{'':{width}}{threshold:>20}  {mean:<23}{strong:<22}{weak:<22}{verdict}",
-    ]
-    for name in comparison.arms:
-        threshold, mean, strong, weak, verdict = cells(comparison, name)
-        line = f"{name:{width}}{threshold:>20}  {mean:<21}  {strong:<20}  {weak:<20}  {verdict}"
-        lines.append(line.rstrip())
-    return "\n".join([*lines, *_below(comparison)])
+def comparison_text(comparison: Any, width: int) -> str:
+    """Return a comparison as text in lines of so many characters at most."""
+    rows = [cells(comparison, name) for name in comparison.arms]
+    return "\n".join(
+        [
+            folded(title(comparison), width),
+            *text_table(HEADS, rows, width, words=True),
+            *(folded(one, width) for one in _below(comparison)),
+        ]
+    )
 
 
 def as_html(comparison: Any) -> str:
     """Return a comparison as its charged curves, the table, and sentences below it."""
-    rows = [(name, *cells(comparison, name)) for name in comparison.arms]
+    rows = [cells(comparison, name) for name in comparison.arms]
     return block(
         title(comparison),
         curves(_lines(comparison), "target and source steps", "greedy return"),
-        table(["", *HEAD], rows, wide=[HEAD[-1]]),
+        table(HEADS, rows, wide=[HEADS[-1]]),
         *_below(comparison),
     )
 
@@ -50,36 +50,42 @@ def title(comparison: Any) -> str:
     """Return what was compared, and how."""
     return (
         f"{comparison.target!r} in {comparison.total:,} steps, sources charged, evaluations free; "
-        f"{_seeds(comparison)}{comparison.stopped and f' ({comparison.stopped})'}; "
-        f"threshold {comparison.threshold:.4g}"
+        f"{counted(comparison.seeds, 'seed')}"
+        f"{comparison.stopped and f' ({comparison.stopped})'}; "
+        f"threshold {or_dash(comparison.threshold, '.4g')}"
     )
 
 
-def cells(comparison: Any, name: str) -> tuple[str, str, str, str, str]:
-    """Return the texts of an arm's row: as many as `HEAD` has."""
+def cells(comparison: Any, name: str) -> tuple[str, ...]:
+    """Return an arm's row of the table: as many texts as `HEADS` has."""
     times = comparison.times(name)
     missed = int((~times.reached).sum())
     steps = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
     steps = "> " * (missed > 0) + steps
-    mean = short(comparison.mean_return(name))
+    strong, weak, words = "", "", ""
     if name in comparison.contrasts:
-        contrast, verdict = comparison.contrasts[name], comparison.verdicts.get(name)
+        contrast = comparison.contrasts[name]
+        strong, weak = short(contrast.strong_gain), short(contrast.weak_gain)
         words = contrast.verdict
-        if verdict is not None and not verdict.too_few:
+        if name in comparison.verdicts and not comparison.verdicts[name].too_few:
             words += f" (p = {contrast.adjusted_p:.2g})"
         words += f", {contrast.reason}" if contrast.reason else ""
-        return steps, mean, short(contrast.strong_gain), short(contrast.weak_gain), words
-    several = name == comparison.best_scratch and len(comparison.scratches) > 1
-    return steps, mean, "", "", "the best from scratch: gains are over it" * several
+    elif name == comparison.best_scratch and len(comparison.scratches) > 1:
+        words = "the best from scratch: gains are over it"
+    return name, steps, short(comparison.mean_return(name)), strong, weak, words
 
 
 def short(interval: Interval) -> str:
-    """Return an interval without its number of seeds."""
-    return str(interval).rsplit(",", 1)[0]
+    """Return an interval without its number of seeds; a dash if there is none.
 
-
-def _seeds(comparison: Any) -> str:
-    return f"{comparison.seeds} seed{'s' * (comparison.seeds > 1)}"
+    Examples
+    --------
+    >>> short(Interval(11.04, 10.0, 12.0, confidence=0.95, n=5))
+    '11.0 [10.0, 12.0]'
+    >>> short(Interval(float("nan"), float("nan"), float("nan"), confidence=0.95, n=5))
+    '-'
+    """
+    return "-" if np.isnan(interval.estimate) else str(interval).rsplit(",", 1)[0]
 
 
 def _below(comparison: Any) -> list[str]:

@@ -38,12 +38,11 @@ from curricle.learning.result import LearningResult
 from curricle.learning.stopping import StoppingRule
 from curricle.progress import Progress
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.observation_task import ObservationTask, is_observation_task
+from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, tables
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.edges import Transfer
-from curricle.transfer.mapping import StateActionMapping, identity
-from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.identity_mapping import identity
 from curricle.transfer.potentials import ObservationPotential
 
 Control = Literal["random_start", "pretraining", "placebo", "constant", "scaled", "negated"]
@@ -146,7 +145,7 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
     storage = curriculum.setting("storage", name)
     return Curriculum(
         tasks={SOURCE: source, name: task},
-        transfers=[Transfer(SOURCE, name, _identity(task, source))],
+        transfers=[Transfer(SOURCE, name, identity(task, source))],
         shaping={name: curriculum.setting("shaping", name)},
         budget={SOURCE: StoppingRule(steps), name: curriculum.setting("budget", name)},
         eval_freq={SOURCE: steps, name: curriculum.setting("eval_freq", name)},
@@ -235,9 +234,3 @@ def _with_uniform_start(task: Task) -> Task:
         return task.with_start("uniform")
     mdp = tables(task)
     return replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
-
-
-def _identity(task: Any, source: Any) -> StateActionMapping | ObservationMapping:
-    if isinstance(task, ObservationTask):
-        return ObservationMapping(task, source)
-    return replace(identity(task), source=source)

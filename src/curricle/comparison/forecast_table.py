@@ -1,12 +1,23 @@
 """A forecast as a table: in plain text, and as HTML for a notebook."""
 
-from textwrap import fill
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from curricle.display import block, shortened, table
+from curricle.text_tables import folded, or_dash, text_table
 from curricle.transfer.coverage import coverage_table
+
+COLUMNS: dict[str, Callable[[Any], str]] = {
+    "gain": lambda one: "" if one.gain is None else f"{one.gain.estimate:.3g}",
+    "start": lambda one: or_dash(one.mean("start")),
+    "phi > Q*": lambda one: or_dash(one.mean("optimistic"), ".0%"),
+    "excess": lambda one: or_dash(one.mean("excess"), ".2g"),
+    "rank": lambda one: or_dash(one.mean("rank"), ".2f"),
+    "scale": lambda one: "none" if np.isnan(one.scale) else f"{one.scale:.2g}",
+}
+"""What each column shows of a row."""
 
 
 def in_brief(forecast: Any) -> str:
@@ -15,29 +26,24 @@ def in_brief(forecast: Any) -> str:
     return shortened(f"Forecast({forecast.target!r}: {forecast.answer}; potentials: {names})")
 
 
-def as_text(forecast: Any) -> str:
-    """Return a forecast as sentences and a table that fit a terminal of 80 columns."""
-    lines = [f"{_title(forecast)}", *_reasons(forecast), _start(forecast)]
-    lines += [f"{name}: {cover}" for name, cover in forecast.coverage.items()]
-    lines = [_wrapped(line) for line in lines]
-    width = max(len(one.name) for one in forecast.rows) + 2
-    widths = dict(zip(ALL, (10, 11, 10, 10, 7, 7), strict=True))
-    head = columns(forecast)
-    lines.append(f"{'':{width}}" + "".join(f"{name:>{widths[name]}}" for name in head))
-    for one in forecast.rows:
-        texts = zip(head, cells(forecast, one), strict=True)
-        line = "".join(f"{text:>{widths[name]}}" for name, text in texts)
-        lines.append(f"{one.name + ' *' * one.used:{width}}{line}")
-    lines += [_wrapped(f"{one.name}: {one.verdict}") for one in forecast.rows if one.aggregate]
-    return "\n".join(lines)
+def forecast_text(forecast: Any, width: int) -> str:
+    """Return a forecast as sentences and a table, in lines of so many characters at most."""
+    above = [_title(forecast), *_reasons(forecast), _start(forecast)]
+    above += [f"{name}: {cover}" for name, cover in forecast.coverage.items()]
+    words = [f"{one.name}: {one.verdict}" for one in forecast.rows if one.aggregate]
+    return "\n".join(
+        [
+            *(folded(line, width) for line in above),
+            *text_table(["", *columns(forecast)], _rows(forecast), width),
+            *(folded(line, width) for line in words),
+        ]
+    )
 
 
 def as_html(forecast: Any) -> str:
     """Return a forecast as its answer, what that rests on, its table and coverage."""
-    rows = [
-        (one.name + " *" * one.used, *cells(forecast, one), one.verdict if one.aggregate else "")
-        for one in forecast.rows
-    ]
+    words = [one.verdict if one.aggregate else "" for one in forecast.rows]
+    rows = [(*row, text) for row, text in zip(_rows(forecast), words, strict=True)]
     return block(
         _title(forecast),
         *_reasons(forecast),
@@ -48,26 +54,20 @@ def as_html(forecast: Any) -> str:
     )
 
 
-ALL = ("gain", "start", "phi > Q*", "excess", "rank", "scale")
-"""The columns that a forecast may have."""
-
-
-def columns(forecast: Any) -> tuple[str, ...]:
+def columns(forecast: Any) -> list[str]:
     """Return those it has: gains where there was a trial, and values where potentials have them."""
-    gains = any(one.gain is not None for one in forecast.rows)
-    return (*ALL[: int(gains)], "start", *(ALL[2:] if _values_are_read(forecast) else ()))
+    left_out = set[str]()
+    if all(one.gain is None for one in forecast.rows):
+        left_out = {"gain"}
+    if not _values_are_read(forecast):
+        left_out |= COLUMNS.keys() - {"gain", "start"}
+    return [name for name in COLUMNS if name not in left_out]
 
 
-def cells(forecast: Any, one: Any) -> list[str]:
-    """Return the texts of a row, one for each column."""
-    start = "-" if np.isnan(one.mean("start")) else f"{one.mean('start'):.3g}"
-    texts = {"gain": "" if one.gain is None else f"{one.gain.estimate:.3g}", "start": start}
-    if _values_are_read(forecast):
-        texts["phi > Q*"] = f"{one.mean('optimistic'):.0%}"
-        texts["excess"] = f"{one.mean('excess'):.2g}"
-        texts["rank"] = f"{one.mean('rank'):.2f}"
-        texts["scale"] = "none" if np.isnan(one.scale) else f"{one.scale:.2g}"
-    return [texts[name] for name in columns(forecast)]
+def _rows(forecast: Any) -> list[tuple[str, ...]]:
+    """Return the name of each potential, with a star if it is used, and its columns."""
+    shown = [COLUMNS[name] for name in columns(forecast)]
+    return [(one.name + " *" * one.used, *(cell(one) for cell in shown)) for one in forecast.rows]
 
 
 def _title(forecast: Any) -> str:
@@ -99,8 +99,3 @@ def _start(forecast: Any) -> str:
 def _values_are_read(forecast: Any) -> bool:
     """Return whether potentials are compared with values; not where networks enter."""
     return not all(np.isnan(one.mean("optimistic")) for one in forecast.rows)
-
-
-def _wrapped(line: str) -> str:
-    """Return a line as lines that fit a terminal of 80 columns."""
-    return fill(line, 80, subsequent_indent="  ", break_on_hyphens=False)

@@ -5,8 +5,9 @@ says where learning starts: the return of the greedy policy on phi, and whether 
 epsilon-greedy learning falls from there.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from curricle.comparison.candidates import Candidate, candidates_of
 from curricle.comparison.distilled_sources import distilled_sources
 from curricle.comparison.forecasts import Forecast, ForecastRow
+from curricle.comparison.judged_potentials import JudgedPotentials, Judgement
 from curricle.comparison.learnt_sources import source_learning
 from curricle.comparison.potential_words import (
     AnyTarget,
@@ -37,7 +39,7 @@ from curricle.transfer.coverage import Coverage
 from curricle.transfer.descriptions import countable
 from curricle.transfer.edges import Calibrate, Transfer, transfer_names
 from curricle.transfer.observation_mapping import ObservationCoverage
-from curricle.transfer.observation_rollouts import ObservationTarget, target_of
+from curricle.transfer.observation_rollouts import ObservationTarget
 from curricle.transfer.quality import PotentialQuality, potential_quality
 
 
@@ -65,6 +67,8 @@ def forecast(
     Parameters
     ----------
     curriculum : Curriculum
+        ``curricle.forecast`` also takes a study of one arm or the path of its file: its arm, its
+        first seeds and its threshold, where others are not given.
     target : str, optional
         By default the task that all others lead to.
     seeds : int or sequence of int
@@ -113,28 +117,62 @@ def forecast(
     ('minimum', 'mean', 'total', 'maximum')
     """
     check_progress(progress)
+    return forecast_once(
+        JudgedPotentials(),
+        curriculum,
+        target,
+        seeds=seeds,
+        aggregates=aggregates,
+        trained=trained,
+        perfect=perfect,
+        episodes=episodes,
+        trial=trial,
+        threshold=threshold,
+        workers=workers,
+        progress=progress,
+    )
+
+
+def forecast_once(
+    judged: JudgedPotentials,
+    curriculum: Curriculum,
+    target: str | None = None,
+    *,
+    seeds: int | Sequence[int] = 3,
+    aggregates: Sequence[Aggregate] = (),
+    trained: Mapping[str, Learnt] | None = None,
+    perfect: bool = False,
+    only_used: bool = False,
+    episodes: int | None = None,
+    trial: bool | Curriculum | None = None,
+    threshold: float | None = None,
+    workers: int | None = None,
+    progress: Progress = None,
+) -> Forecast:
+    """Return a forecast as :func:`forecast`, with what others for the same target have computed.
+
+    With `only_used` it has a row for the potential that the curriculum would use, and no other.
+    """
     name, edges = transfers_into(curriculum, target, "a forecast")
     for function in aggregates:
         if not callable(function):
             raise CurriculumError(
                 f"an aggregate must be a function (N, S, A) -> (S, A): got {function!r}"
             )
-    any_target = target_of(
-        curriculum.tasks[name], curriculum.setting("evaluation", name), episodes=episodes
+    any_target = judged.target(
+        curriculum.tasks[name], curriculum.setting("evaluation", name), episodes
     )
     numbers = seed_tuple(seeds)[:1] if perfect else seed_tuple(seeds)
     each = candidates_of(curriculum, name, aggregates)
-    if perfect and trial:
-        raise CurriculumError(
-            "a trial trains the sources: with perfect=True, trial must be False or left out"
-        )
-    _check_trial(each, trial)
+    _check_trial(each, trial, perfect)
     reads_values = curriculum.setting("shaping", name).reads_values
     found, no_trial, learnt = None, "no source is trained", dict[str, Any]()
     with shown(progress) as bars:
         sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
-        made = ((one, one.potentials(sources, numbers)) for one in each)
-        rows = _rows(made, len(each), any_target, workers, bars, reads_values=reads_values)
+        shown_rows = [one for one in each if one.used or not only_used]
+        made = ((one, tuple(one.potentials(sources, numbers))) for one in shown_rows)
+        judge = partial(_judgement if reads_values else _judgement_of_networks, workers=workers)
+        rows = _rows(made, len(shown_rows), any_target, judged, judge, bars)
         if not perfect:
             found, no_trial = _trial(each, trial, threshold, workers, bars.within())
             if found is not None:
@@ -229,8 +267,14 @@ def _solved(
     return found
 
 
-def _check_trial(candidates: Sequence[Candidate], trial: bool | Curriculum | None) -> None:
+def _check_trial(
+    candidates: Sequence[Candidate], trial: bool | Curriculum | None, perfect: bool
+) -> None:
     """Raise CurriculumError where a trial is asked for that cannot be made, before any training."""
+    if perfect and trial:
+        raise CurriculumError(
+            "a trial trains the sources: with perfect=True, trial must be False or left out"
+        )
     if trial is True and (why := hindrance(candidates[0].curriculum)):
         raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
     if not isinstance(trial, bool | Curriculum | None):
@@ -279,31 +323,28 @@ def _coverage(
 
 
 def _rows(
-    potentials: Iterable[tuple[Candidate, Sequence[AnyPotential]]],
+    potentials: Iterable[tuple[Candidate, tuple[AnyPotential, ...]]],
     number: int,
     any_target: AnyTarget,
-    workers: int | None,
+    judged: JudgedPotentials,
+    judge: Callable[..., Judgement],
     bars: Bars,
-    *,
-    reads_values: bool,
 ) -> list[ForecastRow]:
     """Return the rows of candidates without what a trial and words add."""
-    rows, row = list[ForecastRow](), _row if reads_values else _row_of_networks
+    rows = list[ForecastRow]()
     grow = bars.bar("potentials", number)
-    for candidate, each in potentials:
-        rows.append(row(candidate, each, any_target, workers))
+    for one, each in potentials:
+        row = judged.judgement(any_target, each, partial(judge, each, any_target))
+        rows.append(ForecastRow(one.name, one.aggregate, one.used, *row))
         grow()
-        bars.tell(candidate.name)
+        bars.tell(one.name)
     return rows
 
 
-def _row(
-    candidate: Candidate,
-    potentials: Sequence[AnyPotential],
-    any_target: AnyTarget,
-    workers: int | None,
-) -> ForecastRow:
-    """Return a row without what a trial and words add."""
+def _judgement(
+    potentials: Sequence[AnyPotential], any_target: AnyTarget, workers: int | None
+) -> Judgement:
+    """Return how good potentials are, and their scale."""
     of_actions: Sequence[Any]
     if isinstance(any_target, ObservationTarget):
         threads, fit = 1, Calibrate(any_target.episodes, cautious=False)
@@ -315,16 +356,13 @@ def _row(
         lambda k: potential_quality(potentials[k], any_target, seed=k), len(potentials), threads
     )
     calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
-    return ForecastRow(
-        candidate.name, candidate.aggregate, candidate.used, tuple(seeds), calibrations
-    )
+    return Judgement(tuple(seeds), calibrations)
 
 
-def _row_of_networks(
-    candidate: Candidate, potentials: Sequence[Any], target: Any, workers: int | None
-) -> ForecastRow:
-    """Return a row of networks whose values are not read: the returns of their policies."""
+def _judgement_of_networks(
+    potentials: Sequence[Any], target: Any, workers: int | None
+) -> Judgement:
+    """Return the same of networks whose values are not read: the returns of their policies."""
     nan = float("nan")
     starts = [policy_return(one, target, seed=k) for k, one in enumerate(potentials)]
-    seeds = tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts)
-    return ForecastRow(candidate.name, candidate.aggregate, candidate.used, seeds, ())
+    return Judgement(tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ())

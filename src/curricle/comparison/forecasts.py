@@ -7,13 +7,14 @@ import numpy as np
 
 from curricle.checks import one_of
 from curricle.comparison.distilled_sources import DistilledSource
-from curricle.comparison.forecast_table import as_html, as_text, in_brief
+from curricle.comparison.forecast_table import as_html, forecast_text, in_brief
 from curricle.comparison.learnt_sources import SourceLearning
 from curricle.comparison.trial import Trial
 from curricle.curriculum.sources import SourceValues
 from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError
 from curricle.statistics.intervals import Interval
+from curricle.text_tables import counted
 from curricle.transfer.calibration import Calibration
 from curricle.transfer.coverage import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
@@ -147,7 +148,7 @@ class Forecast:
             return f"if {_listed(self.trained)} were learnt perfectly"
         seeds = len(self.rows[0].seeds)
         sources = [f"{name} ({_steps(one)})" for name, one in self.trained.items()]
-        return f"from {seeds} seed{'s' * (seeds > 1)} of {_listed(sources)}"
+        return f"from {counted(seeds, 'seed')} of {_listed(sources)}"
 
     @property
     def answer(self) -> str:
@@ -164,7 +165,11 @@ class Forecast:
         return f"{self.trial.numbers(self.used.name)}; {self.trial.assumes}"
 
     def __str__(self) -> str:
-        return as_text(self)
+        return self.text()
+
+    def text(self, width: int = 80) -> str:
+        """Return it in lines of so many characters at most."""
+        return forecast_text(self, width)
 
     def __repr__(self) -> str:
         return in_brief(self)

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,6 +40,7 @@ from curricle.learning.shaping import Shaping
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
+from curricle.remote_path import Place, place_at
 from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
@@ -236,7 +236,7 @@ class Curriculum(TaskGraph):
         charge: bool = False,
         snapshots: int = 0,
         workers: int | None = None,
-        saves: str | Path | None = None,
+        saves: str | Place | None = None,
         progress: Progress = None,
     ) -> CurriculumResult:
         """Return every task learnt, in order, each once; K seeds are K independent curricula.
@@ -259,8 +259,8 @@ class Curriculum(TaskGraph):
         workers : int, optional
             Threads over seeds.
         saves : path, optional
-            A folder for checkpoints of the tasks that networks learn: a killed run called again
-            goes on where it was (:func:`learn_deep`).
+            A folder or a URL for checkpoints of the tasks that networks learn: a killed run
+            called again goes on where it was (:func:`learn_deep`).
         progress : bool or callable, optional
             True shows a bar for each task; a function is called with the name of each task when it
             is learnt.
@@ -307,7 +307,7 @@ class Curriculum(TaskGraph):
                     snapshots=snapshots,
                     workers=workers,
                     progress=bars.within(),
-                    saves=None if saves is None else Path(saves) / file_name(name),
+                    saves=None if saves is None else place_at(saves) / file_name(name),
                 )
                 extra: IntArray | int = 0
                 if retraining:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Self
 
 from curricle.array_types import IntArray
@@ -25,6 +24,7 @@ from curricle.learning.storage import Storage
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
 from curricle.progress import Progress
+from curricle.remote_path import Place
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate
@@ -157,7 +157,7 @@ class Node:
         charged: Sequence[int] | IntArray | None = None,
         snapshots: int = 0,
         workers: int | None = None,
-        saves: Path | None = None,
+        saves: Place | None = None,
         progress: Progress = None,
     ) -> LearningResult:
         """Return the task learnt by K seeds.
@@ -173,7 +173,7 @@ class Node:
             As in :func:`learn`.
         snapshots, workers
             As in :func:`learn`; not for networks.
-        saves : Path, optional
+        saves : path, optional
             A folder from which the training of networks goes on, as in :func:`learn_deep`.
         progress
             As in :func:`learn`.

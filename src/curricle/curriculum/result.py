@@ -3,20 +3,24 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 
+from curricle.archives.saved_file import read_saved, write_saved
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.curriculum.curriculum_table import result_html, result_in_brief
 from curricle.curriculum.retraining import RetrainedResult
+from curricle.curriculum.saved_curriculum import Parts, from_file, to_file
 from curricle.curriculum.sources import SourceValues
-from curricle.deep.policy import TrainedPolicy
-from curricle.deep.result import DeepResult
 from curricle.errors import CurriculumError
+from curricle.learning.curve_frame import curve_columns, data_frame
 from curricle.learning.decisions import Decisions
 from curricle.learning.result import LearningResult
+from curricle.learning.result_arrays import arrays_of
+from curricle.planning.episode import Episode
 from curricle.transfer.calibration import AnyPotential, Calibration
 
 
@@ -63,26 +67,6 @@ class CurriculumResult:
         one_of("a task", name, self.nodes, CurriculumError)
         return self.nodes[name]
 
-    @property
-    def policies(self) -> tuple[TrainedPolicy, ...]:
-        """The policy of each seed of the target, as of :class:`DeepResult`."""
-        return self._of_networks().policies
-
-    @property
-    def policy(self) -> TrainedPolicy:
-        """The best policy of the target, as of :class:`DeepResult`."""
-        return self._of_networks().policy
-
-    def _of_networks(self) -> DeepResult:
-        """Return the target's result; CurriculumError unless a network learnt it."""
-        found = self[self.curriculum.target]
-        if not isinstance(found, DeepResult):
-            raise CurriculumError(
-                "a policy to take away is that of a network: the target "
-                f"{self.curriculum.target!r} is learnt in a table"
-            )
-        return found
-
     @cached_property
     def sources(self) -> dict[str, SourceValues]:
         """What each task hands on to those after it, whether it was trained here or before."""
@@ -105,3 +89,76 @@ class CurriculumResult:
             return Decisions(self.retrained[name].decisions, self[name].seeds)
         found: Decisions = self.curriculum.node(name).decisions(self[name])
         return found
+
+    # -- to take away --------------------------------------------------------------------------
+
+    @property
+    def policies(self) -> tuple[Any, ...]:
+        """The policy of each seed of the target, as of its :class:`LearningResult`."""
+        return self[self.curriculum.target].policies
+
+    @property
+    def policy(self) -> Any:
+        """The best policy of the target, as of its :class:`LearningResult`."""
+        return self[self.curriculum.target].policy
+
+    def watch(
+        self, task: str | None = None, *, seed: int = 0, max_steps: int | None = None
+    ) -> Episode:
+        """Return an episode of a task's best policy, by default the target's.
+
+        A notebook shows it, ``print`` prints it, and ``save`` writes a GIF. `seed` and `max_steps`
+        are those of :meth:`LearningResult.watch`.
+        """
+        name = self.curriculum.target if task is None else task
+        return self[name].watch(seed=seed, max_steps=max_steps)
+
+    def frame(self) -> Any:
+        """Return the curves of all tasks as a pandas DataFrame.
+
+        Its columns are those of :meth:`LearningResult.frame`, the task before them, and the
+        source_steps that were spent before it. ImportError where pandas is not installed.
+        """
+        parts = [
+            curve_columns(arrays_of(node) | {"source_steps": self.source_steps(name)}, name)
+            for name, node in self.nodes.items()
+        ]
+        return data_frame({name: np.concatenate([one[name] for one in parts]) for name in parts[0]})
+
+    def save(self, path: str | Path) -> Path:
+        """Write the results of all tasks into a file, and return its path, an ``.npz``.
+
+        It has no pickles, and equal results give equal bytes. Tasks and transfers are not in it:
+        :meth:`load` takes the curriculum again. StoreError when it cannot be written.
+        """
+        parts = Parts(self.nodes, self.potentials, self.calibrations, self.retrained, self.given)
+        return write_saved(path, type(self).__name__, *to_file(self.curriculum, parts))
+
+    @classmethod
+    def load(cls, path: str | Path, curriculum: Any) -> Self:
+        """Return the result in a file that :meth:`save` wrote, bit for bit.
+
+        Parameters
+        ----------
+        path : path
+        curriculum : Curriculum
+            The one that was trained.
+
+        Raises
+        ------
+        StoreError
+            When the file cannot be read, is damaged, or holds something else.
+        CurriculumError, SettingError
+            When the curriculum has other tasks, or one of them other states or actions.
+
+        Examples
+        --------
+        >>> from tempfile import mkdtemp
+        >>> from curricle import Curriculum, GridWorld
+        >>> plan = Curriculum({"maze": GridWorld("S.T")}, budget=2000)
+        >>> again = CurriculumResult.load(plan.train().save(f"{mkdtemp()}/plan"), plan)
+        >>> again.watch()
+        Episode(2 steps, return 198, terminated)
+        """
+        saved = read_saved(path, cls.__name__)
+        return cls(curriculum, **from_file(saved, curriculum)._asdict())

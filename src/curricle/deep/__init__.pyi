@@ -2,7 +2,6 @@ from .curriculum_callback import CurriculumCallback as CurriculumCallback
 from .curriculum_vec_env import CurriculumVecEnv as CurriculumVecEnv
 from .distillation import Distillation as Distillation
 from .distilling import Distilled as Distilled, distil as distil
-from .episode import Episode as Episode
 from .knowledge import Knowledge as Knowledge
 from .learner import DeepLearner as DeepLearner
 from .learning import learn_deep as learn_deep

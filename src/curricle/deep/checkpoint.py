@@ -14,7 +14,8 @@ import numpy as np
 import torch
 
 from curricle.errors import StoreError
-from curricle.files import write_whole
+from curricle.files import opened_regular, write_whole
+from curricle.remote_path import Place, RemotePath
 
 LEFT_OUT = ("_logger",)
 """Attributes of a model that hold open files, and are created again."""
@@ -35,7 +36,7 @@ class Saved(NamedTuple):
     """Of the random number generators."""
 
 
-def save(path: Path, run: str, model: Any, progress: Any) -> None:
+def save(path: Place, run: str, model: Any, progress: Any) -> None:
     """Write a checkpoint, whole or not at all.
 
     An environment that cannot be pickled is left out; the run then resumes with a new episode.
@@ -45,7 +46,8 @@ def save(path: Path, run: str, model: Any, progress: Any) -> None:
         content = cloudpickle.dumps(saved)
     except Exception:  # whatever an environment's own code raises
         content = cloudpickle.dumps(saved._replace(model=_held(model, env=None, _last_obs=None)))
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if isinstance(path, Path):
+        path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, content)
 
 
@@ -58,16 +60,22 @@ def _held(model: Any, **changed: Any) -> tuple[type, dict[str, Any]]:
     return type(model), held
 
 
-def load(path: Path, run: str) -> Saved | None:
-    """Return a checkpoint, None if there is none; StoreError when damaged or of another run."""
+def load(path: Place, run: str) -> Saved | None:
+    """Return a checkpoint, None if there is none; StoreError when damaged or of another run.
+
+    One at a URL that is not whole counts as none: nothing moves it there when it is.
+    """
     try:
-        content = path.read_bytes()
+        with opened_regular(path) as (file, _):
+            content = file.read()
     except FileNotFoundError:
         return None
     saved: Any = None
     with suppress(Exception):
         saved = cloudpickle.loads(content)
     if not isinstance(saved, Saved):
+        if isinstance(path, RemotePath):
+            return None
         raise StoreError(f"a checkpoint must be one that curricle wrote, here: {path} is not")
     if saved.run != run:
         raise StoreError(

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from curricle.array_types import IntArray
@@ -23,6 +22,7 @@ from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, StoppingRule
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.progress import Progress, check_progress, shown
+from curricle.remote_path import Place, place_at
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.potentials import ObservationPotential
 
@@ -39,7 +39,7 @@ def learn_deep(
     stream: str = "",
     warm_up: Sequence[WarmUp] | None = None,
     charged: Sequence[int] | IntArray | None = None,
-    saves: str | Path | None = None,
+    saves: str | Place | None = None,
     progress: Progress = None,
 ) -> DeepResult:
     """Return what a deep learner learns of a task, for each of several seeds, one after another.
@@ -73,8 +73,8 @@ def learn_deep(
     evaluation : GreedyEvaluation, optional
         By rollouts, 5 by default; "exact" where the environment can be tabulated.
     saves : path, optional
-        A folder for checkpoints, from which a killed run resumes, with the same result: network,
-        optimizer, replay buffer, environments, generators.
+        A folder or a URL for checkpoints, from which a killed run resumes, with the same
+        result: network, optimizer, replay buffer, environments, generators.
     progress : bool or callable, optional
         True shows a bar for each seed, of its checkpoints; a function is called with each seed when
         it is done.
@@ -148,7 +148,7 @@ def train_seeds(
     stream: str,
     warm_up: Sequence[WarmUp] | None = None,
     charged: Sequence[int] | IntArray | None = None,
-    saves: str | Path | None = None,
+    saves: str | Place | None = None,
     progress: Progress = None,
 ) -> DeepResult:
     """Return what a deep learner learns, its arguments checked; those of :func:`learn_deep`.
@@ -190,7 +190,7 @@ def train_seeds(
     outcomes = []
     with shown(progress) as bars:
         for one in each:
-            place = None if saves is None else Path(saves) / f"seed-{one.seed}.checkpoint"
+            place = None if saves is None else place_at(saves) / f"seed-{one.seed}.checkpoint"
             name = f"{stream or 'learning'}, seed {one.seed}"
             reached = bars.bar(name, longest // eval_freq + 1)
             outcomes.append(replace(run, reached=reached).train(*one, place))

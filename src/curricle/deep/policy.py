@@ -1,22 +1,19 @@
 """A trained policy to take away: acting, files of Stable-Baselines3, and episodes to look at."""
 
+import io
 from contextlib import closing
 from dataclasses import dataclass, replace
-from inspect import signature
 from pathlib import Path
 from typing import Any, Self
 
-import gymnasium
-import numpy as np
-import numpy.typing as npt
-
 from curricle.array_types import IntArray
 from curricle.checks import instance, whole_number
-from curricle.deep.episode import Episode
 from curricle.deep.learner import DeepLearner
-from curricle.errors import SettingError
-from curricle.frozen_arrays import frozen
-from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, space_text
+from curricle.errors import SettingError, StoreError, reason
+from curricle.files import write_whole
+from curricle.planning.episode import Episode, played
+from curricle.tasks.observation_task import ObservationTask, space_text
+from curricle.tasks.rendering import frame_of, with_pictures
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +29,7 @@ class TrainedPolicy:
     Examples
     --------
     >>> from curricle import observation_task
+    >>> import numpy as np
     >>> from curricle.deep import learn_deep
     >>> pole = observation_task("CartPole-v1")
     >>> ppo = DeepLearner("PPO", settings={"n_steps": 64})
@@ -63,11 +61,16 @@ class TrainedPolicy:
         """Write the model as Stable-Baselines3 does, and return the file's path, a ``.zip``.
 
         ``PPO.load(path)`` reads it, as does :meth:`load`. It holds pickles, as all its files do:
-        load your own alone.
+        load your own alone. StoreError when it cannot be written.
         """
         file = Path(path) if str(path).endswith(".zip") else Path(f"{path}.zip")
-        file.parent.mkdir(parents=True, exist_ok=True)
-        self.model.save(file)
+        content = io.BytesIO()
+        self.model.save(content)
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(file, content.getvalue())
+        except OSError as error:
+            raise StoreError(f"a policy cannot be written to {file}: {reason(error)}") from None
         return file
 
     @classmethod
@@ -136,32 +139,16 @@ class TrainedPolicy:
 
         from curricle.deep.checkpoint import isolated
 
-        drawn = replace(self.task, make=_drawing(self.task.make))
+        drawn = replace(self.task, make=with_pictures(self.task.make))
         with closing(drawn.environment()) as env, isolated(torch.get_num_threads()):
             set_random_seed(seed)
-            return self._played(env, seed, limit, deterministic)
-
-    def _played(
-        self, env: gymnasium.Env[Any, Any], seed: int, limit: int, deterministic: bool
-    ) -> Episode:
-        seen, _ = env.reset(seed=seed)
-        frames, actions, rewards = [_frame(env)], list[Any](), list[float]()
-        over = terminated = False
-        while not over and len(rewards) < limit:
-            action = self.predict(seen, deterministic=deterministic)
-            seen, reward, terminated, truncated, _ = env.step(action)
-            frames.append(_frame(env))
-            actions.append(action)
-            rewards.append(float(reward))
-            over = terminated or truncated
-        fps = env.metadata.get("render_fps") or 10
-        return Episode(
-            tuple(frames),
-            frozen(np.array(actions)),
-            frozen(np.array(rewards, dtype=np.float64)),
-            terminated=bool(terminated),
-            fps=float(fps),
-        )
+            return played(
+                env,
+                lambda seen: self.predict(seen, deterministic=deterministic),
+                seed=seed,
+                limit=limit,
+                picture=lambda _: frame_of(env),
+            )
 
     def __repr__(self) -> str:
         return f"TrainedPolicy({type(self.model).__name__}, {self.task.make})"
@@ -174,7 +161,7 @@ def policies_of(
     if values is None or not all(hasattr(one, "policy") for one in values):
         raise SettingError(
             "a policy to take away needs the values of networks: these "
-            f"{'were not saved' if values is None else 'are tables'}"
+            f"{'were not saved' if values is None else 'are their parameters alone, see load'}"
         )
     pairs = zip(values, steps_used.tolist(), strict=True)
     return tuple(_policy_of(task, learner, one, steps) for one, steps in pairs)
@@ -198,29 +185,3 @@ def _policy_of(
     model.policy.set_training_mode(False)
     model.num_timesteps = steps
     return TrainedPolicy(task, model)
-
-
-def _drawing(make: Any) -> Any:
-    """Return what makes the same environments, with pictures where they can be asked for."""
-    if not isinstance(make, EnvironmentMaker):
-        return EnvironmentMaker(make, _render_mode(make)) if _render_mode(make) else make
-    if isinstance(make.what, EnvironmentMaker):
-        return replace(make, what=_drawing(make.what))
-    return replace(make, arguments={**make.arguments, **_render_mode(make.what)})
-
-
-def _render_mode(what: Any) -> dict[str, str]:
-    """Return the argument that asks for pictures, if an environment's maker has it."""
-    asked = not callable(what) or "render_mode" in signature(what).parameters
-    return {"render_mode": "rgb_array"} if asked else {}
-
-
-def _frame(env: gymnasium.Env[Any, Any]) -> npt.NDArray[np.uint8]:
-    """Return a picture of an environment, (height, width, 3) uint8."""
-    drawn: Any = env.render() if env.render_mode == "rgb_array" else None
-    if np.ndim(drawn) != 3:
-        raise SettingError(
-            'an episode\'s environment must draw pictures, render_mode="rgb_array": got '
-            f"render_mode={env.render_mode!r} from {env}"
-        )
-    return np.array(drawn, dtype=np.uint8)

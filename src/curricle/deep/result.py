@@ -1,13 +1,18 @@
 """The result of a deep learner: a learning result with policies to take away."""
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Self
+from pathlib import Path
+from typing import Any, Self
 
-import numpy as np
-
+from curricle.archives.saved_file import read_saved
+from curricle.checks import instance
+from curricle.deep.learner import DeepLearner
 from curricle.deep.policy import TrainedPolicy, policies_of
+from curricle.errors import SettingError
 from curricle.learning.result import LearningResult
+from curricle.learning.shaping import Shaping
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,12 +43,61 @@ class DeepResult(LearningResult):
         """
         return policies_of(self.task, self.learner, self.values, self.steps_used)
 
-    @property
-    def policy(self) -> TrainedPolicy:
-        """The policy of the seed whose last greedy return is best, the first of equals.
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        task: Any = None,
+        learner: Any = None,
+        shaping: Shaping | Sequence[Shaping | None] | None = None,
+    ) -> Self:
+        """Return the result in a file that :meth:`save` wrote; the networks are built again.
 
-        That return says too much of it, as it was chosen by it. Without evaluation it is the policy
-        of the first seed.
+        The file holds their parameters as plain arrays, and no pickles. :meth:`TrainedPolicy.save`
+        writes a file of Stable-Baselines3.
+
+        Parameters
+        ----------
+        path : path
+        task : ObservationTask, optional
+        learner : DeepLearner, optional
+            Without task and learner the result has curves, and of the networks their parameters.
+        shaping : Shaping or sequence of Shaping, optional
+            What they were trained with, of each seed if it has a potential.
+
+        Raises
+        ------
+        StoreError
+            When the file cannot be read, is damaged, or holds something else.
+        SettingError
+            When task, learner or shaping are not those that the networks were trained with.
         """
-        last = self.greedy_return[:, -1]
-        return self.policies[0 if np.isnan(last).all() else int(np.nanargmax(last))]
+        saved = read_saved(path, cls.__name__)
+        found = cls.of_file(saved, saved.arrays, saved.about, task)
+        if learner is not None:
+            instance("learner", learner, DeepLearner, SettingError)
+            found = replace(found, learner=learner)
+        if task is None or learner is None or found.values is None:
+            return found
+        n = len(found.seeds)
+        each = list(shaping) if isinstance(shaping, Sequence) else [shaping] * n
+        if len(each) != n:
+            raise SettingError(f"a shaping for each of {n} seeds is needed: got {len(each)}")
+        return found._with_networks(task, learner, each)
+
+    def _with_networks(self, task: Any, learner: Any, shapings: Sequence[Shaping | None]) -> Self:
+        """Return the result with networks built from the parameters that are its values."""
+        learner.algorithm_class()  # raises ImportError that names what to install
+        from curricle.deep.models import network_values
+
+        try:
+            values = tuple(
+                network_values(task, learner, shaping, parameters)
+                for shaping, parameters in zip(shapings, self.values, strict=True)
+            )
+        except (RuntimeError, KeyError) as error:
+            raise SettingError(
+                f"networks must be loaded with the task, learner and shaping they were trained "
+                f"with: {learner} does not take these parameters, {' '.join(str(error).split())}"
+            ) from None
+        return replace(self, task=task, learner=learner, values=values)

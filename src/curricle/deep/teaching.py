@@ -1,7 +1,6 @@
 """Learning a target by episodes in several tasks seen through observations: :func:`teach_deep`."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from curricle.learning.budget import Budget
 from curricle.learning.shaping import Shaping
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress
+from curricle.remote_path import Place
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import ObservationTask
 from curricle.teaching.result import TeachingResult, teaching_result
@@ -33,7 +33,7 @@ def teach_deep(
     evaluation: GreedyEvaluation | None = None,
     success: Success = None,
     stream: str = "",
-    saves: str | Path | None = None,
+    saves: str | Place | None = None,
     progress: Progress = None,
 ) -> TeachingResult:
     """Return the result of a network's learning a target by episodes in several tasks.

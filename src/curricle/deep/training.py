@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import nothing
+from curricle.remote_path import Place
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_rollouts import Environments, mean_episode_return
@@ -54,7 +54,7 @@ class DeepRun:
         shaping: Shaping | None,
         warm_up: WarmUp,
         charged: int,
-        saves: Path | None,
+        saves: Place | None,
     ) -> Outcome:
         """Return what one seed learns, resuming from and saving to the file `saves`."""
         start = stream_start(seed, self.stream)
@@ -169,7 +169,7 @@ class Recorder(BaseCallback):
         values: Callable[[], NetworkValues],
         max_steps: int,
         start: int,
-        saves: tuple[Path, str] | None,  # the checkpoint's file, and the run it is of
+        saves: tuple[Place, str] | None,  # the checkpoint's file, and the run it is of
     ):
         super().__init__()
         self.run, self.progress, self.values = run, progress, values

@@ -21,7 +21,7 @@ from curricle.tasks.spaces import MISSING, Component
 from curricle.tasks.task import generative_model
 
 if TYPE_CHECKING:
-    from curricle.interop.scene import Scene
+    from curricle.tasks.scene import Scene
 
 RenderMode = Literal["rgb_array", "ansi"]
 FIRST_MAZE = """
@@ -170,7 +170,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
 
     @cached_property
     def _scene(self) -> "Scene":
-        from curricle.interop.scenes import scene_of
+        from curricle.tasks.scenes import scene_of
 
         return scene_of(self.task)
 

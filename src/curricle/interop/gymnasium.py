@@ -1,6 +1,6 @@
 """Any Gymnasium environment as a task: of numbered states, or seen through observations."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from copy import deepcopy
 from operator import index
@@ -13,15 +13,29 @@ from gymnasium.envs.registration import EnvSpec
 from curricle.checks import whole_number
 from curricle.errors import CurricleError, TaskError
 from curricle.interop.bins import Bins
-from curricle.interop.spaces import Number, Point, counts_from_0, is_discrete, space_of
+from curricle.interop.spaces import (
+    Number,
+    Point,
+    counts_from_0,
+    is_discrete,
+    name_list,
+    space_of,
+    with_labels,
+    with_names,
+)
+from curricle.interop.tabulation.world import time_limit_of
 from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
 from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask
 from curricle.tasks.spaces import Component, Space
 
-Environment = gym.Env[Any, Any] | str | EnvSpec | Callable[..., Any]
+Environment = gym.Env[Any, Any] | str | EnvSpec | EnvironmentMaker | Callable[..., Any]
 TimeLimit = int | None | Literal["own"]
+GivenStates = Space | tuple[Sequence[str], Sequence[int] | None] | None
+"""States as given, or names of their components and sizes that split a number."""
+GivenActions = Space | Sequence[str] | None
+"""Actions as given, or their labels."""
 
 
 def from_gymnasium(
@@ -29,8 +43,10 @@ def from_gymnasium(
     *,
     discount: float,
     time_limit: TimeLimit = "own",
+    names: Sequence[str] | None = None,
+    sizes: Sequence[int] | None = None,
     states: Space | None = None,
-    actions: Space | None = None,
+    actions: Space | Sequence[str] | None = None,
     encode: Callable[[Any], Any] | None = None,
     live: bool = False,
     **make_arguments: Any,
@@ -45,22 +61,29 @@ def from_gymnasium(
     ----------
     environment : str, gymnasium.EnvSpec, gymnasium.Env or callable
         An id, a specification, an environment (whose specification makes another for each seed),
-        or a function or class that makes one.
+        or a class or function that makes one.
     discount : float
     time_limit : int, None or "own"
         Steps after which episodes are truncated; None for none. The environment's own by default.
+    names : sequence of str, optional
+        Of a state's components, in their order: the numbers in an observation.
+    sizes : sequence of int, optional
+        How many values each of the `names` has, where an observation is one number that stands for
+        all of them, the last counting fastest: row * columns + column.
     states : Space, optional
-        Needed with an `encode` that has no attribute ``states``. Without `encode`, other names for
-        the observations, in their order.
-    actions : Space, optional
-        Other names for the actions, in their order.
+        Needed with an `encode` that has no attribute ``states``. Without `encode`, other names and
+        labels for the observations, in their order.
+    actions : sequence of str or Space, optional
+        A label for each action, or the actions by other names, in their order. States with a
+        row and a column are drawn as a grid, with arrows where actions are called north, east,
+        south and west, or up, right, down and left.
     encode : callable, optional
         From an observation to a state's number or the tuple of its components' values, such as
         :class:`Bins`.
     live : bool
         Whether to use ``env.step`` even if there is a table.
     **make_arguments
-        Arguments of ``gymnasium.make`` or the callable.
+        Arguments of ``gymnasium.make``, or of the class or function.
 
     Returns
     -------
@@ -87,7 +110,10 @@ def from_gymnasium(
     ...              "angle": [-0.2, -0.05, 0, 0.05, 0.2], "spin": [-1, 0, 1]})
     >>> from_gymnasium("CartPole-v1", encode=cart, discount=0.99)
     LiveMDP(32 states, 2 actions, discount 0.99, time limit 500)
+    >>> from_gymnasium("Blackjack-v1", discount=0.9, names=["hand", "card", "ace"]).states
+    Space(704 points: hand[32] x card[11] x ace[2])
     """
+    given = _given_states(states, names, sizes)
     make = maker_of(environment, time_limit, make_arguments)
     if isinstance(environment, gym.Env):
         made: AbstractContextManager[Any] = nullcontext(environment)
@@ -97,24 +123,29 @@ def from_gymnasium(
     with made as env:
         if not isinstance(env, gym.Env):
             raise TaskError(f"an environment must be a gymnasium.Env: {environment!r} made {env!r}")
-        limit: Any = time_limit
-        if time_limit == "own":
-            limit = None if env.spec is None else env.spec.max_episode_steps
+        limit: Any = own_limit(env) if time_limit == "own" else time_limit
         if encode is None and not live and has_table(env):
-            return _from_table(env.unwrapped, states, actions, discount=discount, time_limit=limit)
+            world, horizon = env.unwrapped, {"discount": discount, "time_limit": limit}
+            return _from_table(world, given, actions, **horizon)
         if make.what is None:
             raise TaskError(
                 "an environment without a specification cannot be made again for each seed; give "
                 f"a function that makes it: got {environment}"
             )
-        names = names_of(env.unwrapped)
-        encode, states = _observations(env.observation_space, encode, states, names[0])
-        act, actions = actions_of(env.action_space, actions, names[1])
+        known, moves = names_of(env.unwrapped)
+        encode, states = _observations(env.observation_space, encode, given, known)
+        act, actions = actions_of(env.action_space, actions, moves)
     return LiveMDP(states, actions, make, encode, act, discount, limit)
 
 
+def own_limit(env: gym.Env[Any, Any]) -> int | None:
+    """Return the steps after which an environment truncates: its specification's or a wrapper's."""
+    limit = None if env.spec is None else env.spec.max_episode_steps
+    return time_limit_of(env) if limit is None else limit
+
+
 def observation_task(
-    environment: str | Callable[[], gym.Env[Any, Any]],
+    environment: str | Callable[..., gym.Env[Any, Any]],
     *,
     discount: float = 0.99,
     time_limit: int | None = None,
@@ -126,7 +157,7 @@ def observation_task(
     Parameters
     ----------
     environment : str or callable
-        An id, or a function that returns a new environment.
+        An id, or a class or function that makes an environment.
     discount : float
         gamma, which environments do not state.
     time_limit : int, optional
@@ -137,7 +168,7 @@ def observation_task(
         :class:`StackedFrames`, :class:`FunctionEncoder`, a wrapper's class or a function of one's
         own.
     **make_arguments
-        Arguments of ``gymnasium.make``.
+        Arguments of ``gymnasium.make``, or of the class or function.
 
     Raises
     ------
@@ -149,18 +180,13 @@ def observation_task(
     >>> observation_task("CartPole-v1", discount=0.98)
     ObservationTask(CartPole-v1, discount 0.98, Box(4,) -> Discrete(2))
     """
-    if isinstance(environment, str):
-        with refusals_of_make(environment):
-            maker = EnvironmentMaker(environment, make_arguments, encode)
-            return ObservationTask(maker, discount, time_limit)
-    if make_arguments:
-        raise TaskError(
-            "arguments go with an id of Gymnasium's registry, not with a function: got "
-            f"{', '.join(make_arguments)}"
-        )
-    if encode is not None:
-        environment = EnvironmentMaker(environment, encode=encode)
-    return ObservationTask(environment, discount, time_limit)
+    make: Callable[[], gym.Env[Any, Any]]
+    if isinstance(environment, str) or make_arguments or encode is not None:
+        make = EnvironmentMaker(environment, make_arguments, encode)
+    else:
+        make = environment
+    with refusals_of_make(make):
+        return ObservationTask(make, discount, time_limit)
 
 
 @contextmanager
@@ -186,6 +212,9 @@ def maker_of(
 ) -> EnvironmentMaker:
     """Return how environments are made; of None if the one given has no specification."""
     arguments = deepcopy(arguments)
+    if isinstance(environment, EnvironmentMaker) and environment.encode is None:
+        arguments = {**deepcopy(dict(environment.arguments)), **arguments}
+        environment = environment.what
     if isinstance(environment, gym.Env) and arguments:
         raise TaskError(
             f"an environment that is already made takes no arguments: got {', '.join(arguments)}"
@@ -193,8 +222,8 @@ def maker_of(
     what = environment.spec if isinstance(environment, gym.Env) else environment
     if what is not None and not isinstance(what, str | EnvSpec) and not callable(what):
         raise TaskError(
-            "an environment must be an id, a specification, a gymnasium.Env or a function that "
-            f"makes one: got {what!r}"
+            "an environment must be an id, a specification, a gymnasium.Env, or a class or "
+            f"function that makes one: got {what!r}"
         )
     if time_limit != "own" and time_limit is not None:
         time_limit = whole_number("time_limit in steps", time_limit, 1, TaskError)
@@ -204,7 +233,7 @@ def maker_of(
 
 
 def _from_table(
-    world: Any, states: Space | None, actions: Space | None, **horizon: Any
+    world: Any, states: GivenStates, actions: GivenActions, **horizon: Any
 ) -> FiniteMDP:
     """Return the task of an unwrapped environment's table."""
     outcomes = outcomes_of(world)
@@ -215,13 +244,13 @@ def _from_table(
     start = np.asarray(start_of(world))
     if start.ndim and n_states > start.size:  # the end that `outcomes_of` added
         start = np.append(start, 0.0)
-    states = _renamed("states", states, known)
-    actions = _renamed("actions", actions, moves or space_of(world.action_space, "action"))
+    states = _named_states(states, known)
+    _, actions = actions_of(world.action_space, actions, moves)
     return FiniteMDP.from_outcomes(outcomes, start=start, states=states, actions=actions, **horizon)
 
 
 def actions_of(
-    space: gym.Space[Any], given: Space | None, known: Space | None
+    space: gym.Space[Any], given: GivenActions, known: Space | None
 ) -> tuple[Callable[[int], Any], Space]:
     """Return the function from an action's number to the environment's action, and the space.
 
@@ -237,33 +266,66 @@ def actions_of(
     own = space_of(space, "action")
     if known is not None and known.size == own.size:
         own = known
-    return act, _renamed("actions", given, own)
+    if given is None or isinstance(given, Space):
+        return act, _renamed("actions", given, own)
+    return act, with_labels(own, given)
 
 
 def _observations(
     space: gym.Space[Any],
     encode: Callable[[Any], Any] | None,
-    given: Space | None,
+    given: GivenStates,
     known: Space | None,
 ) -> tuple[Callable[[Any], Any] | None, Space]:
     """Return the function from observations to states, None if they are states; and the space."""
     if encode is not None:
-        states = getattr(encode, "states", None) if given is None else given
-        if states is None:
-            raise TaskError("an encode function needs the states it encodes to: states not given")
+        own = given if isinstance(given, Space) else getattr(encode, "states", None)
+        if own is None:
+            raise TaskError(
+                "an encode function needs the states it encodes to, as states=Space(...) or as its "
+                f"attribute states: got neither for {encode!r}"
+            )
         if isinstance(encode, Bins) and space.shape != (len(encode.edges),):
             raise TaskError(
                 f"bins must have edges for each entry of an observation, {space.shape}: they have "
                 f"edges for {len(encode.edges)}"
             )
-        return encode, states
+        return encode, own if isinstance(given, Space) else _named_states(given, own)
     if not is_discrete(space):
         raise TaskError(
             "observations must be discrete, or be made so by encode=Bins(...) or a function of "
             f"your own with states=Space(...): got {space}"
         )
     number = None if counts_from_0(space) else Number(space)
-    return number, _renamed("states", given, known or space_of(space, "state"))
+    return number, _named_states(given, known or space_of(space, "state"))
+
+
+def _given_states(
+    states: Space | None, names: Sequence[str] | None, sizes: Sequence[int] | None
+) -> GivenStates:
+    """Return the states, or the names and sizes of their components; TaskError where both are."""
+    if names is None:
+        if sizes is not None:
+            raise TaskError(f"sizes need names of what has them: got sizes {sizes!r} without names")
+        return states
+    if states is not None:
+        raise TaskError(
+            f"names go without states, whose components have names: got both, names {names!r}"
+        )
+    return name_list(names), sizes
+
+
+def _named_states(given: GivenStates, own: Space) -> Space:
+    """Return states as given, or their own with the names that are given."""
+    if given is None or isinstance(given, Space):
+        return _renamed("states", given, own)
+    names, sizes = given
+    if sizes is None and len(own.names) == 1 < len(names):
+        raise TaskError(
+            f"observations are one number, so sizes must say how many values each of "
+            f"{', '.join(names)} has: got names without sizes"
+        )
+    return with_names(own, names, sizes)
 
 
 def _renamed(what: str, given: Space | None, own: Space) -> Space:

@@ -2,7 +2,7 @@
 
 import math
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, TypeGuard
@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 
 from curricle.array_types import IntArray
+from curricle.checks import text
 from curricle.errors import SettingError, TaskError
 from curricle.frozen_arrays import frozen
 from curricle.tasks.spaces import Component, Space
@@ -36,6 +37,90 @@ def space_of(space: gym.Space[Any], name: str) -> Space:
     if len({component.name for component in components}) < len(components):
         components = [replace(c, name=f"{name}_{i + 1}") for i, c in enumerate(components)]
     return Space(components)
+
+
+def with_names(space: Space, names: Sequence[str], sizes: Sequence[int] | None = None) -> Space:
+    """Return a space of states whose components have other names, in their order.
+
+    With `sizes`, of the values of each, one number is split; the last component counts fastest.
+
+    Examples
+    --------
+    >>> with_names(space_of(MultiDiscrete([4, 6]), "state"), ["row", "column"])
+    Space(24 points: row[4] x column[6])
+    >>> with_names(space_of(Discrete(24), "state"), ["row", "column"], [4, 6]).label(7)
+    'row=1 column=1'
+    """
+    listed = name_list(names)
+    if sizes is not None:
+        return _split(space, listed, sizes)
+    if len(listed) != len(space.names):
+        raise TaskError(
+            f"names must be of each component of a state, in the order of {', '.join(space.names)}"
+            f": got {len(listed)}, {', '.join(listed) or 'none'}"
+        )
+    components = [replace(c, name=name) for c, name in zip(space.components, listed, strict=True)]
+    return Space(components, space.points)
+
+
+def _split(space: Space, names: tuple[str, ...], sizes: Any) -> Space:
+    """Return a space of one component as one of several."""
+    if isinstance(sizes, str) or not isinstance(sizes, Sequence):
+        raise TaskError(f"sizes must be a list of whole numbers: got {sizes!r}")
+    if len(space.components) > 1:
+        raise TaskError(
+            f"sizes are for observations that are one number: these have {', '.join(space.names)}"
+        )
+    if len(sizes) != len(names):
+        raise TaskError(
+            f"sizes must be of each name, {', '.join(names)}: got {len(sizes)}, {list(sizes)}"
+        )
+    split = Space([Component(*part) for part in zip(names, sizes, strict=True)])
+    if split.size != space.size:
+        raise TaskError(
+            f"sizes must make the environment's {space.size:,} states when multiplied: "
+            f"{' x '.join(map(str, sizes))} is {split.size:,}"
+        )
+    return split
+
+
+def with_labels(space: Space, labels: Sequence[str]) -> Space:
+    """Return a space of actions, of one component, with a label for each action.
+
+    Examples
+    --------
+    >>> with_labels(space_of(Discrete(2), "action"), ["left", "right"]).label(1)
+    'action=right'
+    """
+    listed = name_list(labels, "labels of actions")
+    if len(space.components) > 1:
+        raise TaskError(
+            "labels are for actions that are one number, and others are named by a Space: these "
+            f"have {', '.join(space.names)}"
+        )
+    if len(listed) != space.size:
+        raise TaskError(
+            f"actions must have a label each, {space.size} of them: got {len(listed)}, "
+            f"{', '.join(listed) or 'none'}"
+        )
+    return Space([replace(space.components[0], labels=listed)])
+
+
+def name_list(given: Sequence[str], what: str = "names of a state's components") -> tuple[str, ...]:
+    """Return names as a tuple; TaskError where they are no list of different texts.
+
+    Examples
+    --------
+    >>> name_list(["row", "column"])
+    ('row', 'column')
+    """
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise TaskError(f"{what} must be a list of text: got {given!r}")
+    for one in given:
+        text(f"one of the {what}", one, TaskError)
+    if len(set(given)) < len(given):
+        raise TaskError(f"{what} must differ: got {', '.join(given)}")
+    return tuple(given)
 
 
 def is_discrete(space: gym.Space[Any]) -> bool:

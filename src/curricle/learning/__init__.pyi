@@ -38,4 +38,5 @@ from .shaping import (
 )
 from .stopping import Decision as Decision, StoppingRule as StoppingRule
 from .storage import SparseValues as SparseValues, Storage as Storage
+from .tabular_policy import TabularPolicy as TabularPolicy
 from .training import learn as learn

@@ -24,6 +24,8 @@ from curricle.tasks.overloads import compiled
 from curricle.tasks.task import generative_model
 
 PairPotential = StateActionPotential | MappedPotential
+LARGEST_ARRAY = 1_000_000
+"""Pairs (S x A) up to which a mapped potential is read from an array, as others are."""
 MOST_STEPS = 50_000_000
 """Steps that may be recorded (2.4 GB)."""
 
@@ -192,9 +194,10 @@ def greedy_start(
 
 
 def acting_view(potential: PairPotential) -> LookedUp | Values:
-    """Return a potential as compiled loops read it."""
-    if isinstance(potential, MappedPotential):
-        n_actions = generative_model(potential.task).actions.size
+    """Return a potential as compiled loops read it: an array, unless that would be large."""
+    task = generative_model(potential.task)
+    n_actions = task.actions.size
+    if isinstance(potential, MappedPotential) and task.states.size * n_actions > LARGEST_ARRAY:
         return LookedUp(potential.lookup, np.empty(n_actions), np.empty((1, n_actions)))
     return Values(potential.values)
 

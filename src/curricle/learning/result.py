@@ -2,27 +2,36 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from curricle.archives.saved_file import SavedFile, read_saved, write_saved
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.display import block
+from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
+from curricle.learning.curve_frame import curve_columns, data_frame
 from curricle.learning.learners import Learner
 from curricle.learning.record import Snapshots
+from curricle.learning.result_arrays import CURVES, HELD, TOTALS, Arrays, arrays_of, fields_of
 from curricle.learning.results_table import learnt_curve, learnt_table
 from curricle.learning.run import Outcome
+from curricle.learning.saved_result import (
+    as_saved,
+    check_saved_arrays,
+    learner_of,
+    learner_record,
+    pairs_of,
+    task_record,
+)
+from curricle.learning.tabular_policy import TabularPolicy
+from curricle.planning.episode import Episode
 from curricle.tasks.task import Task
-
-HELD = ("greedy_return", "guard_share", "episodes")
-"""Curves whose last value is repeated after a seed's end."""
-CURVES = ("training_return", *HELD)
-"""What there is one of for each seed and checkpoint."""
-TOTALS = ("steps_used", "episodes_used", "evaluation_steps", "out_of_memory", "own_rewards")
-"""What there is one of for each seed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +102,129 @@ class LearningResult(Frozen):
     own_rewards: BoolArray
     visits: IntArray | None = None
     snapshots: Snapshots | None = None
+
+    # -- to take away --------------------------------------------------------------------------
+
+    @cached_property
+    def policies(self) -> tuple[Any, ...]:
+        """The policy of each seed, K of them: a :class:`TabularPolicy`.
+
+        They act, are saved, and play episodes to look at. SettingError where values were not saved.
+        """
+        if self.values is None:
+            raise SettingError(
+                "a policy to take away needs the values that were learnt: these were not saved, "
+                "see Storage(save_values=True)"
+            )
+        return tuple(TabularPolicy(self.task, one) for one in self.values)
+
+    @property
+    def policy(self) -> Any:
+        """The policy of the seed whose last greedy return is best, the first of equals.
+
+        That return says too much of it, as it was chosen by it. Without evaluation it is the policy
+        of the first seed.
+        """
+        last = self.greedy_return[:, -1]
+        return self.policies[0 if np.isnan(last).all() else int(np.nanargmax(last))]
+
+    def watch(self, *, seed: int = 0, max_steps: int | None = None) -> Episode:
+        """Return an episode of :attr:`policy`: a notebook shows it, ``print`` prints it.
+
+        Parameters
+        ----------
+        seed, max_steps
+            As in :meth:`TabularPolicy.episode`.
+
+        Examples
+        --------
+        >>> from curricle import GridWorld, learn
+        >>> learn(GridWorld("S.T"), budget=2000).watch()
+        Episode(2 steps, return 198, terminated)
+        """
+        episode: Episode = self.policy.episode(seed=seed, max_steps=max_steps)
+        return episode
+
+    def frame(self) -> Any:
+        """Return the curves as a pandas DataFrame, a row for each seed and checkpoint.
+
+        Its columns are seed, checkpoint, steps (in the task), training_return (mean undiscounted
+        return of an episode), greedy_return (return), guard_share (share of steps) and episodes
+        (ended so far), each seed up to its own end; ``frame().attrs["units"]`` says the same.
+        ImportError where pandas is not installed.
+
+        Examples
+        --------
+        >>> from curricle import GridWorld, learn
+        >>> frame = learn(GridWorld("S.T"), budget=1000, seeds=2).frame()
+        >>> len(frame), frame.attrs["units"]["greedy_return"]
+        (202, 'return of the greedy policy')
+        """
+        return data_frame(curve_columns(arrays_of(self)))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the result into a file, without pickles, and return its path, an ``.npz``.
+
+        Equal results give equal bytes. The task is not in it: :meth:`load` takes it again.
+        StoreError when it cannot be written; what was there before stays.
+        """
+        return write_saved(path, type(self).__name__, *self.parts_of_file())
+
+    def parts_of_file(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
+        """Return the arrays and the words that :meth:`save` writes."""
+        about: dict[str, Any] = {"task": task_record(self.task), "learner": None}
+        if self.learner is not None:
+            about["learner"] = learner_record(self.learner)
+        if self.snapshots is not None:
+            about["snapshot_seed"] = self.snapshots.seed
+        return arrays_of(self), about
+
+    @classmethod
+    def load(cls, path: str | Path, task: Any = None) -> Self:
+        """Return the result in a file that :meth:`save` wrote, bit for bit.
+
+        Parameters
+        ----------
+        path : path
+        task : Task, optional
+            The one that was learnt, which the file does not hold. Without it the result has curves
+            and values; its policy plays no episodes, and no transfer takes it.
+
+        Raises
+        ------
+        StoreError
+            When the file cannot be read, is damaged, or holds something else.
+        SettingError
+            When the task has other states or actions.
+
+        Examples
+        --------
+        >>> from tempfile import mkdtemp
+        >>> from curricle import GridWorld, learn
+        >>> maze = GridWorld("S.T")
+        >>> result = learn(maze, budget=2000, seeds=2)
+        >>> again = LearningResult.load(result.save(f"{mkdtemp()}/maze"), maze)
+        >>> np.array_equal(again.values, result.values), again.learner == result.learner
+        (True, True)
+        """
+        saved = read_saved(path, cls.__name__)
+        return cls.of_file(saved, saved.arrays, saved.about, task)
+
+    @classmethod
+    def of_file(cls, saved: SavedFile, arrays: Arrays, about: Any, task: Any) -> Self:
+        """Return the result whose arrays and words, of all or of a part of it, a file holds."""
+        with as_saved(saved):
+            check_saved_arrays(arrays, pairs_of(saved, about.get("task"), task))
+            found = cls.of_arrays(arrays, task, learner_of(about.get("learner")))
+            if found.snapshots is None:
+                return found
+            seed = int(about["snapshot_seed"])
+            return replace(found, snapshots=replace(found.snapshots, seed=seed))
+
+    @classmethod
+    def of_arrays(cls, arrays: Arrays, task: Any = None, learner: Any = None) -> Self:
+        """Return the result with these arrays, as files hold them; values as they are there."""
+        return cls(task=task, learner=learner, **fields_of(arrays))
 
     def __repr__(self) -> str:
         seeds = f"{len(self.seeds)} seed{'s' * (len(self.seeds) > 1)}"

@@ -13,7 +13,7 @@ from curricle.checks import one_of
 from curricle.errors import SettingError
 from curricle.paper.settings import Claim, FigureResult, Progress
 from curricle.plotting import STYLE, content_of
-from curricle.progress import check_progress, shown
+from curricle.progress import Bars, check_progress, shown
 from curricle.report import render
 from curricle.statistics import Interval
 from curricle.study import StudyStore
@@ -34,7 +34,7 @@ def reproduce(
     figures: Iterable[str] = tuple(FIGURES),
     seeds: int = 30,
     workers: int | None = None,
-    progress: bool | Progress | None = True,
+    progress: bool | Progress | Bars | None = True,
 ) -> list[dict[str, Any]]:
     """Write figures, data, claims and the page into a folder, and return all claims in it.
 

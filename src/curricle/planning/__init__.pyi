@@ -1,3 +1,4 @@
+from .episode import Episode as Episode
 from .policy_evaluation import GreedyEvaluation as GreedyEvaluation
 from .rollouts import Trajectory as Trajectory, rollout as rollout
 from .solution import (

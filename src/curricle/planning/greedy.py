@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curricle.array_types import FloatTable
+from curricle.array_types import FloatTable, IntArray
 from curricle.tasks.draws import integers
 from curricle.tasks.overloads import Overloaded, inlined
 from curricle.tasks.simd import (
@@ -112,3 +112,18 @@ def _greedy_on_equal_values(view, state, bits):
 def _equal_row(view, state, out):
     for action in range(out.shape[1]):
         out[0, action] = view.values[0, action]
+
+
+class VisitedValues(NamedTuple):
+    """Fixed values of the R states that were visited; elsewhere every action is as good."""
+
+    states: IntArray  # (R,) ascending
+    values: FloatTable  # (R, A)
+
+
+@greedy_actions.body(VisitedValues)
+def _greedy_where_visited(view, state, bits):
+    row = np.uint64(np.searchsorted(view.states, np.int64(state)))
+    if row < np.uint64(view.states.shape[0]) and view.states[row] == np.int64(state):
+        return best_of(view.values, row, bits)[1]
+    return integers(bits * MULTIPLIER, np.uint64(view.values.shape[1])) | TIED

@@ -10,7 +10,14 @@ import numpy.typing as npt
 from curricle.array_types import FloatArray, IntArray
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
-from curricle.planning.greedy import ACTION, TIED, acting_row, greedy_action
+from curricle.planning.greedy import (
+    ACTION,
+    TIED,
+    EqualValues,
+    Values,
+    acting_row,
+    greedy_action,
+)
 from curricle.planning.simulator import GreedyPolicy, ReturnRecord, simulate_episode
 from curricle.tasks.draws import draw, stream_start
 from curricle.tasks.generative_models import (
@@ -214,9 +221,19 @@ def greedy_policy_return(
     opened = open_model(generative, start)
     if isinstance(kernel, ExactEvaluation):
         opened = nullcontext(kernel.tables)
+        view = _of_one_type(view, kernel.tables.outcome_row.shape)
     with opened as model:
         loop = compiled(_greedy_return, isinstance(model, Functions))
         return float(loop(kernel, model, view))
+
+
+def _of_one_type(view: Any, shape: tuple[int, ...]) -> Any:
+    """Return fixed values as read-only float64 of all pairs, for which one loop is compiled."""
+    if not isinstance(view, Values | EqualValues):
+        return view
+    values = np.ascontiguousarray(np.broadcast_to(view.values, shape), np.float64).view()
+    values.flags.writeable = False
+    return Values(values)
 
 
 def _greedy_return(evaluation, model, view):

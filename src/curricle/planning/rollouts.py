@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,14 @@ from curricle.checks import whole_number
 from curricle.display import block, brief_repr, table
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.planning.simulator import StepRecord, UniformPolicy, simulate, table_policy
+from curricle.planning.simulator import (
+    GreedyPolicy,
+    StepRecord,
+    TablePolicy,
+    UniformPolicy,
+    simulate,
+    table_policy,
+)
 from curricle.planning.solution import checked_policy
 from curricle.tasks.draws import stream_start
 from curricle.tasks.live import is_live, open_model
@@ -101,20 +109,55 @@ def rollout(
     (array([0, 1, 2]), array([ -1., 199.]), True)
     """
     generative = generative_model(task)
-    left = generative.time_limit if steps is None else steps
-    left = whole_number("the limit of a rollout in steps", left, 1, SettingError)
-    seed = whole_number("seed", seed, 0, SettingError)
     n_states, n_actions = generative.states.size, generative.actions.size
     terminal = generative.terminal
     known = np.zeros(n_states, dtype=bool) if terminal is None else terminal
     table = table_policy(checked_policy(policy, known, n_actions), n_actions)
+    return _trajectory(generative, table, seed=seed, start=start, steps=steps)
+
+
+def greedy_rollout(task: Task, view: Any, *, seed: int = 0, steps: int | None = None) -> Trajectory:
+    """Return one episode of the policy that is greedy on a view of values, ties drawn uniformly.
+
+    Parameters
+    ----------
+    task : Task
+        As in :func:`rollout`.
+    view : NamedTuple
+        What compiled loops read values of, such as :class:`Values`.
+    seed, steps : int
+        As in :func:`rollout`.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, solve
+    >>> from curricle.planning.greedy import Values
+    >>> maze = GridWorld("S.T")
+    >>> greedy_rollout(maze, Values(solve(maze).action_values)).states
+    array([0, 1, 2])
+    """
+    return _trajectory(generative_model(task), GreedyPolicy(view), seed=seed, steps=steps)
+
+
+def _trajectory(
+    generative: GenerativeModel,
+    policy: TablePolicy | GreedyPolicy,
+    *,
+    seed: int,
+    steps: int | None,
+    start: int | None = None,
+) -> Trajectory:
+    """Return one episode of a policy as the simulator reads it."""
+    left = generative.time_limit if steps is None else steps
+    left = whole_number("the limit of a rollout in steps", left, 1, SettingError)
+    seed = whole_number("seed", seed, 0, SettingError)
     starts = None if start is None else _starts(generative, [start])
     first = stream_start(seed, "rollout")
     stream, parts = np.array([first], np.uint64), list[StepRecord]()
     with open_model(generative, first) as model:
         while True:
             limit = min(left, CHUNK)
-            part, ends = simulate(model, table, stream, episodes=1, limit=limit, starts=starts)
+            part, ends = simulate(model, policy, stream, episodes=1, limit=limit, starts=starts)
             parts.append(part)
             left, starts = left - limit, ends.last_states
             if ends.terminated[0] or ends.truncated[0] or not left:

@@ -1,6 +1,7 @@
 """A target task, solved once if it can be: its optimum and the random policy's return."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -73,7 +74,7 @@ class Target:
                 method = "exact"
         return cls(task, replace(given, method=method, episodes=episodes), solution, typical)
 
-    @property
+    @cached_property
     def optimum(self) -> float:
         """The expected return of an optimal policy; NaN where the target is not solved."""
         if self.solution is None:
@@ -81,7 +82,7 @@ class Target:
         best = Values(self.solution.optimal.astype(np.float64))
         return greedy_policy_return(self.task, best, self.evaluation)
 
-    @property
+    @cached_property
     def random_return(self) -> float:
         """The expected return of the uniformly random policy."""
         equal = EqualValues(np.zeros((1, generative_model(self.task).actions.size)))

@@ -8,11 +8,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from curricle.array_types import IntArray
 from curricle.comparison.comparison import Comparison
 from curricle.plotting.scales import minus, return_scale, steps_scale
 from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, new_figure
 from curricle.statistics.curves import Curve, smooth
 from curricle.statistics.intervals import CONFIDENCE, mean_interval
+
+ALL = 10**9
+"""More checkpoints than a curve has."""
 
 
 def draw_curve(
@@ -60,9 +64,47 @@ def draw_curve(
         axes.fill_between(steps, band.low, band.high, color=shade, alpha=0.2, lw=0)
 
 
+def places(n: int, most: int) -> IntArray:
+    """Return the places of at most `most` of `n` checkpoints, evenly spaced, with both ends.
+
+    Examples
+    --------
+    >>> places(3, 9), places(9, 3)
+    (array([0, 1, 2]), array([0, 4, 8]))
+    """
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+
+
+def shown_curve(comparison: Comparison, name: str, *, strong: bool) -> tuple[Curve, int]:
+    """Return the curve of an arm as it is drawn, and its first checkpoint of the comparison's.
+
+    For strong transfer source steps count, and the curve begins at the first checkpoint at which a
+    seed has left its sources. For weak transfer it ends at the budget of the target.
+
+    Examples
+    --------
+    >>> from curricle.comparison.arms import Arm
+    >>> flat, steps = np.zeros((2, 4)), np.array([0, 50, 100, 150])
+    >>> arms = {"scratch": Arm(Curve(steps, flat), flat, flat, False),
+    ...         "mean": Arm(Curve(steps, flat, np.array([60, 90])), flat, flat, False)}
+    >>> compared = Comparison("hunt", arms, 100, 150, 1.0, 1)
+    >>> shown_curve(compared, "mean", strong=True)[0].steps
+    array([100, 150])
+    >>> shown_curve(compared, "mean", strong=False)[0].steps
+    array([  0,  50, 100])
+    """
+    arm = comparison[name]
+    if not strong:
+        kept = arm.curve.steps <= comparison.budget
+        return Curve(arm.curve.steps[kept], arm.curve.values[:, kept]), 0
+    curve = arm.charged(comparison.scratch)
+    begin = int(np.searchsorted(curve.steps[:-1], arm.curve.source_steps.min()))
+    return Curve(curve.steps[begin:], curve.values[:, begin:]), begin
+
+
 @matplotlib.rc_context(STYLE)
 def draw_learning_curves(
-    comparison: Comparison, *, width: float = 8.4, height: float = 4.0
+    comparison: Comparison, *, width: float = 8.4, height: float = 4.0, most: int = ALL
 ) -> tuple[Figure, Figure]:
     """Return two figures of the arms' learning curves with one scale of return.
 
@@ -75,6 +117,8 @@ def draw_learning_curves(
     comparison : Comparison
     width, height : float
         Inches.
+    most : int
+        Checkpoints of a curve that are drawn; others between them are left out.
 
     Returns
     -------
@@ -91,8 +135,8 @@ def draw_learning_curves(
     """
     styles = arm_styles(comparison)
     weak, strong = (new_figure(1, 1, width=width, height=height)[0] for _ in range(2))
-    draw_arms(weak.axes[0], comparison, styles, strong=False)
-    draw_arms(strong.axes[0], comparison, styles, strong=True)
+    draw_arms(weak.axes[0], comparison, styles, strong=False, most=most)
+    draw_arms(strong.axes[0], comparison, styles, strong=True, most=most)
     both = weak.axes + strong.axes
     scale_returns(both, comparison)
     for axes in both:
@@ -109,22 +153,21 @@ def scale_returns(panels: Sequence[Axes], comparison: Comparison) -> None:
 
 
 def draw_arms(
-    axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle], *, strong: bool
+    axes: Axes,
+    comparison: Comparison,
+    styles: Mapping[str, ArmStyle],
+    *,
+    strong: bool,
+    most: int = ALL,
 ) -> None:
     """Draw the curve of each arm, in which source steps count if `strong`.
 
     The scale of returns is left to :func:`scale_returns`, which panels can share.
     """
     for name, style in controls_first(styles):
-        arm, begin = comparison[name], 0
-        if strong:
-            curve = arm.charged(comparison.scratch)
-            # The first checkpoint at which a seed has left its sources.
-            begin = int(np.searchsorted(curve.steps[:-1], arm.curve.source_steps.min()))
-            shown = Curve(curve.steps[begin:], curve.values[:, begin:])
-        else:
-            kept = arm.curve.steps <= comparison.budget
-            shown = Curve(arm.curve.steps[kept], arm.curve.values[:, kept])
+        whole, begin = shown_curve(comparison, name, strong=strong)
+        kept = places(len(whole.steps), most)
+        shown = Curve(whole.steps[kept], whole.filled()[:, kept])
         look = {"label": name, "colour": style.colour, "dashes": style.dashes}
         draw_curve(axes, shown, **look, confidence=comparison.confidence)
         if begin:
@@ -150,9 +193,14 @@ def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]
     return sorted(styles.items(), key=lambda one: not one[1].control)
 
 
+def random_level(comparison: Comparison) -> float:
+    """Return the return that counts while an arm trains its sources: the first one of scratch."""
+    return float(comparison.scratch.curve.filled()[:, 0].mean())
+
+
 def _draw_sources(axes: Axes, comparison: Comparison, shown: Curve, colour: str) -> None:
     """Draw a dotted line from step 0 to where training in the target begins."""
-    low = float(comparison.scratch.curve.filled()[:, 0].mean())
+    low = random_level(comparison)
     start, first = int(shown.steps[0]), float(shown.values[:, 0].mean())
     axes.plot([0, start, start], [low, low, first], ":", color="#555555", lw=1.2)
     axes.plot(start, first, "o", color=colour, mfc="w", ms=4.5, zorder=4)

@@ -194,7 +194,7 @@ def draw_sources(
     solution = Target.of(curriculum.tasks[name]).solution
     words = f"Seed {seed}. Values of the best action, all in one scale of return"
     if solution is None:
-        words += "; the target is too large to solve, so V* is not drawn."
+        words += "; the target cannot be solved, so V* is not drawn."
     else:
         panels.append(_Panel("V* = max Q*", solution.values))
         error = aggregate.max(axis=1) - solution.values

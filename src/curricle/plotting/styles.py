@@ -12,7 +12,7 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 from curricle.comparison.comparison import Comparison
-from curricle.display import COLOURS as COLOURS, OWN_COLOURS
+from curricle.display import COLOURS as COLOURS, OWN_COLOURS as OWN_COLOURS
 from curricle.statistics.curves import SCRATCH
 
 STYLE: Any = {

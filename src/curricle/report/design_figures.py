@@ -12,7 +12,7 @@ from curricle.design.recipe import Recipe, Stage
 from curricle.design.recipe_design import FIXED
 from curricle.design.trends import Trend
 from curricle.report.graph import CURVE, CURVE_HEIGHT, points
-from curricle.report.graph_layout import Arrow, arrows, layout
+from curricle.report.graph_layout import Arrow, arrows, card_height, layout
 from curricle.statistics.curves import SCRATCH
 
 SIZES = {"wide": (640, 400), "narrow": (340, 340)}
@@ -29,8 +29,6 @@ MOST_ROWS = 20
 BEYOND = 4.0
 """A trend is drawn up to so many times the states of the largest miniature."""
 POINTS = 40
-PLAIN_CARD, CURVE_CARD = 100, 182
-"""Heights of cards without and with the curve of a trend."""
 ENTERS = {
     "initialise": "its values are the start of Q",
     "guarded": "its values are the start of Q, with a guard",
@@ -260,12 +258,13 @@ def recipe_graph(recipe: Recipe, sizes: Sequence[int]) -> RecipeGraph:
     """
     keys = [f"{n}" for n in range(len(recipe.stages) + 1)]
     curves = [trend_curve(stage.steps, sizes) for stage in recipe.stages]
-    heights = [PLAIN_CARD if one is None else CURVE_CARD for one in curves]
-    placed = layout(
-        dict(zip(keys, [*heights, PLAIN_CARD], strict=True)), list(_pairs(recipe, keys))
-    )
     names = [str(one.relation) for one in recipe.stages] + ["target"]
     words = [tuple(_stage_words(recipe, one)) for one in recipe.stages] + [("until it is learnt",)]
+    heights = {
+        key: card_height(name, text, curve=curve is not None)
+        for key, name, text, curve in zip(keys, names, words, [*curves, None], strict=True)
+    }
+    placed = layout(heights, list(_pairs(recipe, keys)))
     cards = tuple(
         StageCard(name, text, curve, name == "target", *placed.corners[key], placed.heights[key])
         for key, name, text, curve in zip(keys, names, words, [*curves, None], strict=True)

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
-from markupsafe import Markup
-
 from curricle.design.judgement import RECIPE
 from curricle.design.ledger import amount
 from curricle.design.problem import Problem
@@ -14,7 +12,7 @@ from curricle.design.racing import CAP, PLACEBO, Race
 from curricle.design.recipe import Recipe
 from curricle.design.recipe_design import BEST, FIXED, LEADER, RecipeDesign
 from curricle.report.design_figures import SIZES, bracket, last_scores, recipe_graph, scatter
-from curricle.report.templates import asset, render, write_page
+from curricle.report.templates import Script, render, write_page
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
@@ -73,7 +71,7 @@ def design_page(design: RecipeDesign) -> str:
         spent=ledger_rows(design),
         judged=judged_rows(design),
         problems=problems,
-        style=Markup(asset("study.css") + asset("design.css")),
+        scripts=[Script.of("scroll.js")],
     )
 
 

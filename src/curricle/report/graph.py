@@ -9,8 +9,9 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.learning.result import LearningResult
+from curricle.plotting.learning_curves import places
 from curricle.plotting.scales import rounded
-from curricle.report.graph_layout import Layout, arrows, layout
+from curricle.report.graph_layout import Layout, arrows, card_height, layout
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
 from curricle.study.record import ArmRecord, CurriculaRecord
@@ -20,8 +21,8 @@ Learnt = Mapping[str, Mapping[str, LearningResult]]
 Reasons = Mapping[tuple[str, str], Sequence[str]]
 """(arm, task) -> for each seed why its training ended."""
 
-CARD_HEIGHT, LINE = 156, 17
-"""Height of a card without its returns, and of a line."""
+SWATCH = "\xa0" * 4
+"""As wide as the sample of a line before the returns of an arm."""
 CURVE, CURVE_HEIGHT, CURVE_POINTS = 140.0, 44.0, 60
 """Size of the curve on a card, and its checkpoints at most."""
 
@@ -109,20 +110,28 @@ def _graph(
     arm = curricula.arms[arms[0]]
     compared = {name: learnt[name] for name in (*arms, SCRATCH) if name in learnt}
     curves = {
-        name: _curves({one: nodes[name] for one, nodes in compared.items() if name in nodes})
+        name: card_curves({one: nodes[name] for one, nodes in compared.items() if name in nodes})
         for name in arm.nodes
     }
-    heights = {name: CARD_HEIGHT + LINE * len(found) for name, found in curves.items()}
+    steps = {name: _steps([learnt[one][name] for one in arms]) for name in arm.nodes}
+    ended = {name: _ended([reasons[one, name] for one in arms]) for name in arm.nodes}
+    kinds = {name: curricula.task(arms[0], name).kind for name in arm.nodes}
+    heights = {
+        name: card_height(
+            name, [kinds[name], *(SWATCH + one.words for one in found), steps[name], ended[name]]
+        )
+        for name, found in curves.items()
+    }
     placed = layout(heights, [(t.source, t.target) for t in arm.transfers])
     cards = tuple(
         Card(
             name,
-            curricula.task(arms[0], name).kind,
+            kinds[name],
             *placed.corners[name],
             heights[name],
             curves[name],
-            _steps([learnt[one][name] for one in arms]),
-            _ended([reasons[one, name] for one in arms]),
+            steps[name],
+            ended[name],
         )
         for name in arm.nodes
     )
@@ -151,7 +160,7 @@ def _notes(arms: Mapping[str, ArmRecord]) -> tuple[str, ...]:
     return tuple(f"{'; '.join(owners)}: {words}." for words, owners in notes.items())
 
 
-def _curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
+def card_curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
     """Return the curves of one task in one scale; arms that learnt it alike share one."""
     alike: dict[bytes, list[str]] = {}
     for arm, one in trained.items():
@@ -159,8 +168,7 @@ def _curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
     kept = [(tuple(arms), trained[arms[0]]) for arms in alike.values()]
     curves = []
     for _, one in kept:
-        n = len(one.steps)
-        place = np.unique(np.linspace(0, n - 1, min(n, CURVE_POINTS)).round().astype(int))
+        place = places(len(one.steps), CURVE_POINTS)
         band = mean_interval(one.greedy_return[:, place])
         drawn = np.array([band.estimate, band.low, band.high])
         curves.append((one.steps[place], np.where(np.isnan(drawn), drawn[0], drawn)))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 
 import numpy as np
 
@@ -12,6 +13,10 @@ CARD, GAP, FALL = 156, 14, 64
 """Width of a card, and the space between cards, across and down, in CSS pixels."""
 SIDE, LANE = 44, 26
 """Space at the sides for an arrow that goes round other cards, and for each further one."""
+LINE, NAME_LETTERS, LETTERS = 17, 13, 18
+"""Height of a line of a card in CSS pixels; letters that it holds, in its name and below."""
+PLAIN, CURVE_SPACE = 20, 52
+"""Height of a card without text, and of a curve on it, in CSS pixels."""
 BADGE = 24
 """Space between the middles of two arrows' numbers, which are circles 20 wide."""
 
@@ -35,6 +40,18 @@ class Arrow:
     target: str
     path: str
     place: tuple[float, float]  # middle of its number
+
+
+def card_height(name: str, texts: Sequence[str], *, curve: bool = True) -> int:
+    """Return the height at which a card holds its name and its texts whole, in CSS pixels.
+
+    Examples
+    --------
+    >>> card_height("maze", ["GridWorld"]), card_height("maze", ["25 states x 4 actions"])
+    (106, 123)
+    """
+    lines = len(wrap(name, NAME_LETTERS)) + sum(len(wrap(text, LETTERS)) for text in texts)
+    return PLAIN + CURVE_SPACE * curve + LINE * lines
 
 
 def layout(heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]) -> Layout:

@@ -1,13 +1,12 @@
 """A study as one HTML page without a network and without other files."""
 
-import base64
-import hashlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from markupsafe import Markup
+from matplotlib.axes import Axes
 
 from curricle.checks import fit_name
 from curricle.comparison.comparison import Comparison
@@ -16,19 +15,23 @@ from curricle.errors import SettingError, in_words
 from curricle.learning.budget import ended_by
 from curricle.plotting.learning_curves import draw_learning_curves
 from curricle.plotting.styles import arm_styles, shades_of
+from curricle.report.curve_data import MOST_SEEDS, curve_data
+from curricle.report.effects_section import effects_sections
 from curricle.report.findings import MEASURES, WEAK, findings, forest, headline, table, too_few
 from curricle.report.forecast_section import forecast_sections
 from curricle.report.graph import Learnt, Reasons, graphs
 from curricle.report.replay import Replay, replays
 from curricle.report.svg import inline_svg
-from curricle.report.templates import asset, render
+from curricle.report.templates import Script, render
 from curricle.statistics.curves import SCRATCH
 from curricle.study.analysis import analysed
+from curricle.study.effects import Effects
 from curricle.study.record import Analysis, CurriculaRecord
 from curricle.study.recording import curricula_record
+from curricle.study.tuning_record import TuningRecord
 
-WIDTHS = {"wide": (8.6, 4.0), "narrow": (3.4, 3.1)}
-"""Size of the curves on a desktop and on a phone, in inches."""
+WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
+"""Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
 
 
 def study_page(
@@ -109,6 +112,8 @@ class ShownStudy:
     learnt: Learnt  # arm -> task -> its training
     analysis: Analysis
     reasons: Reasons  # (arm, task) -> for each seed why its training ended
+    effects: tuple[Effects, ...] = ()
+    tuning: TuningRecord | None = None
 
 
 def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
@@ -118,7 +123,8 @@ def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
     found, drawn = findings(comparison), graphs(curricula, learnt, study.reasons)
     shown, not_shown = replays(curricula, learnt, study.analysis)
-    script = asset("study.js")
+    styles = arm_styles(comparison)
+    curves, panels = _curves(comparison)
     return render(
         "study.html",
         name=study.name,
@@ -129,13 +135,16 @@ def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
         failed={arm: in_words(error) for arm, error in comparison.failed.items()},
         findings=found,
         forest=forest(found),
-        styles=arm_styles(comparison),
+        styles=styles,
         graphs=drawn,
         with_scratch=SCRATCH in learnt,
-        curves=_curves(comparison),
+        curves=curves,
+        curve_data=curve_data(comparison, styles, panels),
+        most_seeds=MOST_SEEDS,
         table=table(comparison),
         measures=MEASURES,
         weak=WEAK,
+        settings_sections=effects_sections(study.effects, study.tuning),
         sections=forecast_sections(study.analysis, curricula, learnt),
         replays=shown,
         menu={one.task: [other for other in shown if other.task == one.task] for one in shown},
@@ -145,9 +154,8 @@ def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
         reasons=_shared(
             (*place, Counter(words).most_common()) for place, words in study.reasons.items()
         ),
-        style=Markup(asset("study.css")),
-        script=Markup(script),
-        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        ends=ends(study.reasons),
+        scripts=[Script.of(name) for name in ("scroll.js", "study.js", "curves.js")],
         data={
             "replays": {one.key: one.data() for one in shown},
             "palettes": {one.palette: shades_of(one.palette) for one in shown},
@@ -164,16 +172,50 @@ def _first(shown: Sequence[Replay], comparison: Comparison) -> str:
     )
 
 
-def _curves(comparison: Comparison) -> dict[str, dict[str, Markup]]:
-    """Return the drawn learning curves: kind of transfer -> width -> SVG."""
-    axes: dict[str, dict[str, Markup]] = {"weak": {}, "strong": {}}
-    for size, (width, height) in WIDTHS.items():
-        pair = draw_learning_curves(comparison, width=width, height=height)
-        for axis, figure in zip(axes, pair, strict=True):
-            steps = "target steps" if axis == "weak" else "target and source steps"
+def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[str, Axes]]:
+    """Return the drawn learning curves, and the panels that they were drawn in.
+
+    The first are kind of transfer -> width -> SVG, the second kind of transfer -> axes.
+    """
+    drawn: dict[str, dict[str, Markup]] = {"weak": {}, "strong": {}}
+    panels: dict[str, Axes] = {}
+    for size, (width, height, most) in WIDTHS.items():
+        pair = draw_learning_curves(comparison, width=width, height=height, most=most)
+        for kind, figure in zip(drawn, pair, strict=True):
+            steps = "target steps" if kind == "weak" else "target and source steps"
             label = f"Greedy return of each arm over {steps}; the table below has the numbers."
-            axes[axis][size] = inline_svg(figure, f"{axis}-{size}", label)
-    return axes
+            drawn[kind][size] = inline_svg(figure, f"{kind}-{size}", label)
+            panels[kind] = figure.axes[0]
+    return drawn, panels
+
+
+@dataclass(frozen=True)
+class End:
+    """A reason why training ended."""
+
+    reason: str
+    count: int  # seeds, over all tasks and arms
+    total: int  # the same for all reasons
+    tasks: tuple[str, ...]  # in which it happened
+
+
+def ends(reasons: Reasons) -> tuple[End, ...]:
+    """Return why trainings ended, the most frequent reason first.
+
+    Examples
+    --------
+    >>> ends({("mean", "chase"): ["settled return reached", "all steps used"],
+    ...       ("mean", "hunt"): ["all steps used"] * 2})[0]
+    End(reason='all steps used', count=3, total=4, tasks=('chase', 'hunt'))
+    """
+    counts: Counter[str] = Counter()
+    tasks: dict[str, dict[str, None]] = {}
+    for (_, task), words in reasons.items():
+        counts.update(words)
+        for reason in words:
+            tasks.setdefault(reason, {})[task] = None
+    total = counts.total()
+    return tuple(End(one, n, total, tuple(tasks[one])) for one, n in counts.most_common())
 
 
 def _settings(curricula: CurriculaRecord) -> Iterator[tuple[str, str, dict[str, str]]]:

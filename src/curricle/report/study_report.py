@@ -5,8 +5,10 @@ from pathlib import Path
 from curricle.remote_path import Place
 from curricle.report.page import ShownStudy, page_of
 from curricle.report.templates import write_page
+from curricle.study.effects import effects_of
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.results import StudyResults
+from curricle.study.tuning_record import read_tuning
 from curricle.study.units import seed_ranges
 
 
@@ -28,18 +30,21 @@ def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
     study = StudyResults(folder)
     place = study.store.path
     default = place / "report.html" if isinstance(place, Path) else f"{place.name}-report.html"
-    return write_page(_page(study), Path(default if out is None else out))
+    return write_page(stored_page(study), Path(default if out is None else out))
 
 
-def _page(study: StudyResults) -> str:
-    """Return the page of a stored study."""
+def stored_page(study: StudyResults) -> str:
+    """Return the page of a stored study; StoreError when there is nothing to compare yet."""
     comparison = study.comparison
     learnt = {arm: one for arm, one in study.results.items() if arm not in study.failed}
     places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
     reasons = {place: list(study.ended_by(*place).values()) for place in places}
     record = study.record.only(learnt)
     analysis = study.analysis or _no_analysis(record)
-    shown = ShownStudy(study.record.name, comparison, record, learnt, analysis, reasons)
+    tuning = read_tuning(study.store)
+    effects = effects_of(comparison, record, tuning)
+    name = study.record.name
+    shown = ShownStudy(name, comparison, record, learnt, analysis, reasons, effects, tuning)
     return page_of(shown, _environment(study))
 
 

@@ -1,10 +1,13 @@
 """HTML pages, rendered from the templates in ``assets``."""
 
+import base64
+import hashlib
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -41,7 +44,8 @@ def render(template: str, **values: Any) -> str:
         lstrip_blocks=True,
         finalize=_visible,
     )
-    environment.globals.update(shades=shades_of)
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
+    environment.globals.update(shades=shades_of, style_sheets=_style_sheets)
     environment.filters.update(signs=_signs, rounded=rounded, listed=_listed, evidence=_evidence)
     return environment.get_template(template).render(values)
 
@@ -53,9 +57,29 @@ def _visible(value: Any) -> Any:
     return "".join(c if c.isprintable() or c in WHITE else ascii(c)[1:-1] for c in value)
 
 
+def _style_sheets(*names: str) -> Markup:
+    """Return style sheets in ``assets``, one after the other."""
+    return Markup("").join(Markup(asset(name)) for name in names)
+
+
 def asset(name: str) -> str:
     """Return the text of a file in ``assets``."""
     return (files("curricle.report") / "assets" / name).read_text("utf-8")
+
+
+@dataclass(frozen=True)
+class Script:
+    """A script of a page, which the page's policy names by its digest."""
+
+    text: Markup
+    digest: str  # sha256-...
+
+    @classmethod
+    def of(cls, name: str) -> Self:
+        """Return a script in ``assets``."""
+        text = asset(name)
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        return cls(Markup(text), f"sha256-{digest}")
 
 
 def write_page(page: str, path: str | Path) -> Path:

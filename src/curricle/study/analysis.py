@@ -36,6 +36,7 @@ from curricle.study.record import (
 )
 from curricle.study.results import StudyResults
 from curricle.tasks.grid_view import GridView
+from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, generative_model, has_tables
 
@@ -69,8 +70,8 @@ def analyse(study: StudyResults, arms: Arms) -> None:
     results = {}
     for arm, curriculum in curricula.items():
         nodes = {
-            name: replace(one, task=curriculum.tasks[name])
-            for name, one in study.results[arm].items()
+            name: replace(study.result(arm, name, seeds=seeds), task=curriculum.tasks[name])
+            for name in curriculum.order
         }
         given = study.trained(arm, curriculum, seeds)
         results[arm] = CurriculumResult(curriculum, nodes, {}, given=given)
@@ -130,12 +131,12 @@ def before_and_after(
     """Return an episode of the first greedy policy and one of the last.
 
     Both have the same start and random stream; ties are broken uniformly; returns may be
-    `discounted`. None where the task has no tables or too large ones, or where a state is not in
+    `discounted`. None where the task is given by functions or too large, or where a state is not in
     the view.
     """
     generative = generative_model(task)
     pairs = generative.states.size * generative.actions.size
-    if pairs > LARGEST_TABLE or not has_tables(task):
+    if pairs > LARGEST_TABLE or not (has_tables(task) or is_live(task)):
         return None
     weight = generative.discount if discounted else 1.0
     steps = min(generative.time_limit or LONGEST_EPISODE, LONGEST_EPISODE)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from curricle.comparison.comparable import check_comparable, most_source_steps
-from curricle.comparison.scratch import from_scratch
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS
 from curricle.errors import ConfigError, SettingError
@@ -85,7 +84,9 @@ class Arms:
         `choose` gives what depends on something its key.
         """
         given = study.curricula
-        check_comparable(given)
+        scratches = study.scratch_curricula() if study.scratch else {}
+        learners = [one.setting("learner", one.target) for one in scratches.values()]
+        check_comparable(given, None if study.own_learners else learners)
         first = next(iter(given.values()))
         target = first.target
         node = first.node(target)
@@ -93,30 +94,20 @@ class Arms:
         if isinstance(node.budget, int):
             budget = node.budget
             most = max(most_source_steps(arm) for arm in given.values())
-            total = -(-(budget + most) // node.eval_freq) * node.eval_freq
+            total = max(-(-(budget + most) // node.eval_freq) * node.eval_freq, study.total or 0)
         elif len(given) + study.scratch > 1:
             raise SettingError(
                 f"arms are compared at one total of steps: the budget of {target!r} is "
                 f"{node.budget}; give it in steps, or run one arm with scratch = false"
             )
-        scratches: dict[str, Curriculum] = {}
-        if study.scratch:
-            scratches = {SCRATCH: from_scratch(first), **study.scratch_curricula()}
-            given = {**scratches, **given}
+        given = {**scratches, **given}
         if total is not None:
             given = {
                 name: arm.replace(target, budget=total, eval_freq=node.eval_freq)
                 for name, arm in given.items()
             }
         plain = study.to_data()
-        data = plain["arms"]
-        if study.scratch:
-            own = _scratch_data(next(iter(data.values())), target)
-            others = {
-                f"{SCRATCH}, {name}": _with_learner(own, target, learner)
-                for name, learner in plain["scratch_learners"].items()
-            }
-            data = {SCRATCH: own, **others, **data}
+        data = {**_scratch_data(plain, target), **plain["arms"]}
         keys: dict[tuple[str, str], str] = {}
         dependencies: dict[tuple[str, str], Dependencies] = {}
         for arm, curriculum in given.items():
@@ -127,12 +118,26 @@ class Arms:
         return cls(given, target, budget, total, node.eval_freq, keys, dependencies, named)
 
 
-def _scratch_data(arm: dict[str, Any], target: str) -> dict[str, Any]:
-    """Return the arm that learns the target of another arm from scratch, as data."""
-    tasks = {name: dict(task) for name, task in arm["tasks"].items()}
-    for which in OF_TARGETS:
-        tasks[target].pop(which, None)
-    return {"tasks": tasks, "transfers": []}
+def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
+    """Return the arms that learn the target from scratch, as data.
+
+    They are those of the study, or else follow from its first arm.
+    """
+    first = next(iter(study["arms"].values()))
+    given = study.get("scratches")
+    if given is None:
+        own = {"tasks": first["tasks"], "transfers": []}
+        others = study["scratch_learners"].items()
+        given = {SCRATCH: own} | {
+            f"{SCRATCH}, {name}": _with_learner(own, target, learner) for name, learner in others
+        }
+    return {name: _without_sources(one, target) for name, one in given.items()}
+
+
+def _without_sources(arm: dict[str, Any], target: str) -> dict[str, Any]:
+    """Return an arm, as data, without the target's settings that only apply to sources."""
+    task = {key: value for key, value in arm["tasks"][target].items() if key not in OF_TARGETS}
+    return {**arm, "tasks": {**arm["tasks"], target: task}}
 
 
 def _with_learner(arm: dict[str, Any], target: str, learner: Any) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from curricle.study.config.study_config import StudyConfig
 from curricle.study.units import units_of
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
 from curricle.tasks.task import has_tables, tables
+from curricle.text_tables import counted
 
 ROLLOUTS, LENGTH = 100, 200
 """Random rollouts that a task's speed is measured by."""
@@ -127,6 +128,21 @@ def _bytes(node: Node) -> int:
     if node.deep or not node.storage.save_values:
         return 0
     return int(node.storage.dense_bytes(node.task.states.size, node.task.actions.size, 1))
+
+
+def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources: bool) -> str:
+    """Return what every arm spends, and why that exceeds the target's own budget, in words.
+
+    Examples
+    --------
+    >>> total_words("maze", 1000, 1500, 10, sources=True)
+    'every arm spends 1,500 steps: 1,000 of maze, 500 for sources, in whole checkpoints of 10'
+    >>> total_words("maze", 1003, 1010, 10, sources=False)
+    'every arm spends 1,010 steps: 1,003 of maze, rounded up to whole checkpoints of 10'
+    """
+    words = f"every arm spends {counted(total, 'step')}"
+    why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
+    return f"{words}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
 
 
 def duration(seconds: float) -> str:

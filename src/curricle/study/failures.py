@@ -1,7 +1,7 @@
 """Units that failed: the arms that need them are left out, the others are trained and compared."""
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -130,3 +130,11 @@ def failed_arms(
             for arm in sorted(arms_of(keys, [row["key"]])):
                 found.setdefault(arm, row["error"])
     return found
+
+
+def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
+    """Write the failures of a run in the place of those of an earlier one."""
+    if rows:
+        store.write_json(FAILURES, rows)
+    else:
+        (store.path / FAILURES).unlink(missing_ok=True)

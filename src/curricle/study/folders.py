@@ -6,7 +6,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from curricle.errors import StoreError, reason
+from curricle.errors import LostStoreError, StoreError, reason
 from curricle.files import PART
 from curricle.remote_path import Place
 
@@ -58,7 +58,7 @@ def read_errors(path: Place) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise StoreError(f"{path} cannot be read: {reason(error)}") from None
+        raise StoreError(f"{path} cannot be read: {reason(error)}") from error
 
 
 @contextmanager
@@ -71,3 +71,14 @@ def write_errors(path: Place) -> Iterator[None]:
             f"results cannot be written to {path} ({reason(error)}): what was stored before is "
             "whole, and a run with --resume goes on from there"
         ) from error
+
+
+@contextmanager
+def lost_errors() -> Iterator[None]:
+    """Turn a failure to read or write, once that has gone well, into a LostStoreError."""
+    try:
+        yield
+    except StoreError as error:
+        if isinstance(error.__cause__, OSError):
+            raise LostStoreError(str(error)) from error.__cause__
+        raise

@@ -13,7 +13,7 @@ from typing import Any
 import numpy.typing as npt
 
 from curricle.curriculum.node import Node
-from curricle.errors import LostStoreError, StoreError
+from curricle.errors import StoreError
 from curricle.study.folders import read_errors
 from curricle.study.record import CurriculaRecord, UnitRecord
 from curricle.study.serialization import UnitResult, joined_units
@@ -50,12 +50,22 @@ def seeds_per_file(node: Node) -> int:
     >>> seeds_per_file(plan.node("maze"))
     976
     """
-    if node.deep:
-        return 1
+    return 1 if node.deep else max(1, FULL // bytes_a_seed(node))
+
+
+def bytes_a_seed(node: Node) -> int:
+    """Return the bytes of what a seed learns in tables, and of its curves, at most.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, GridWorld
+    >>> bytes_a_seed(Curriculum(tasks={"maze": GridWorld("S..T")}, budget=1000).node("maze"))
+    4296
+    """
     model = generative_model(node.task)
     tables = TABLES * model.states.size * model.actions.size
     checkpoints = node.most_steps // node.eval_freq + 1
-    return max(1, FULL // (NUMBER * (tables + CURVES * checkpoints)))
+    return NUMBER * (tables + CURVES * checkpoints)
 
 
 def files_of(record: CurriculaRecord) -> dict[str, int]:
@@ -139,10 +149,7 @@ class Packing:
 
     def _store(self, block: Block, unit: Unit, result: UnitResult) -> None:
         files = self._files.setdefault(block, [])
-        try:
-            files.append(self.store.write_unit(about_of(unit, result), result))
-        except StoreError as error:
-            raise LostStoreError(str(error)) from error
+        files.append(self.store.write_unit(about_of(unit, result), result))
         if len(files) > MOST_FILES:
             files[:] = [merged_files(self.store, files)]
         self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))

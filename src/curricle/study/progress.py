@@ -32,8 +32,12 @@ class Progress:
         The unit that has just been stored; None at the beginning.
     workers : int
         How many there are now: those of a cluster come and go.
+    repeated : int
+        Units that a cluster has begun again so far, as a worker died.
     link : str or None
         To the cluster's own page, if it has one.
+    tuning : str
+        Which trials the units are of, in words; empty for those of the study itself.
 
     Examples
     --------
@@ -46,7 +50,9 @@ class Progress:
     units: tuple[Unit, ...]
     stored: Unit | None = None
     workers: int = 1
+    repeated: int = 0
     link: str | None = None
+    tuning: str = ""
 
     __repr__ = brief_repr
 
@@ -72,14 +78,37 @@ class Pace:
     def __init__(self, clock: Callable[[], float] = monotonic):
         self.clock = clock
         self.stored = 0
-        self._progress: Progress | None = None
+        self._units: int | None = None
+        self._workers: int | None = None
+        self._repeated = 0
+        self._link: str | None = None
         self._marks = deque[tuple[float, int]]()
         """When so many had been stored, at the beginning of what the rate is measured over."""
 
     def note(self, progress: Progress) -> None:
         """Note the beginning, or that a unit is stored."""
-        self._progress, now = progress, self.clock()
-        self.stored += progress.stored is not None
+        self._units = len(progress.units)
+        self._workers, self._repeated = progress.workers, progress.repeated
+        self._link = progress.link
+        if progress.stored is None:  # further units, after those of a tuning
+            self._marks.clear()
+            self._mark(0)
+        else:
+            self._mark(self.stored + 1)
+
+    def line_of(self, stored: int, units: int) -> str:
+        """Note how many units a folder has, which another process stores, and return the line.
+
+        The rate is that of what was seen; who works there is not known.
+        """
+        if self._units is None or stored != self.stored:
+            self._mark(stored)
+        self._units = units
+        return self.line()
+
+    def _mark(self, stored: int) -> None:
+        """Note that so many are stored now."""
+        self.stored, now = stored, self.clock()
         if not self._marks or now - self._marks[-1][0] >= BETWEEN:
             self._marks.append((now, self.stored))
         while len(self._marks) > FEWEST and self._marks[1][0] <= now - WINDOW:
@@ -95,46 +124,59 @@ class Pace:
 
     def line(self) -> str:
         """Return how far the run is, how fast it goes and when it ends, in words."""
-        if self._progress is None:
+        if self._units is None:
             return ""
-        units, workers = len(self._progress.units), self._progress.workers
-        words = [f"{self.stored:,} of {units:,} units"]
-        words.append(f"{workers:,} worker{'s' * (workers != 1)}")
+        words = [f"{self.stored:,} of {self._units:,} units"]
+        if (workers := self._workers) is not None:
+            words.append(f"{workers:,} worker{'s' * (workers != 1)}")
         if rate := self.rate():
             words.append(_in_words(rate))
-            if left := units - self.stored:
+            if left := self._units - self.stored:
                 words.append(f"{timedelta(seconds=round(left / rate))} left")
-        return ", ".join([*words, *filter(None, [self._progress.link])])
+        return ", ".join([*words, *filter(None, [self.repeated(), self._link])])
+
+    def repeated(self) -> str:
+        """Return how many units were begun again, in words; nothing if none were."""
+        number = self._repeated
+        return f"{number:,} unit{'s' * (number != 1)} begun again" if number else ""
 
 
 @contextmanager
 def shown_units(
     progress: bool | Callable[[Progress], Any] | None,
+    pace: Pace | None = None,
+    line: Callable[[], str] | None = None,
 ) -> Iterator[Callable[[Progress], None]]:
     """Yield what takes each :class:`Progress` of a run and shows it as ``progress`` asks for.
 
-    Bars are of all seeds of a task in an arm; below them stands how fast the whole run goes.
+    Bars are of all seeds of a task in an arm, or of all trials of a tuning that are made at once;
+    below them stands a `line`, by default how fast the whole run goes, its `pace`.
     """
-    pace = Pace()
-    grow: dict[tuple[str, str], Callable[[], None]] = {}
-    with shown(progress, pace.line) as bars:
+    pace = pace or Pace()
+    grow: dict[str, Callable[[], None]] = {}
+    with shown(progress, line or pace.line) as bars:
 
         def show(now: Progress) -> None:
             pace.note(now)
             if now.stored is None:
-                seeds = Counter[tuple[str, str]]()
+                seeds = Counter[str]()
                 for unit in now.units:
-                    seeds[unit.arm, unit.task] += len(unit.seeds)
-                for (arm, task), total in seeds.items():
-                    grow[arm, task] = bars.bar(f"{arm}: {task}", total)
+                    seeds[_row(now, unit)] += len(unit.seeds)
+                for row, total in seeds.items():
+                    grow[row] = bars.bar(row, total)
             else:
                 for _ in now.stored.seeds:
-                    grow[now.stored.arm, now.stored.task]()
-                if pace.stored == len(now.units):
+                    grow[_row(now, now.stored)]()
+                if pace.stored == len(now.units) and not now.tuning:
                     bars.bar("forecasts and certificates")
             bars.tell(now)
 
         yield show
+
+
+def _row(progress: Progress, unit: Unit) -> str:
+    """Return the name of a unit's bar."""
+    return progress.tuning or f"{unit.arm}: {unit.task}"
 
 
 def _in_words(rate: float) -> str:

@@ -11,17 +11,16 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 import numpy as np
 from pydantic import (
     BaseModel,
-    ConfigDict,
     Field,
-    PlainSerializer,
-    PlainValidator,
+    JsonValue,
     ValidationError,
     model_validator,
 )
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.array_types import IntArray
 from curricle.comparison.task_summary import TaskSummary
 from curricle.statistics.curves import SCRATCH
+from curricle.study.plain_data import Count, Floats, Ints, Plain
 from curricle.tasks.grid_view import MOST_CELLS, GridView, Marker
 
 LONGEST_EPISODE = 200
@@ -29,30 +28,8 @@ LONGEST_EPISODE = 200
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def _array(dtype: type, kinds: str) -> Any:
-    def read(value: Any) -> Any:
-        try:
-            found = np.asarray(value)
-        except ValueError:
-            raise ValueError("must be an array: its rows have different lengths") from None
-        if found.size and found.dtype.kind not in kinds:
-            raise ValueError(f"must be an array of {dtype.__name__}: got {found.dtype}")
-        return found.astype(dtype)
-
-    return PlainValidator(read)
-
-
-Ints = Annotated[IntArray, _array(np.int64, "i"), PlainSerializer(np.ndarray.tolist)]
-Floats = Annotated[FloatArray, _array(np.float64, "if"), PlainSerializer(np.ndarray.tolist)]
-Count = Annotated[int, Field(ge=0)]
 Thing = Literal["treasure", "fire", "pit", "goal", "key", "lock", "exit"]
 """What lies on a grid."""
-
-
-class Plain(BaseModel):
-    """A part of a record: its keys and their types are fixed."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class ViewRecord(Plain):
@@ -160,6 +137,15 @@ class TransferRecord(Plain):
     """Equal for transfers that are the same."""
 
 
+class VariantRecord(Plain):
+    """The settings that a sweep or a tuning gave to an arm."""
+
+    arm: str
+    """The arm as the file calls it; "scratch" of learning from scratch."""
+    values: dict[str, JsonValue]
+    """By their keys in the file."""
+
+
 class ArmRecord(Plain):
     """An arm: its tasks, sources first, and its transfers."""
 
@@ -169,6 +155,7 @@ class ArmRecord(Plain):
     """The row of a forecast that has the potential of its target."""
     scratch: bool = False
     """Whether it learns the target from scratch with a learner of its own."""
+    variant: VariantRecord | None = None
 
     def in_edges(self, task: str) -> list[TransferRecord]:
         """Return the transfers into a task."""
@@ -346,7 +333,7 @@ class Analysis(Plain):
     of: str
     """A digest of the results that it is of."""
     sections: tuple[SectionRecord, ...] = ()
-    episodes: dict[str, dict[str, EpisodePair]] = {}
+    episodes: dict[str, dict[str, EpisodePair]] = Field(default={})
     """Arm -> task -> episodes."""
 
 

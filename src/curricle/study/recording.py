@@ -1,6 +1,7 @@
 """From the tasks and curricula of a study to its record in plain data."""
 
 from collections.abc import Collection, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from curricle.comparison.comparing import threshold_of_optimum
@@ -9,7 +10,7 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config.study_config import StudyConfig, VariantTable
 from curricle.study.packing import seeds_per_file
 from curricle.study.record import (
     ArmRecord,
@@ -18,6 +19,7 @@ from curricle.study.record import (
     StudyRecord,
     TaskRecord,
     TransferRecord,
+    VariantRecord,
     ViewRecord,
 )
 from curricle.tasks.grid_view import GridView
@@ -32,7 +34,7 @@ Keys = Mapping[tuple[str, str], str]
 
 def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     """Return the record of a study, before it is run."""
-    curricula = curricula_record(arms.curricula, arms.keys, arms.scratches)
+    curricula = curricula_record(arms.curricula, arms.keys, arms.scratches, study.variants or {})
     first = next(iter(arms.curricula.values()))
     threshold = study.threshold
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
@@ -55,11 +57,15 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
 
 
 def curricula_record(
-    curricula: Mapping[str, Curriculum], keys: Keys, scratches: Collection[str] = ()
+    curricula: Mapping[str, Curriculum],
+    keys: Keys,
+    scratches: Collection[str] = (),
+    variants: Mapping[str, VariantTable] = MappingProxyType({}),
 ) -> CurriculaRecord:
     """Return the record of curricula by arm; `keys` are those of the stored results, if any.
 
-    `scratches` are the arms that learn the target from scratch.
+    `scratches` are the arms that learn the target from scratch, `variants` the settings that a
+    sweep or a tuning gave to arms.
     """
     tasks, edges, arms = list[Any](), list[Transfer](), {}
     for arm, curriculum in curricula.items():
@@ -87,6 +93,7 @@ def curricula_record(
             transfers=transfers,
             potential=_potential(curriculum),
             scratch=arm in scratches,
+            variant=VariantRecord(**variants[arm].model_dump()) if arm in variants else None,
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
 

@@ -1,21 +1,23 @@
 """The results of a study, read from its folder."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from curricle.archives.sealed_json import sealed
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.task_summary import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
-from curricle.deep.policy import TrainedPolicy, policies_of
-from curricle.errors import CurriculumError, StoreError, StudyError
+from curricle.curriculum.stored_sources import source_values, sources_read
+from curricle.deep.policy import policies_of
+from curricle.errors import StoreError, StudyError
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, joined_results
 from curricle.remote_path import Place
@@ -24,16 +26,8 @@ from curricle.statistics.thresholds import midpoint
 from curricle.study.failures import failed_arms, read_failures
 from curricle.study.folders import STUDY
 from curricle.study.record import Analysis, RunRecord, StudyRecord, plain, read_record
-from curricle.study.sealed_json import sealed
-from curricle.study.serialization import (
-    RUN,
-    SNAPSHOTS,
-    VALUES,
-    check_arrays,
-    curve_table,
-    result_of,
-)
-from curricle.study.source_values import source_values, sources_read
+from curricle.study.serialization import RUN, SNAPSHOTS, VALUES, check_arrays, curve_table
+from curricle.study.shared_target import check_shared_target
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.stored_values import stored_values
 from curricle.study.study_table import ShownStudy
@@ -94,7 +88,9 @@ class StudyResults(ShownStudy):
         each = [self.stored.get(key, {}) for key in keys]
         return tuple(sorted(set(self.record.seeds).intersection(*each)))
 
-    def result(self, arm: str, task: str, *, values: bool = False) -> LearningResult:
+    def result(
+        self, arm: str, task: str, *, values: bool = False, seeds: Collection[int] | None = None
+    ) -> LearningResult:
         """Return the learning result of one task of an arm.
 
         Its ``task`` and ``learner`` are None: the folder holds neither.
@@ -105,18 +101,21 @@ class StudyResults(ShownStudy):
         values : bool
             Whether to read the learnt values too, which may be large. Those of a network are its
             parameters, a dict of arrays for each seed; :meth:`trained` makes networks of them.
+        seeds : collection of int, optional
+            Those that are needed; others of their files come too.
 
         Raises
         ------
         StoreError
             When there is no result yet, or a file is damaged.
         """
-        units = self._units(arm, task)
-        if not units:
+        if not (units := self._units(arm, task, seeds)):
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
         snapshots = self.record.task(arm, task).view is not None
         groups = (RUN, *[SNAPSHOTS] * snapshots, *[VALUES] * values)
-        return joined_results([result_of(self._arrays(arm, task, one, *groups)) for one in units])
+        return joined_results(
+            [LearningResult.of_arrays(self._arrays(arm, task, one, *groups)) for one in units]
+        )
 
     def _arrays(self, arm: str, name: str, unit: StoredUnit, *groups: str) -> dict[str, Any]:
         """Return the arrays of a unit of an arm, which have the shapes that the record states."""
@@ -160,50 +159,67 @@ class StudyResults(ShownStudy):
         return self._values(arm, curriculum, seeds, curriculum.ancestors(curriculum.target))
 
     def policies(
-        self, arm: str, curriculum: Curriculum, seeds: Sequence[int] | None = None
-    ) -> tuple[TrainedPolicy, ...]:
-        """Return the :class:`TrainedPolicy` of each seed of an arm's target, as networks learnt it.
+        self,
+        arm: str,
+        curriculum: Curriculum,
+        seeds: Sequence[int] | None = None,
+        *,
+        task: str | None = None,
+    ) -> tuple[Any, ...]:
+        """Return the policy of each seed of a task of an arm, by default of its target.
+
+        A :class:`TabularPolicy`, or a :class:`TrainedPolicy` where a network learnt it.
 
         Parameters
         ----------
         arm, curriculum, seeds
             As in :meth:`trained`.
+        task : str, optional
 
         Raises
         ------
         SettingError
-            When the target is learnt in a table, or its values were not saved.
+            When the values were not saved.
         StoreError
             As :meth:`trained`.
         """
-        seeds, target = self.seeds if seeds is None else tuple(seeds), curriculum.target
-        names = [*curriculum.ancestors(target), target]
-        found = self._values(arm, curriculum, seeds, names)[target]
-        learner = curriculum.setting("learner", target)
-        return policies_of(found.task, learner, found.values, found.steps_used)
+        seeds = self.seeds if seeds is None else tuple(seeds)
+        name = curriculum.target if task is None else task
+        if not curriculum.node(name).deep:
+            self._units_of(arm, name, seeds)
+            found = replace(self.result(arm, name, values=True), task=curriculum.tasks[name])
+            return tuple(found.policies[found.seeds.index(seed)] for seed in seeds)
+        learnt = self._values(arm, curriculum, seeds, [*curriculum.ancestors(name), name])[name]
+        learner = curriculum.setting("learner", name)
+        return policies_of(learnt.task, learner, learnt.values, learnt.steps_used)
 
     def _values(
         self, arm: str, curriculum: Curriculum, seeds: tuple[int, ...], names: Sequence[str]
     ) -> dict[str, SourceValues]:
         """Return what seeds learnt in some tasks of an arm; StoreError where one is missing."""
-        read = {*sources_read(curriculum, curriculum.target), curriculum.target}
-        found = {}
+        last, found = names[-1] if names else curriculum.target, {}
+        read = {*sources_read(curriculum, curriculum.target), *sources_read(curriculum, last), last}
         for name in names:
-            units = {seed: unit for unit in self._units(arm, name) for seed in unit.seeds}
-            if missing := [seed for seed in seeds if seed not in units]:
-                raise StoreError(
-                    f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
-                    f"{missing[0]} yet"
-                )
+            units = self._units_of(arm, name, seeds)
             found[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
         return source_values(curriculum, seeds, found)
 
-    def _units(self, arm: str, task: str) -> list[StoredUnit]:
+    def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
+        """Return the unit of each seed; StoreError where one is missing."""
+        units = {seed: unit for unit in self._units(arm, name) for seed in unit.seeds}
+        if missing := [seed for seed in seeds if seed not in units]:
+            raise StoreError(
+                f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
+                f"{missing[0]} yet"
+            )
+        return units
+
+    def _units(self, arm: str, task: str, seeds: Collection[int] | None = None) -> list[StoredUnit]:
         """Return the units of a task; StoreError if there is no such arm, or task in it."""
         one_of("an arm", arm, self.record.arms, StoreError)
         one_of(f"a task of arm {arm!r}", task, self.record.arms[arm].nodes, StoreError)
-        by_seed = self.stored.get(self.record.keys[arm, task], {})
-        return list(dict.fromkeys(by_seed.values()))
+        by_seed = self.stored.get(self.record.keys[arm, task], {}).items()
+        return [*dict.fromkeys(unit for seed, unit in by_seed if seeds is None or seed in seeds)]
 
     @cached_property
     def results(self) -> dict[str, dict[str, LearningResult]]:
@@ -249,8 +265,7 @@ class StudyResults(ShownStudy):
         """
         name = self.record.target if task is None else task
         runs = [self._arrays(arm, name, unit, RUN) for unit in self._units(arm, name)]
-        seeds = np.concatenate([run["seeds"] for run in runs])
-        steps: IntArray = np.concatenate([run["source_steps"] for run in runs])
+        seeds, steps = (np.concatenate([r[key] for r in runs]) for key in ("seeds", "source_steps"))
         return steps[np.argsort(seeds)]
 
     # -- tables --------------------------------------------------------------------------------
@@ -278,9 +293,8 @@ class StudyResults(ShownStudy):
 
     def write_tables(self) -> None:
         """Write ``results.parquet`` and ``decisions.parquet`` of all units."""
-        if self.stored:
-            self.store.write(RESULTS, parquet_of(self._parts(CURVES)))
-            self.store.write(DECISIONS, parquet_of(self._parts(DECISIONS)))
+        for file, name in ((RESULTS, CURVES), (DECISIONS, DECISIONS)) if self.stored else ():
+            self.store.write(file, parquet_of(self._parts(name)))
 
     def decisions(self, arm: str, task: str) -> dict[int, list[str]]:
         """Return the reason for each decision in a task, as sentences by seed."""
@@ -294,8 +308,7 @@ class StudyResults(ShownStudy):
         """Return a column of the decisions in a task by seed."""
         found: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
-            rows: list[Mapping[str, Any]] = self.store.decisions(unit).to_pylist()
-            for row in rows:
+            for row in self.store.decisions(unit).select(["seed", column]).to_pylist():
                 found.setdefault(row["seed"], []).append(row[column])
         return dict(sorted(found.items()))
 
@@ -303,8 +316,9 @@ class StudyResults(ShownStudy):
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Compare the arms of all studies with learning from scratch in the first.
 
-    Over the seeds that every arm has finished, arms that failed left out, at the smallest total of
-    all studies: what was learnt by then does not depend on what came after.
+    Seeds are those that every arm has finished; arms that failed are left out. Where studies gave
+    their arms different totals, all are compared at the smallest: what was learnt by then does not
+    depend on what came after.
 
     Parameters
     ----------
@@ -335,7 +349,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 f"a comparison has at most {MOST_CHECKPOINTS:,} checkpoints: {study.store.path} "
                 f"states {checkpoints:,}"
             )
-    _check([study.record for study in studies])
+    check_shared_target([study.record for study in studies])
     seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
     if not seeds:
         raise StoreError(
@@ -359,32 +373,6 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     budget = min(study.record.budget or 0 for study in studies)
     window = min(first.window, budget // first.eval_freq + 1)
     return Comparison(first.target, found, budget, total, threshold, window, failed)
-
-
-def _check(records: Iterable[StudyRecord]) -> None:
-    """Raise CurriculumError unless the targets are one task, learnt and evaluated alike."""
-    first, *others = records
-    names = [first.name, *(other.name for other in others)]
-    if len(set(names)) < len(names):
-        raise CurriculumError(f"studies that are compared need different names: got {names}")
-    for other in others:
-        pair = f"{first.name!r} and {other.name!r}"
-        if first.target != other.target:
-            raise CurriculumError(
-                f"studies must share their target: {pair} have {first.target!r} and "
-                f"{other.target!r}"
-            )
-        if apart := summary_differences(first.problem, other.problem):
-            raise CurriculumError(
-                f"studies must share their target: those of {pair} differ in {'; '.join(apart)}"
-            )
-        mine, yours = (one.arms[SCRATCH].nodes[one.target].settings for one in (first, other))
-        for which in ("evaluation", "learner", "eval_freq"):
-            if mine.get(which) != yours.get(which):
-                raise CurriculumError(
-                    f"studies must share their target's {which}: {pair} have {mine.get(which)} "
-                    f"and {yours.get(which)}"
-                )
 
 
 def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:

@@ -9,6 +9,8 @@ from curricle.study.dependencies import changes_of, key_in, key_of, replaced_key
 from curricle.study.folders import STUDY
 from curricle.study.record import RunRecord
 from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.tuning import digest_of, tuned_study
+from curricle.study.tuning_record import tuning_at
 from curricle.study.units import seed_ranges
 
 Done = dict[str, dict[int, StoredUnit]]
@@ -21,6 +23,20 @@ def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
         return Arms.of(study)
     store = StudyStore(path)
     return Arms.of(study, key_in(store.finished(without=store.damaged_units())))
+
+
+def tuned_before(
+    study: StudyConfig, arms: Arms, path: str | Place, *, keep_stale: bool
+) -> tuple[StudyConfig, Arms]:
+    """Return a study and its arms as a folder says that it was tuned; as they are if it does not.
+
+    A tuning counts if it is complete and depended on what it depends on now.
+    """
+    there = None if study.tune is None else tuning_at(place_at(path))
+    if there is None or there.of != digest_of(study, arms):
+        return study, arms
+    tuned = tuned_study(study, there)
+    return tuned, arms_in(tuned, path, keep_stale=keep_stale)
 
 
 def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:

@@ -1,23 +1,21 @@
-"""Running a study: its units on any executor, each stored as soon as it is trained.
+"""Running a study: its units on any executor, each stored as soon as it is trained."""
 
-Parts that were run in several folders are merged into one.
-"""
-
-import json
 import os
 import platform
 import subprocess
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from curricle.checks import BEYOND_64_BITS, instance, whole_number
-from curricle.errors import SettingError, StoreError
-from curricle.interop.trackers import Tracker, open_trackers, to_stderr, tracker_of
+from curricle.checks import whole_number
+from curricle.errors import SettingError
+from curricle.interop.trackers import Tracker, Trackers, open_trackers, to_stderr, tracker_of
 from curricle.learning.result import LearningResult
 from curricle.progress import check_progress
 from curricle.remote_path import Place
@@ -26,26 +24,30 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.engines.engine import ExecutorWorkers, Workers
 from curricle.study.engines.opening import opened_engine, workers_of
-from curricle.study.failures import FAILURES, Failures, read_failures
-from curricle.study.packing import Packing, files_of, pack
+from curricle.study.failures import Failures, write_failures
+from curricle.study.folders import lost_errors
+from curricle.study.packing import Packing, Taken, files_of, pack
 from curricle.study.progress import Progress, shown_units
-from curricle.study.record import RunRecord, plain
-from curricle.study.recording import study_record
+from curricle.study.record import RunRecord, StudyRecord, plain
+from curricle.study.recording import curricula_record, study_record
 from curricle.study.results import StudyResults
-from curricle.study.resuming import Done, arms_in, different_versions, usable_units
+from curricle.study.resuming import Done, arms_in, different_versions, tuned_before, usable_units
 from curricle.study.scheduling import Scheduler
-from curricle.study.serialization import UnitResult, result_of, without_snapshots
+from curricle.study.serialization import UnitResult
 from curricle.study.store import StoredUnit, StudyStore
-from curricle.study.units import Unit, units_of
+from curricle.study.study_arguments import Study, study_of
+from curricle.study.tuning import check_tuning, digest_of, tune, tuned_study
+from curricle.study.tuning_record import TRIALS, write_tuning
+from curricle.study.units import Unit, given_to_all, units_of
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
-OF_NETWORKS = ("torch", "stable-baselines3", "sb3-contrib")
-"""Optional libraries."""
+OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib", "optuna")
+"""Libraries that may be there."""
 
 
 def run_study(
-    study: StudyConfig,
-    path: str | Place,
+    study: Study,
+    path: str | Place | None = None,
     *,
     resume: bool = False,
     workers: int | None = None,
@@ -61,9 +63,11 @@ def run_study(
 
     Parameters
     ----------
-    study : StudyConfig
-    path : path or str
-        The folder; made if need be. Or a URL, such as "s3://bucket/study".
+    study : StudyConfig or path
+        Or the path of its file.
+    path : path or str, optional
+        The folder; made if need be. Or a URL, such as "s3://bucket/study". By default the file's
+        name with "-results", here, as with ``curricle run``.
     resume : bool
         Whether to go on with what the folder holds. A unit is trained if it is not there, if a file
         of it is damaged, or if it is stale: there is one of its task, but that depended on other
@@ -94,8 +98,11 @@ def run_study(
 
     Raises
     ------
+    ConfigError
+        With all that is wrong in the study's file.
     StoreError
-        When the folder holds something else, is in use, is damaged or cannot be written to.
+        When the folder holds something else, is in use, is damaged or cannot be written to;
+        LostStoreError where that happens later, and `resume` goes on.
     SettingError
         When the arms cannot be compared, workers or shard make no sense, a network is to learn
         and Stable-Baselines3 is not installed, or `on` names no cluster that can be used.
@@ -116,43 +123,43 @@ def run_study(
     >>> found.results["scratch"]["line"].steps_used
     array([500, 500])
     """
-    instance("study", study, StudyConfig, SettingError)
+    study = study_of(study)
     check_progress(progress)
+    path = path or study.results_folder
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
     _check_shard(*shard)
     arms = arms_in(study, path, keep_stale=keep_stale)
     _check_networks(study)
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
-    configuration, folder = study.to_data(), str(study.folder.resolve())
-    description = {
-        "curricle": metadata.version("curricle"),
-        "configuration": configuration,
-        "code": arms.code,
-    }
-    record = study_record(study, arms)
-    described = {**description, "record": plain(record)}
     report = report or to_stderr
+    study, arms = tuned_before(study, arms, path, keep_stale=keep_stale)
+    if study.tune is not None:
+        check_tuning(study)
     with ExitStack() as ending:
         # first: where a cluster is refused, no folder is made
         places = _workers(study, arms, workers, executor, on, report, ending)
+        record = study_record(study, arms)
+        described = _description(study, arms, record)
         opened = StudyStore.opened(path, described, resume=resume, check=False)
         store = ending.enter_context(opened)
+        ending.enter_context(lost_errors())
+        show = ending.enter_context(shown_units(progress))
+        training = Training(store, places, show)
+        if study.tune is not None:
+            study = _tuned(study, arms, training, resume=resume)
+            arms = arms_in(study, path, keep_stale=keep_stale)
+            record = study_record(study, arms)
+            store = store.redescribed(_description(study, arms, record))
+            training = Training(store, places, show)
         done = _begun(store, study, arms, report)
-        units = tuple(units_of(study, arms, done, shard))
-        beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
-        tracking = open_trackers(trackers, study.name, description, beside, report)
+        tracking = _tracking(store, study, arms, trackers, report)
         ending.callback(tracking.close)
-        given = json.dumps(configuration), folder, json.dumps(arms.code)
         failures, per_file = Failures(arms.keys), files_of(record)
-        scheduler = Scheduler(given, arms, Packing(store, done, per_file), places, failures)
-        say = ending.enter_context(shown_units(progress))
-        say(Progress(units, None, scheduler.number(), places.link))
-        for unit, result in scheduler.results(units):
+        for unit, result in training.results(study, arms, done, per_file, failures, shard):
             if trackers:
                 tracking.record(unit.arm, unit.task, _learnt(store, arms, unit, result))
-            say(Progress(units, unit, scheduler.number(), places.link))
-        _write_failures(store, failures.rows())
+        write_failures(store, failures.rows())
         if not failures:
             store.remove_checkpoints()
         pack(store, per_file)
@@ -167,6 +174,90 @@ def run_study(
 def _check_shard(part: int, parts: int) -> None:
     if not 1 <= part <= parts:
         raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
+
+
+@dataclass(frozen=True)
+class Training:
+    """Where units are stored, what trains them, and who is told."""
+
+    store: StudyStore
+    workers: Workers
+    report: Callable[[Progress], Any]
+
+    def results(
+        self,
+        study: StudyConfig,
+        arms: Arms,
+        done: Done,
+        per_file: Mapping[str, int],
+        failures: Failures,
+        shard: tuple[int, int] = (1, 1),
+        tuning: str = "",
+    ) -> Iterator[Taken]:
+        """Yield each unit of a study that is not done with its result, when it is stored."""
+        units = tuple(units_of(study, arms, done, shard))
+        packing, workers = Packing(self.store, done, per_file), self.workers
+        scheduler = Scheduler(given_to_all(study, arms), arms, packing, workers, failures)
+
+        def report(stored: Unit | None) -> None:
+            now = scheduler.number(), workers.repeated, workers.link
+            self.report(Progress(units, stored, *now, tuning))
+
+        report(None)
+        for unit, result in scheduler.results(units):
+            yield unit, result
+            report(unit)
+
+
+def _tuned(study: StudyConfig, arms: Arms, training: Training, *, resume: bool) -> StudyConfig:
+    """Return a study with the settings that are found for each arm, and note how."""
+    path = training.store.path / TRIALS
+    with StudyStore.opened(path, {"tuning": study.name}, resume=resume) as store:
+        for file in store.damaged_units():
+            file.unlink()
+        trials = replace(training, store=store)
+
+        def train(config: StudyConfig, of_trials: Arms, words: str) -> StudyStore:
+            failures = Failures(of_trials.keys)
+            per_file = files_of(curricula_record(of_trials.curricula, of_trials.keys))
+            done = store.finished()
+            given = config, of_trials, done, per_file, failures
+            deque(trials.results(*given, tuning=words), maxlen=0)
+            pack(store, per_file)
+            if failures:
+                raise failures.error()
+            return store
+
+        found = tune(study, train, digest_of(study, arms))
+        store.remove_checkpoints()
+    write_tuning(training.store, found)
+    return tuned_study(study, found)
+
+
+def _description(study: StudyConfig, arms: Arms, record: StudyRecord) -> dict[str, Any]:
+    """Return what a study's folder says of it."""
+    return {**_settings(study, arms), "record": plain(record)}
+
+
+def _settings(study: StudyConfig, arms: Arms) -> dict[str, Any]:
+    """Return what a study's results depend on."""
+    return {
+        "curricle": metadata.version("curricle"),
+        "configuration": study.to_data(),
+        "code": arms.code,
+    }
+
+
+def _tracking(
+    store: StudyStore,
+    study: StudyConfig,
+    arms: Arms,
+    trackers: Sequence[str | Tracker],
+    report: Callable[[str], Any],
+) -> Trackers:
+    """Return the trackers of a run, which write beside its folder."""
+    beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
+    return open_trackers(trackers, study.name, _settings(study, arms), beside, report)
 
 
 def _check_networks(study: StudyConfig) -> None:
@@ -216,15 +307,7 @@ def _learnt(
     if isinstance(result, StoredUnit):
         result = store.result(result, unit.seeds)
     node = arms.curricula[unit.arm].node(unit.task)
-    return result_of(result.arrays, node.task, node.learner)
-
-
-def _write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
-    """Write the failures of a run in the place of those of an earlier one."""
-    if rows:
-        store.write_json(FAILURES, rows)
-    else:
-        (store.path / FAILURES).unlink(missing_ok=True)
+    return LearningResult.of_arrays(result.arrays, node.task, node.learner)
 
 
 def _provenance(study: StudyConfig) -> RunRecord:
@@ -233,7 +316,7 @@ def _provenance(study: StudyConfig) -> RunRecord:
     Nothing in it names the machine, its user or a place on its disk: folders are sent to others.
     """
     versions = {name: metadata.version(name) for name in LIBRARIES}
-    for name in OF_NETWORKS:
+    for name in OPTIONAL:
         with suppress(metadata.PackageNotFoundError):
             versions[name] = metadata.version(name)
     return RunRecord(
@@ -261,68 +344,3 @@ def _commit(folder: Path) -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return found.stdout.strip() or None
-
-
-def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
-    """Merge the parts of a study, run in several folders, into one folder; return its results.
-
-    The parts do not change. A unit that several have is taken once, since equal units have equal
-    results.
-
-    Parameters
-    ----------
-    path : path
-        Made if need be; or a folder of the same study, whose units stay.
-    parts : sequence of path
-
-    Raises
-    ------
-    StoreError
-        When folders hold different studies, or one is damaged or in use; what was merged before is
-        whole then.
-    """
-    if not parts:
-        raise StoreError("there must be at least one folder to merge: got none")
-    studies = [StudyResults(part) for part in parts]
-    stores = [study.store for study in studies]
-    found = [store.units() for store in stores]
-    for study, units in zip(studies, found, strict=True):
-        stores[0].check(study.store.description)
-        if study.record.keys != studies[0].record.keys:
-            raise StoreError(
-                f"{study.store.path} holds units of other code, kept with --keep-stale: parts that "
-                "are merged must be of the same"
-            )
-        for unit in units:  # damage is found before anything is written
-            study.store.result(unit, unit.seeds, study.most_bytes)
-    analysis = next(
-        (one.analysis for one in sorted(studies, key=_first_seed) if one.analysis), None
-    )
-    first = min((seed for units in found for unit in units for seed in unit.seeds), default=0)
-    for store, units in zip(stores, found, strict=True):
-        with StudyStore.opened(path, store.description, resume=True) as target:
-            done = target.finished()
-            for run in store.runs():
-                target.add_run(run)
-            for unit in units:
-                there = done.setdefault(unit.key, {})
-                new = tuple(seed for seed in unit.seeds if seed not in there)
-                if new:
-                    result = store.result(unit, new)
-                    if first not in new:  # a study keeps the snapshots of its first seed alone
-                        result = without_snapshots(result)
-                    taken = target.write_unit(unit.about.model_copy(update={"seeds": new}), result)
-                    there |= dict.fromkeys(new, taken)
-            pack(target, files_of(studies[0].record))
-            merged = StudyResults(path)
-            merged.write_tables()
-            if analysis is not None:
-                merged.write_analysis(analysis)
-    with StudyStore.opened(path, stores[0].description, resume=True) as target:
-        _write_failures(target, [row for store in stores for row in read_failures(store)])
-    return StudyResults(path)
-
-
-def _first_seed(study: StudyResults) -> int:
-    """Return the first seed that a study has finished; the analysis of the first is that of all."""
-    return min(study.seeds, default=BEYOND_64_BITS)

@@ -11,11 +11,12 @@ from math import inf
 from time import monotonic
 from typing import Any
 
+from curricle.curriculum.stored_sources import StoredValues, sources_read
+from curricle.errors import LostStoreError
 from curricle.study.arms import Arms
 from curricle.study.engines.engine import Workers
 from curricle.study.failures import Failures
 from curricle.study.packing import Packing, Taken
-from curricle.study.source_values import StoredValues, sources_read
 from curricle.study.stored_values import StoredSource, stored_values
 from curricle.study.units import Unit, UnitInput
 
@@ -89,7 +90,7 @@ class Scheduler:
     """Sends units to workers, each after its sources, and stores their results."""
 
     study: tuple[str, str, str]
-    """The first fields of :class:`UnitInput`."""
+    """As :func:`given_to_all`."""
     arms: Arms
     packing: Packing
     workers: Workers
@@ -157,17 +158,17 @@ class Scheduler:
                 stored[name] = StoredSource(units, name in read)
             else:
                 values[name] = stored_values(packing.arrays, units, unit.seeds, read=name in read)
-        kept = curriculum.node(unit.task).deep and self.workers.share_folders
-        folder = packing.store.checkpoints(unit) if kept else None
-        given = UnitInput(*self.study, unit, values, None if folder is None else str(folder))
+        kept = curriculum.node(unit.task).deep and (seen or self.workers.share_folders)
+        checkpoints = packing.store.checkpoints(unit) if kept else None
+        given = UnitInput(*self.study, unit, values, checkpoints)
         written = seen and packing.is_large(unit.key, unit.seeds)
         return self.workers.train(given, stored, packing.store.path if written else None)
 
     def _error_of(self, future: "Future[Any]") -> Exception | None:
-        """Return why a unit failed, if it did; an interrupt is raised."""
+        """Return why a unit failed, if it did; an interrupt and a lost store are raised."""
         if future.cancelled():
             return self.workers.lost()
         error = future.exception()
-        if error is not None and not isinstance(error, Exception):
+        if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
             raise error
         return error

@@ -1,11 +1,9 @@
-"""A learning result as plain arrays, to be sent and stored as files, and back again."""
+"""The arrays of a unit: by group, of some seeds, of several units as one; and its tables."""
 
 import io
-import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import fields
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,15 +11,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from curricle.frozen_arrays import frozen
-from curricle.learning.record import Snapshots
-from curricle.learning.result import CURVES, TOTALS, LearningResult, lengthened
-from curricle.learning.storage import SparseValues
+from curricle.learning.curve_frame import curve_columns
+from curricle.learning.result import lengthened
+from curricle.learning.result_arrays import CURVES, Arrays, check_result_arrays
 
-Arrays = Mapping[str, npt.NDArray[Any]]
-OTHERS = ("task", "learner", "seeds", "values", "visits", "snapshots")
-PLAIN = tuple(field.name for field in fields(LearningResult) if field.name not in OTHERS)
-"""The arrays of a result by seed, and ``steps``."""
 RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"
 """Groups of a unit's arrays: curves and counts, what was learnt, values on the way."""
 
@@ -35,17 +28,10 @@ DECISION_SCHEMA = {
     "reason": "string",
 }
 """Columns of a unit's decisions, and their types."""
-DTYPES = {
-    **dict.fromkeys(("steps", "seeds", "source_steps", "episodes", "snapshot_steps"), "int64"),
-    **dict.fromkeys(("steps_used", "episodes_used", "evaluation_steps"), "int64"),
-    **dict.fromkeys(("out_of_memory", "own_rewards"), "bool"),
-    "snapshot_values": "float32",
-}
-"""Of the arrays of a unit that are not of float64."""
 OWN = re.compile(r"(states|values)_(\d+)(/.*)?")
 """An array of one seed, by its row."""
-SPENT, MOST_STEPS = ("source_steps", "steps_used"), 2**53
-"""Steps that a number of double precision counts."""
+SPENT = ("source_steps", "steps_used")
+"""Arrays of steps."""
 LARGEST_TABLE = 2**28
 """Bytes of a table at most."""
 
@@ -56,76 +42,8 @@ class UnitResult(NamedTuple):
     arrays: Arrays
     """Those of the :class:`LearningResult` (:func:`arrays_of`), and by seed (K,) ``source_steps``,
     of them ``retraining_steps``, and ``scale``, ``shift`` and ``refusal`` if it was calibrated."""
-    decisions: list[dict[str, Any]]
-    """Why each seed went on or stopped, a row a checkpoint."""
-
-
-def arrays_of(result: LearningResult) -> dict[str, npt.NDArray[Any]]:
-    """Return a result's arrays by name.
-
-    ``values`` are there if they were saved, or for each seed k the ``states_k`` and ``values_k`` of
-    its sparse table, or the parameters of its network, ``values_k/name``; ``visits`` if they were
-    counted; ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, learn
-    >>> sorted(arrays_of(learn(GridWorld("S.T"), budget=100)))[-2:]
-    ['training_return', 'values']
-    """
-    found = {name: getattr(result, name) for name in PLAIN}
-    found["seeds"] = np.array(result.seeds, dtype=np.int64)
-    if isinstance(result.values, np.ndarray):
-        found["values"] = result.values
-    elif result.values is not None:
-        for k, one in enumerate(result.values):
-            if isinstance(one, SparseValues):
-                found |= {f"states_{k}": one.states, f"values_{k}": one.values}
-            else:
-                found |= {f"values_{k}/{name}": each for name, each in one.parameters().items()}
-    if result.visits is not None:
-        found["visits"] = result.visits
-    if result.snapshots is not None:
-        found["snapshot_steps"] = result.snapshots.steps
-        found["snapshot_values"] = result.snapshots.values
-    return found
-
-
-def result_of(arrays: Arrays, task: Any = None, learner: Any = None) -> LearningResult:
-    """Return the result that :func:`arrays_of` was called on; without values if there are none.
-
-    Those of a network are its parameters: :func:`source_values` makes networks of them.
-    """
-    seeds = tuple(arrays["seeds"].tolist())
-    values: Any = arrays.get("values")
-    if f"states_{len(seeds) - 1}" in arrays:
-        values = tuple(
-            SparseValues(arrays[f"states_{k}"], arrays[f"values_{k}"]) for k in range(len(seeds))
-        )
-    elif values is None and values_of(arrays, 0) is not None:
-        values = tuple(values_of(arrays, k) for k in range(len(seeds)))
-    snapshots = None
-    if "snapshot_steps" in arrays:
-        steps, tables = (frozen(arrays[f"snapshot_{name}"]) for name in ("steps", "values"))
-        snapshots = Snapshots(seeds[0], steps, tables)
-    plain: dict[str, Any] = {name: frozen(arrays[name]) for name in PLAIN}
-    return LearningResult(
-        task=task,
-        learner=learner,
-        seeds=seeds,
-        values=frozen(values) if isinstance(values, np.ndarray) else values,
-        visits=frozen(arrays["visits"]) if "visits" in arrays else None,
-        snapshots=snapshots,
-        **plain,
-    )
-
-
-def values_of(arrays: Arrays, k: int) -> Any:
-    """Return the k-th seed's table, or its network's parameters; None where neither is there."""
-    if "values" in arrays:
-        return arrays["values"][k]
-    own = f"values_{k}/"
-    return {name.removeprefix(own): v for name, v in arrays.items() if name.startswith(own)} or None
+    decisions: pa.Table
+    """Why each seed went on or stopped, a row a checkpoint, of `DECISION_SCHEMA`."""
 
 
 def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[Any]]:
@@ -170,8 +88,9 @@ def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
             if name in CURVES:
                 each = [lengthened(name, one, len(steps)) for one in each]
             arrays[name] = np.concatenate(each)[order]
-    decisions = [row for part in parts for row in part.decisions]
-    return UnitResult(arrays, sorted(decisions, key=lambda row: row["seed"]))
+    decisions = pa.concat_tables([part.decisions for part in parts])
+    ascending = pc.sort_indices(decisions, [("seed", "ascending")])  # stable
+    return UnitResult(arrays, decisions.take(ascending))
 
 
 def _own_arrays(parts: Sequence[UnitResult], rows: Sequence[int]) -> dict[str, npt.NDArray[Any]]:
@@ -186,13 +105,6 @@ def _own_arrays(parts: Sequence[UnitResult], rows: Sequence[int]) -> dict[str, n
     return {name: array for _, name, array in sorted(found, key=lambda one: one[0])}
 
 
-def checkpoints_of(arrays: Arrays) -> int:
-    """Return how many checkpoints a unit's arrays have; ValueError if they do not say."""
-    if "steps" not in arrays:
-        raise ValueError("it has no steps")
-    return arrays["steps"].size
-
-
 def check_arrays(
     arrays: dict[str, npt.NDArray[Any]],
     seeds: Sequence[int],
@@ -202,29 +114,7 @@ def check_arrays(
 
     `pairs` are the states and actions of its task.
     """
-    n, n_seeds = checkpoints_of(arrays), len(seeds)
-    shapes: dict[str, tuple[int, ...]] = {"steps": (n,)}
-    shapes |= dict.fromkeys(CURVES, (n_seeds, n))
-    shapes |= dict.fromkeys(("seeds", "source_steps", *TOTALS), (n_seeds,))
-    if "snapshot_steps" in arrays:
-        moments = arrays["snapshot_steps"].size
-        shapes |= {"snapshot_steps": (moments,), "snapshot_values": (moments, *pairs)}
-    for name, shape in shapes.items():
-        found = arrays.get(name)
-        if found is None or found.shape != shape or not n:
-            raise ValueError(f"{name} must be an array of shape {shape}")
-        if found.dtype != (kind := DTYPES.get(name, "float64")):
-            raise ValueError(f"{name} must be an array of {kind}: got {found.dtype}")
-    if (np.diff(arrays["steps"], prepend=-1) <= 0).any():
-        raise ValueError("steps must ascend from 0")
-    if arrays["seeds"].tolist() != list(seeds):
-        raise ValueError("seeds must be those of its unit")
-    for name in SPENT:
-        if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_STEPS:
-            raise ValueError(f"{name} must be from 0 to {MOST_STEPS:,}")
-    for name in shapes.keys() & {*CURVES, "snapshot_values"}:
-        if np.isinf(arrays[name]).any():
-            raise ValueError(f"{name} must have finite numbers")
+    check_result_arrays(arrays, seeds, pairs, SPENT)
     return arrays
 
 
@@ -239,23 +129,6 @@ def group_of(name: str) -> str:
     if name.startswith("snapshot_"):
         return SNAPSHOTS
     return VALUES if re.match(r"values|states|visits", name) else RUN
-
-
-def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
-    """Return an array of as many bytes as its file has left after the header, without pickles.
-
-    ValueError where the header says something else.
-    """
-    version = np.lib.format.read_magic(file)
-    if version != (1, 0):
-        raise ValueError(f"its arrays must be of format 1.0: got {version}")
-    shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
-    if dtype.hasobject:
-        raise ValueError("its arrays must not hold Python objects, which are pickles")
-    if math.prod(shape) * dtype.itemsize != size - file.tell():
-        raise ValueError(f"an array of shape {shape} does not fill its file")
-    flat = np.frombuffer(bytearray(file.read()), dtype)
-    return flat.reshape(shape, order="F" if fortran else "C")
 
 
 def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Table:
@@ -303,19 +176,7 @@ def without_snapshots(result: UnitResult) -> UnitResult:
 
 def curve_table(task: str, arrays: Arrays) -> pa.Table:
     """Return a unit's curves as a tidy table, each seed up to its own end."""
-    steps = arrays["steps"]
-    reached = steps[None, :] <= arrays["steps_used"][:, None]
-    seed, checkpoint = np.nonzero(reached)
-    columns = {
-        "task": [task] * len(seed),
-        "seed": arrays["seeds"][seed],
-        "checkpoint": checkpoint,
-        "steps": steps[checkpoint],
-        "source_steps": arrays["source_steps"][seed],
-    }
-    for name in ("training_return", "greedy_return", "guard_share", "episodes"):
-        columns[name] = arrays[name][reached]
-    return pa.table(columns)
+    return pa.table(curve_columns(arrays, task))
 
 
 def as_parquet(table: pa.Table) -> bytes:

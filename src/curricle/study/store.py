@@ -1,7 +1,6 @@
 """The results store: a folder with a description of what its results depend on, and whole files."""
 
 import json
-import shutil
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,10 +10,13 @@ from typing import Any, TypeVar
 
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 
+from curricle.archives.array_archive import Damaged
+from curricle.archives.sealed_json import as_json, parsed_json, sealed, unsealed
 from curricle.errors import StoreError
-from curricle.files import PART, read_bounded, write_whole
-from curricle.remote_path import Place, place_at
+from curricle.files import PART, read_bounded, remove_folder, write_whole
+from curricle.remote_path import Place, RemotePath, place_at
 from curricle.study.dependencies import Dependencies
 from curricle.study.description import differences, shown
 from curricle.study.folders import (
@@ -28,11 +30,9 @@ from curricle.study.folders import (
     write_errors,
 )
 from curricle.study.record import RunRecord, UnitRecord, plain, read_record
-from curricle.study.sealed_json import as_json, parsed_json, sealed, unsealed
 from curricle.study.serialization import GROUPS, UnitResult, as_parquet, of_seeds
 from curricle.study.unit_file import (
     ENDING,
-    Damaged,
     UnitFile,
     checked_unit,
     opened_unit,
@@ -184,7 +184,10 @@ class StudyStore:
         self.path = place_at(path)
         with read_errors(self.path):
             if not (self.path / STUDY).exists():
-                raise StoreError(f"a folder of results holds a {STUDY}: {self.path} has none")
+                lacks = f"{self.path} has none"
+                if isinstance(self.path, RemotePath) and not self.path.bucket.exists():
+                    lacks = f"there is no {self.path.bucket}"
+                raise StoreError(f"a folder of results holds a {STUDY}: {lacks}")
         self.description = self.read_sealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
@@ -256,6 +259,10 @@ class StudyStore:
         with write_errors(path):
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path)
+
+    def redescribed(self, description: Mapping[str, Any]) -> "StudyStore":
+        """Return the folder, which must be open, with another description of the same study."""
+        return self._claimed(self.path, json.loads(json.dumps(description)), True, False)
 
     def check(self, description: Mapping[str, Any]) -> None:
         """Raise StoreError if results of a description, as :meth:`opened` takes it, differ."""
@@ -340,24 +347,18 @@ class StudyStore:
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return where it is."""
         stored = written_unit(self.path, unit, result)
-        if (checkpoints := self.checkpoints(unit)) is not None:
-            shutil.rmtree(checkpoints, ignore_errors=True)
+        remove_folder(self.checkpoints(unit))
         return stored
 
-    def checkpoints(self, unit: Unit | UnitRecord) -> Path | None:
-        """Return the folder for checkpoints of a unit's training until it is stored.
-
-        None where results are at a URL: there are none.
-        """
-        if not isinstance(self.path, Path):
-            return None
-        place = place_of(unit.key, "", seed_ranges(unit.seeds))
-        return (self.path.resolve() / CHECKPOINTS / place).with_suffix("")
+    def checkpoints(self, unit: Unit | UnitRecord) -> Place:
+        """Return the folder for checkpoints of a unit's training until it is stored."""
+        place = place_of(unit.key, "", seed_ranges(unit.seeds)).removesuffix(ENDING)
+        root = self.path.resolve() if isinstance(self.path, Path) else self.path
+        return root / CHECKPOINTS / place
 
     def remove_checkpoints(self) -> None:
         """Remove those of all units."""
-        if isinstance(self.path, Path):
-            shutil.rmtree(self.path / CHECKPOINTS, ignore_errors=True)
+        remove_folder(self.path / CHECKPOINTS)
 
     def arrays(
         self, stored: StoredUnit, *groups: str, most: int | None = None
@@ -386,5 +387,5 @@ class StudyStore:
             return file.arrays(*GROUPS, most=most), file.decisions(len(stored.seeds))
 
         arrays, decisions = read_unit(stored.path, read)
-        rows = decisions.to_pylist()
-        return UnitResult(of_seeds(arrays, seeds), [row for row in rows if row["seed"] in seeds])
+        wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
+        return UnitResult(of_seeds(arrays, seeds), decisions.filter(wanted))

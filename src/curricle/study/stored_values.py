@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from curricle.curriculum.sources import Progress
-from curricle.study.serialization import RUN, VALUES, values_of
-from curricle.study.source_values import StoredValues
+from curricle.curriculum.stored_sources import StoredValues
+from curricle.learning.result_arrays import values_of
+from curricle.study.serialization import RUN, VALUES
 from curricle.study.store import StoredUnit
 
 

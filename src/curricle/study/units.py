@@ -1,5 +1,6 @@
 """Units of work: one task of one arm for some seeds, a pure function of the study."""
 
+import json
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -7,18 +8,21 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
+from curricle.curriculum.stored_sources import StoredValues, source_values
 from curricle.display import brief_repr
 from curricle.learning.budget import ended_by
+from curricle.learning.result_arrays import arrays_of
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.storage import Storage
+from curricle.remote_path import Place
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import Dependencies
-from curricle.study.serialization import UnitResult, arrays_of
-from curricle.study.source_values import StoredValues, source_values
+from curricle.study.serialization import DECISION_SCHEMA, UnitResult
 
 
 @dataclass(frozen=True)
@@ -139,8 +143,13 @@ class UnitInput(NamedTuple):
     """JSON of ``Arms.code``: the modules must be as they were when the run began."""
     unit: Unit
     sources: Mapping[str, StoredValues]
-    checkpoints: str | None = None
-    """A folder for checkpoints, from which a killed unit goes on, to the same result."""
+    checkpoints: Place | None = None
+    """Where checkpoints are, from which a killed unit goes on, to the same result."""
+
+
+def given_to_all(study: StudyConfig, arms: Arms) -> tuple[str, str, str]:
+    """Return the first fields of :class:`UnitInput`, the same for all units of a study."""
+    return json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
 
 
 def train_unit(given: UnitInput) -> UnitResult:
@@ -164,7 +173,8 @@ def train_unit(given: UnitInput) -> UnitResult:
     if fitted := found.calibrations.get(unit.task):
         parts = ("scale", "shift", "refusal")
         arrays |= {part: np.array([getattr(one, part) for one in fitted]) for part in parts}
-    return UnitResult(arrays, _decisions(found, unit))
+    decisions = pa.Table.from_pylist(_decisions(found, unit), pa.schema(DECISION_SCHEMA.items()))
+    return UnitResult(arrays, decisions)
 
 
 def _with_memory_for_all(curriculum: Curriculum, unit: Unit) -> Curriculum:

@@ -2,14 +2,22 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
 
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.errors import TaskError
+from curricle.tasks.task import generative_model
 
 LETTERS = {"treasure": "T", "fire": "F", "pit": "P", "goal": "G", "key": "K", "lock": "L"}
 LETTERS |= {"exit": "E"}
 """Of the objects on a grid."""
+SIDES = (("row", "column"), ("row", "col"), ("y", "x"))
+"""Components that say in which cell a state lies, by their names."""
+MOST_STATES = 20_000_000
+"""States of a task whose cells are read off its components."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,3 +51,30 @@ class GridLayout:
     def __post_init__(self) -> None:
         for name, *_ in self.objects:
             one_of("an object of a layout", name, tuple(LETTERS), TaskError)
+
+
+def layout_of(task: Any) -> GridLayout | None:
+    """Return where the states of a task lie: as it says, or by components called row and column.
+
+    None for a task that has neither.
+
+    Examples
+    --------
+    >>> from curricle import from_gymnasium
+    >>> drawn = layout_of(from_gymnasium("Taxi-v4", discount=0.9))
+    >>> drawn.components, drawn.shape, drawn.cells[:21:20]
+    (('row', 'column'), (5, 5), array([[0, 0],
+           [0, 1]]))
+    """
+    own = getattr(task, "layout", None)
+    if isinstance(own, GridLayout):
+        return own
+    states = generative_model(task).states
+    sides = next((names for names in SIDES if set(names) <= set(states.names)), None)
+    if sides is None or states.size > MOST_STATES:
+        return None
+    values = states.decode()
+    cells = np.stack([values[name] for name in sides], axis=1)
+    origin, last = cells.min(axis=0), cells.max(axis=0)
+    rows, columns = (last - origin + 1).tolist()
+    return GridLayout(cells, sides, (rows, columns), tuple(origin.tolist()))

@@ -14,10 +14,11 @@ import numpy as np
 from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.tasks.grid_layout import LETTERS, GridLayout
+from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
 from curricle.tasks.labels import action_name
+from curricle.tasks.live import is_live, reset_state
 from curricle.tasks.spaces import MISSING, Component, Space
-from curricle.tasks.task import generative_model, tables
+from curricle.tasks.task import generative_model, has_tables, tables
 
 At = Mapping[str, Any]
 """Component name -> its value, a number, a label, or for a cell (row, column)."""
@@ -82,12 +83,13 @@ class GridView:
         ----------
         task : Task
             One that says where its states lie (:class:`GridLayout`), such as :class:`GridWorld`,
-            or any task whose states have one component that is a cell, with labels
-            ``(row,column)`` as in :class:`Pursuit`, or two that are a row and a column.
+            or whose states have components called row and column, or y and x; or any task whose
+            states have one component that is a cell, with labels ``(row,column)`` as in
+            :class:`Pursuit`, or two that are a row and a column.
         at : dict of str to int, str or (int, int), optional
             The other components: a number, a label, or a cell's row and column. Those left out
-            make the grid: one that is a cell, or two, the first being the row. Where the task says
-            where its states lie, those left out are as in the first of its start states.
+            make the grid: one that is a cell, or two, the first being the row. Where the task or
+            names say where its states lie, those left out are as an episode starts.
 
         Raises
         ------
@@ -96,8 +98,10 @@ class GridView:
         """
         fixed = {} if at is None else at
         instance("at", fixed, Mapping, SettingError)
-        layout = _layout_of(task)
-        return _of_components(task, fixed) if layout is None else _of_layout(task, layout, fixed)
+        layout = layout_of(task)
+        if layout is None or (_by_components(task) and set(fixed) & set(layout.components)):
+            return _of_components(task, fixed)
+        return _of_layout(task, layout, fixed)
 
     @classmethod
     def for_replay(cls, task: Any) -> "GridView | None":
@@ -114,21 +118,16 @@ class GridView:
         >>> view.words, [marker.letter for marker in view.markers]
         ('cells: where predator_1 is; P: prey, 2: predator_2', ['P', '1', '2'])
         """
-        if (layout := _layout_of(task)) is not None:
+        space = generative_model(task).states
+        read = {component.name: labelled_cells(component) for component in space.components}
+        labelled = {name: found for name, found in read.items() if found is not None}
+        if labelled and _by_components(task):
+            return _of_agents(task, space, labelled)
+        if (layout := layout_of(task)) is not None:
             if layout.shape[0] * layout.shape[1] > MOST_CELLS:
                 return None
             moving = {"agent": layout.cells, **layout.markers}
             return _with_markers(_of_layout(task, layout, {}), moving, ("agent",))
-        space = generative_model(task).states
-        read = {component.name: labelled_cells(component) for component in space.components}
-        if labelled := {name: found for name, found in read.items() if found is not None}:
-            return _of_agents(task, space, labelled)
-        for names in (("row", "column"), ("y", "x")):
-            if set(names) <= set(space.names):
-                values = space.decode()
-                cells = np.stack([values[name] for name in names], axis=1)
-                fixed = {c.name: c.low for c in space.components if c.name not in names}
-                return _with_markers(cls.of(task, fixed), {"agent": cells}, ())
         return _strip(task, space)
 
     @property
@@ -166,16 +165,15 @@ def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) ->
     return {"ended": ended, "actions": names, "directions": directions}
 
 
-def _layout_of(task: Any) -> GridLayout | None:
-    """Return where a task says that its states lie; None if it does not say."""
-    layout = getattr(task, "layout", None)
-    return layout if isinstance(layout, GridLayout) else None
+def _by_components(task: Any) -> bool:
+    """Return whether a task does not say itself where its states lie."""
+    return not isinstance(getattr(task, "layout", None), GridLayout)
 
 
 def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
     """Return the view of a task that says where its states lie.
 
-    Components that are neither fixed nor part of the grid are as in the first start state.
+    Components that are neither fixed nor part of the grid are as an episode starts.
     """
     space = generative_model(task).states
     others = [part for part in space.components if part.name not in layout.components]
@@ -185,7 +183,7 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
         )
     _check_names(fixed, [part.name for part in others])
     values = space.decode() if others else {}
-    start = int(tables(task).start_states[0]) if others else 0
+    start = _start_of(task) if others else 0
     shown, keys = np.ones(space.size, bool), list[str]()
     for part in others:
         given = fixed.get(part.name, int(values[part.name][start]))
@@ -215,6 +213,13 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
         air=_air(layout, cells),
         **_of_task(task, states, None, is_map=True),
     )
+
+
+def _start_of(task: Any) -> int:
+    """Return a state that episodes start in; of a task given by functions the first state."""
+    if has_tables(task):
+        return int(tables(task).start_states[0])
+    return reset_state(task) if is_live(task) else 0
 
 
 def _air(layout: GridLayout, cells: IntArray) -> IntArray:

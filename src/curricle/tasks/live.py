@@ -110,6 +110,20 @@ def is_live(task: Any) -> bool:
     return isinstance(task, LiveMDP)
 
 
+def reset_state(task: LiveMDP) -> int:
+    """Return the state that a new environment is in after a reset with seed 0.
+
+    Examples
+    --------
+    >>> from curricle import from_gymnasium
+    >>> lake = from_gymnasium("FrozenLake-v1", discount=0.9, live=True)
+    >>> reset_state(lake)
+    0
+    """
+    with closing(task.make()) as environment:
+        return numbering(task)(environment.reset(seed=0)[0])
+
+
 def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
     """Return a context with the model of a task for the loops of one run; a live one while open.
 
@@ -171,7 +185,7 @@ def _player(
     action = yield None
     try:
         environment = closings.enter_context(closing(task.make()))
-        number, moves = _numbering(task), [task.act(a) for a in range(task.actions.size)]
+        number, moves = numbering(task), [task.act(a) for a in range(task.actions.size)]
         step, reset = environment.step, environment.reset
         observation, _ = reset(seed=seed)
         while True:
@@ -199,7 +213,7 @@ def _wrong_reward(task: LiveMDP, state: int, action: int, reward: Any) -> str:
     )
 
 
-def _numbering(task: LiveMDP) -> Callable[[Any], int]:
+def numbering(task: LiveMDP) -> Callable[[Any], int]:
     """Return the function from an observation to the number of its state, checked."""
     encode, encode_one, size = task.encode, task.states.encode_one, task.states.size
 

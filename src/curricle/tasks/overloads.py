@@ -7,6 +7,8 @@ from typing import Any, TypeVar
 from numba import njit
 from numba.extending import overload
 
+from curricle.tasks.loop_parts import PartCompiler
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 INLINED: Any = {
@@ -14,6 +16,7 @@ INLINED: Any = {
     "forceinline": True,  # a call with arrays costs more than most of these functions do
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
+    "pipeline_class": PartCompiler,  # no machine code of their own either
     "_nrt": False,  # inlined functions make no arrays; counting references takes 80 ns a step
 }
 """How a function is compiled into its callers, without an entry from Python."""

@@ -19,6 +19,7 @@ from .found_mappings import (
     find_mappings as find_mappings,
 )
 from .homomorphisms import by_homomorphism as by_homomorphism
+from .identity_mapping import identity as identity
 from .legs import by_legs as by_legs
 from .mapping import (
     ENDED as ENDED,
@@ -26,7 +27,6 @@ from .mapping import (
     StateActionMapping as StateActionMapping,
     compose as compose,
     from_function as from_function,
-    identity as identity,
     relative_objects as relative_objects,
     same_position as same_position,
 )

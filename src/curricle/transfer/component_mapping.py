@@ -61,8 +61,8 @@ class ComponentMapping(StateActionMapping):
         for name in renaming:
             if name not in known:
                 raise MappingError(
-                    "renaming must start from a source component "
-                    f"({', '.join(sorted(known))}): got {name!r}"
+                    f"project names components of the source, {', '.join(sorted(known))}: got "
+                    f"{name!r}"
                 )
         for own, other in ((target.states, source.states), (target.actions, source.actions)):
             for component in other.components:

@@ -181,19 +181,6 @@ def transferred(
     return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))
 
 
-def identity(task: Task) -> StateActionMapping:
-    """Return the mapping of a task onto itself, which leaves Q as it is.
-
-    Examples
-    --------
-    >>> identity(GridWorld("S.T")).index[0]
-    array([0, 1, 2, 3])
-    """
-    generative_model(task)
-    states, actions = np.arange(task.states.size), np.arange(task.actions.size)
-    return pair_mapping(task, task, states[:, None], actions)
-
-
 def same_position(
     target: GridWorld, source: GridWorld, *, unmapped_value: float | None = None
 ) -> StateActionMapping:
@@ -261,8 +248,9 @@ def from_function(
     Raises
     ------
     MappingError
-        When the function does not return all of the source's components, or the target has more
-        than 1,000,000,000 pairs, which would all be listed.
+        When the function asks for a component that the target does not have, or does not return
+        all of the source's; or the target has more than 1,000,000,000 pairs, which would all be
+        listed.
 
     Examples
     --------
@@ -280,8 +268,8 @@ def from_function(
             f"a mapping by a function lists all pairs of the target, at most {MOST_LISTED:,}: it "
             f"has {pairs:,}; map it by components"
         )
-    states = {k: v[:, None] for k, v in target.states.decode().items()}
-    actions = {k: v[None, :] for k, v in target.actions.decode().items()}
+    states = _Components({k: v[:, None] for k, v in target.states.decode().items()}, "states")
+    actions = _Components({k: v[None, :] for k, v in target.actions.decode().items()}, "actions")
     returned = function(states, actions)
     if not isinstance(returned, tuple) or [isinstance(p, dict) for p in returned] != [True, True]:
         raise MappingError(
@@ -300,6 +288,20 @@ def from_function(
     return pair_mapping(target, source, encoded[0], encoded[1], unmapped_value)
 
 
+class _Components(dict[str, IntArray]):
+    """The values of components by name, which tells the names that there are."""
+
+    def __init__(self, values: Decoded, what: str):
+        super().__init__(values)
+        self._what = what
+
+    def __missing__(self, name: str) -> IntArray:
+        raise MappingError(
+            f"a mapping's function must ask for components of the target's {self._what}, "
+            f"{', '.join(self)}: got {name!r}"
+        )
+
+
 def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:
     """Return `second` after `first`: from the target of `first` to the source of `second`.
 
@@ -312,6 +314,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
 
     Examples
     --------
+    >>> from curricle.transfer import identity
     >>> maze = GridWorld("S..T")
     >>> crop = maze.crop(rows=(0, 1), columns=(2, 4))
     >>> both = compose(same_position(maze, crop), identity(crop))

@@ -199,7 +199,7 @@ def test_other_tasks_and_unknown_predators_are_refused():
         predator_mapping(hunt, chase)
     with pytest.raises(MappingError, match="prey, predator_1, predator_2"):
         predator_mapping(hunt, chase, predator="predator_3")
-    with pytest.raises(MappingError, match="must start from a source component"):
+    with pytest.raises(MappingError, match="project names components of the source"):
         predator_mapping(hunt, chase, predator_2="predator_1")
 
 

@@ -6,8 +6,6 @@ import pytest
 from curricle import GridWorld, Pursuit
 from curricle.errors import TaskError
 from curricle.interop.environment import MazeEnvironment, to_gymnasium
-from curricle.interop.scene import AGENT, OBJECTS, PREY, painted, predator
-from curricle.interop.scenes import scene_of
 from curricle.tasks import (
     BlockDude,
     CliffWalking,
@@ -20,6 +18,8 @@ from curricle.tasks import (
     with_start,
 )
 from curricle.tasks.grid_layout import GridLayout
+from curricle.tasks.scene import AGENT, OBJECTS, PREY, painted, predator
+from curricle.tasks.scenes import scene_of
 
 from .environments import RING, TASKS, WALLED
 

@@ -7,15 +7,22 @@ import re
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.comparison.arms import Arm
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
 from curricle.report.page import study_page
 from curricle.report.svg import inline_svg
+from curricle.statistics.curves import Curve
 
 from .studies import ODD, Reader, maze_plan, page_of
+
+
+def without_scripts(page):
+    return re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)
 
 
 def test_the_page_is_balanced_and_its_references_resolve(page):
@@ -26,7 +33,7 @@ def test_the_page_is_balanced_and_its_references_resolve(page):
     assert len(set(ids)) == len(ids)
     wanted = [href[1:] for href in found.values("href") if href.startswith("#")]
     wanted += found.values("for")
-    wanted += re.findall(r"url\(#([\w-]+)\)", page)
+    wanted += re.findall(r"url\(#([\w-]+)\)", without_scripts(page))
     assert set(wanted) <= set(ids)
     levels = [int(tag[1]) for tag, _ in found.elements if re.fullmatch(r"h[1-6]", tag)]
     assert levels[0] == 1
@@ -47,9 +54,10 @@ def test_the_policy_allows_the_page_s_own_script_only(page):
     found = Reader(page)
     policy = found.values("content", "meta")[0]
     assert policy.startswith("default-src 'none';")
-    script = re.search(r"<script>(.*?)</script>", page, re.DOTALL)[1]
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    assert f"script-src 'sha256-{digest}'" in policy
+    scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in scripts]
+    assert len(scripts) == 3
+    assert "script-src " + " ".join(f"'sha256-{one}'" for one in digests) + ";" in policy
     assert not [name for _, attrs in found.elements for name in attrs if name.startswith("on")]
 
 
@@ -59,14 +67,41 @@ def test_names_are_text_wherever_they_stand(pages):
     found = Reader(page)
     for name in ("", " arm", " short", " long", " reason", " key", " value"):
         assert ODD + name in found.words
-    assert page.count("</script>") == 2
+    assert page.count("</script>") == 5
     data = json.loads(re.search(r'id="replays">(.*?)</script>', page, re.DOTALL)[1])
     assert set(data["replays"]) == set(found.values("data-key"))
+    curves = json.loads(re.search(r'id="curves-data">(.*?)</script>', page, re.DOTALL)[1])
+    assert {arm["name"] for arm in curves["arms"]} == set(found.values("data-arm"))
 
 
 def test_the_page_is_small_and_the_same_every_time(pages, maze):
     assert max(len(page.encode()) for page in pages.values()) < 500_000
     assert page_of(maze) == pages["maze"]
+
+
+def test_a_page_of_many_arms_seeds_and_checkpoints_is_below_a_megabyte(maze):
+    rng, seeds, checkpoints = np.random.default_rng(0), 100, 2001
+    steps = np.arange(checkpoints) * 500
+
+    def arm(control):
+        values = -100 + np.cumsum(rng.normal(size=(seeds, checkpoints)), axis=1)
+        spent = rng.integers(1000, 9000, seeds)
+        return Arm(Curve(steps, values, spent), values, values, control)
+
+    first = arm(False)
+    first = replace(first, curve=replace(first.curve, source_steps=np.zeros(seeds, dtype=int)))
+    arms = {"scratch": first, "2x2": arm(False), "3x3": arm(False)}
+    arms |= {f"3x3, control {n}": arm(True) for n in range(5)}
+    large = replace(maze.comparison, arms=arms, budget=900_000, total=1_000_000)
+    page = study_page("large", large, maze.results)
+    films = re.search(r'id="replays">(.*?)</script>', page, re.DOTALL)[1]
+    assert len(page.encode()) - len(films) < 1_000_000
+
+
+def test_reasons_of_all_trainings_are_counted(pages):
+    words = Reader(pages["odd"]).words
+    assert f"{ODD} reason 1 of 6 {ODD} short" in words
+    assert f"all steps used 5 of 6 {ODD} long, {ODD} short" in words
 
 
 def test_the_sections_stand_in_their_order(page):
@@ -79,8 +114,9 @@ def test_every_control_has_a_label(page):
     found = Reader(page)
     controls = [a for tag, a in found.elements if tag in ("select", "input") and a["id"]]
     labelled = set(found.values("for", "label"))
-    radios = {a["id"] for a in controls if a.get("type") == "radio"}  # their labels hold them
-    assert {a["id"] for a in controls} == (labelled | radios)
+    # The labels of these hold them.
+    switches = {a["id"] for a in controls if a.get("type") in ("radio", "checkbox")}
+    assert {a["id"] for a in controls} == (labelled | switches)
 
 
 def test_both_axes_have_one_scale_and_all_arms(pursuit):

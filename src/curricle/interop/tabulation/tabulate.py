@@ -1,6 +1,6 @@
 """Any Gymnasium environment as tables, by visiting every state that can be reached."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from curricle.interop.gymnasium import (
     maker_of,
     refusals_of_make,
 )
+from curricle.interop.spaces import name_list, with_names
 from curricle.interop.tabulation.explorables import Listed
 from curricle.interop.tabulation.exploration import Budget, Progress
 from curricle.interop.tabulation.minigrid import max_steps_of, named_actions
@@ -26,6 +27,7 @@ from curricle.interop.tabulation.tabulated_task import TabulatedTask
 from curricle.interop.tabulation.world import refuse_stacked_frames, time_limit_of
 from curricle.interop.toy_text import names_of
 from curricle.learning.seeds import seed_tuple
+from curricle.tasks.spaces import Space
 
 MOST_STATES = 1_000_000
 """States of a table by default, at most."""
@@ -39,6 +41,8 @@ def tabulate(
     discount: float,
     seeds: Any = 1,
     time_limit: TimeLimit = "own",
+    names: Sequence[str] | None = None,
+    actions: Space | Sequence[str] | None = None,
     state: Any = None,
     outcomes: Listed | None = None,
     samples: int | None = None,
@@ -70,6 +74,10 @@ def tabulate(
     time_limit : int, None or "own"
         Steps after which episodes are truncated; by default the least of the environment's own.
         Time is no part of a state, unless the environment counts it itself.
+    names : sequence of str, optional
+        Other names for the components of a state, in their order.
+    actions : sequence of str or Space, optional
+        As in :func:`from_gymnasium`.
     state : DeepCopy, MiniGridState or (save, restore), optional
         How states are saved and restored. By default :class:`DeepCopy`, which fits everywhere, and
         in MiniGrid's environments :class:`MiniGridState`, where the goal's reward is 1. Two
@@ -92,7 +100,7 @@ def tabulate(
         versions of installed packages, and the settings above. Not of what it reads elsewhere, such
         as a file of data.
     **make_arguments
-        Arguments of ``gymnasium.make`` or the callable.
+        Arguments of ``gymnasium.make``, or of the class or function.
 
     Returns
     -------
@@ -134,15 +142,18 @@ def tabulate(
     )
     plan.check()
     discount = number("discount", discount, TaskError, low=0, high=1)
+    names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
     with _opened(environment, make, plan) as env:
         refuse_stacked_frames(env)
         name = str(make) if make.what is not None else type(env.unwrapped).__name__
         named = names_of(env.unwrapped)[1] or named_actions(env)
-        act, actions = actions_of(env.action_space, None, named)
-        tables, record = plan.carried_out(env, act, actions.size, name)
+        act, moves = actions_of(env.action_space, actions, named)
+        tables, record = plan.carried_out(env, act, moves.size, name)
         limit: Any = own_time_limit(env) if time_limit == "own" else time_limit
-    return TabulatedTask(tables.mdp(actions, discount, limit), tables.observations, record)
+    if names is not None:
+        tables = tables._replace(states=with_names(tables.states, names))
+    return TabulatedTask(tables.mdp(moves, discount, limit), tables.observations, record)
 
 
 def own_time_limit(env: Any) -> int | None:

@@ -1,5 +1,6 @@
 """Tasks that are environments: Gymnasium's or one's own, in tables or seen by networks."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, JsonValue, model_validator
 
 from curricle.deep.miniature_task import HELD_OUT, MOST_STATES, RESETS, miniatures
+from curricle.errors import TaskError
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.tabulation.tabulate import tabulate
 from curricle.study.config.encoders import AnyEncoder, encoder
@@ -32,41 +34,16 @@ TimeLimit = Annotated[
 ]
 
 
-class GymnasiumTask(TaskTable):
-    """An environment of Gymnasium's registry."""
-
-    type: Literal["gymnasium"] = "gymnasium"
-    id: Name = Field(description="Such as FrozenLake-v1.")
-    arguments: dict[str, JsonValue] = Field(default={}, description="Passed to gymnasium.make.")
-    discount: Number = Field(default=0.99, description="In [0, 1].")
-    time_limit: TimeLimit | None = Field(
-        default=None,
-        description="Steps after which an episode is cut, or 'none'; the environment's own.",
-    )
-    encode: Reference | None = Field(
-        default=None, description="A function from observations to states, as module:function."
-    )
-
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the environment as a task."""
-        options: dict[str, Any] = {"discount": self.discount}
-        if self.time_limit is not None:
-            options["time_limit"] = None if self.time_limit == "none" else self.time_limit
-        if self.encode is not None:
-            options["encode"] = load(self.encode, folder)
-        return from_gymnasium(self.id, **options, **dict[str, Any](self.arguments))
-
-
 class Maker(Table):
     """An environment of Gymnasium's, or one's own."""
 
-    id: Name | None = Field(default=None, description="Such as CartPole-v1.")
+    id: Name | None = Field(default=None, description="Of Gymnasium's registry: CartPole-v1.")
     factory: Reference | None = Field(
         default=None,
-        description="Instead: a function that returns a new environment, module:function.",
+        description="Instead: a class or function of one's own that makes it, module:Class.",
     )
     arguments: dict[str, JsonValue] = Field(
-        default={}, description="Passed to gymnasium.make, or to the function, by name."
+        default={}, description="Passed by name to gymnasium.make, or to the class or function."
     )
 
     @model_validator(mode="after")
@@ -77,17 +54,69 @@ class Maker(Table):
         return self
 
     def made_by(
-        self, make: Callable[..., Any], folder: Path, encode: Any = None, **options: Any
+        self, make: Callable[..., Any], folder: Path, wrapped: Any = None, **options: Any
     ) -> Any:
-        """Return what a function of the library makes of the environment, encoded."""
-        encode = encoder(encode, folder)
-        if self.id is not None and encode is None:
-            return make(self.id, **options, **dict(self.arguments))
+        """Return what a function of the library makes of the environment.
+
+        `wrapped` is an encoder of its observations, as a study file has it.
+        """
         own = str(self.id or self.factory)
         what = self.id or load(own, folder)
-        maker = EnvironmentMaker(what, dict(self.arguments), encode)
+        maker = EnvironmentMaker(what, dict(self.arguments), encoder(wrapped, folder))
         with users_code(own):
-            return make(maker, **options)
+            try:
+                return make(maker, **options)
+            except TaskError as error:
+                if self.factory or ":" not in own or re.search(r"-v\d+$", own):
+                    raise
+                hint = "a class or function of your own is named by factory, not by id"
+                raise TaskError(f"{error}; {hint}") from error
+
+
+Names = tuple[Name, ...] | None
+
+
+class GymnasiumTask(Maker, TaskTable):
+    """An environment of Gymnasium's registry, or one's own."""
+
+    type: Literal["gymnasium"] = "gymnasium"
+    discount: Number = Field(default=0.99, description="In [0, 1].")
+    time_limit: TimeLimit | None = Field(
+        default=None,
+        description="Steps after which an episode is cut, or 'none'; the environment's own.",
+    )
+    names: Names = Field(
+        default=None, description="Of a state's components, the numbers in an observation."
+    )
+    sizes: tuple[Count, ...] | None = Field(
+        default=None,
+        description="How many values each has, where an observation is one number.",
+    )
+    actions: Names = Field(
+        default=None,
+        description="A label for each action; north, east, south and west are drawn as arrows.",
+    )
+    encode: Reference | None = Field(
+        default=None,
+        description="A function from observations to states, module:function, with its states as "
+        "its attribute.",
+    )
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the environment as a task."""
+        given: dict[str, Any] = {"names": self.names, "sizes": self.sizes, "actions": self.actions}
+        if self.encode is not None:
+            given["encode"] = load(self.encode, folder)
+        limit = _limit(self.time_limit)
+        return self.made_by(
+            from_gymnasium, folder, discount=self.discount, time_limit=limit, **given
+        )
+
+
+def _limit(given: int | str | None) -> Any:
+    """Return a time limit as Python takes it."""
+    limits: dict[Any, Any] = {None: "own", "none": None}
+    return limits.get(given, given)
 
 
 class EnvironmentTable(Maker, TaskTable):
@@ -108,6 +137,8 @@ class TabulatedTaskTable(EnvironmentTable):
         default=None,
         description="Steps after which an episode is cut, or 'none'; the environment's own.",
     )
+    names: Names = Field(default=None, description="Other names for a state's components.")
+    actions: Names = Field(default=None, description="A label for each action.")
     reset_seeds: tuple[Whole, ...] = Field(
         default=(0,), description="Of the resets that starts are taken from."
     )
@@ -117,13 +148,14 @@ class TabulatedTaskTable(EnvironmentTable):
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the environment as tables."""
-        limits: dict[Any, Any] = {None: "own", "none": None}
         return self.made_by(
             tabulate,
             folder,
             self.encode,
             discount=self.discount,
-            time_limit=limits.get(self.time_limit, self.time_limit),
+            time_limit=_limit(self.time_limit),
+            names=self.names,
+            actions=self.actions,
             seeds=self.reset_seeds,
             cache=None if self.cache is None else folder / self.cache,
         )

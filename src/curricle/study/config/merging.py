@@ -98,7 +98,7 @@ def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     (('aggregate',), {'aggregate': 'mean'})
     """
     key, equals, value = text.partition("=")
-    keys = _dotted(key)
+    keys = dotted(key)
     if not equals or not keys:
         raise ConfigError(f"a setting is given as key=value, with dots in the key: got {text!r}")
     given: Any
@@ -111,7 +111,7 @@ def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     return keys, dict(given)
 
 
-def _dotted(key: str) -> tuple[str, ...]:
+def dotted(key: str) -> tuple[str, ...]:
     """Return the parts of a dotted key of TOML such as ``arms."5x5".shaping``; () if it is none."""
     try:
         node: Any = parsed(f"{key.strip()} = 0")

@@ -28,6 +28,9 @@ class Positions:
     """The line of each key."""
     given: Sequence[KeyPath] = ()
     """What was set from outside."""
+    varied: Mapping[str, tuple[str, Mapping[KeyPath, KeyPath]]] = field(default_factory=dict)
+    """Arm that a sweep or a tuning makes -> the arm in the file, and place in its curriculum ->
+    where the file says how that varies."""
 
     def line(self, path: KeyPath) -> int:
         """Return the line of a key path, or of the table it is in; 0 if it is not in the file."""
@@ -48,6 +51,12 @@ class Positions:
 
     def in_file(self, arm: str, path: KeyPath) -> KeyPath:
         """Return where the file has a part of an arm's complete curriculum, given by its path."""
+        arm, varied = self.varied.get(arm, (arm, {}))
+        for place, home in varied.items():
+            n = min(len(place), len(path))
+            setting = place[0] == "tasks" and place[2] in SETTINGS
+            if place[:n] == path[:n] and n > 1 + setting:  # not only the task that has it
+                return home
         patch = table(table(self.study.get("arms")).get(arm))
         chosen = patch.get("transfers")
         if path[:1] == ("transfers",) and len(path) > 1 and isinstance(chosen, list):

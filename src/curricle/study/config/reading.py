@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,11 @@ from curricle.study.config.positions import Positions, Problems, line_numbers
 from curricle.study.config.renamed_keys import renamed_keys
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.study_tables import FileTable, RunTable
+from curricle.study.config.sweeps import wrong_sweep
 from curricle.study.config.tables import KeyPath, shown, unknown
 from curricle.study.config.task_names import NameGraph, table, wrong_names
+from curricle.study.config.tuning_tables import wrong_tuning
+from curricle.study.config.varied_arms import varied_arms, wrong_made
 
 ONLY_ARM = "transfer"
 """The name of the arm of a study without arms."""
@@ -97,15 +101,25 @@ def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:
         FileTable.model_validate(study, context={"folder": folder})
     wrong += [*_wrong_arms(study, complete), *_wrong_learners(study)]
     in_arms: list[tuple[KeyPath, str]] = []
-    config: StudyConfig | None = None
-    with _collected(in_arms):
-        config = StudyConfig.from_data({**running, "arms": complete}, folder, positions)
     for arm, curriculum in complete.items():
         in_arms += [(("arms", arm, *path), text) for path, text in wrong_names(curriculum)]
+    varied = [*wrong_sweep(study, complete), *wrong_tuning(study, complete)]
+    fields: dict[str, Any] = {"arms": complete}
+    if {"sweep", "tune"} & study.keys() and not (wrong or varied or in_arms):
+        made = varied_arms(study, complete)
+        fields, positions = made.fields, replace(positions, varied=made.homes)
+        varied += wrong_made(fields["arms"])
+        with _collected(in_arms):
+            if made.probes:
+                StudyConfig.from_data({**running, "arms": made.probes}, folder, positions)
+    config: StudyConfig | None = None
+    with _collected(in_arms):
+        config = StudyConfig.from_data({**running, **fields}, folder, positions)
     for path, text in in_arms:
-        inside = path[0] == "arms"
+        inside = path[0] in ("arms", "scratches")
         wrong.append((positions.in_file(str(path[1]), path[2:]) if inside else path, text))
-    found.add(wrong)
+    found.positions = positions
+    found.add([*wrong, *varied])
     found.raise_any()
     return config
 

@@ -60,6 +60,8 @@ def renamed_keys(study: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
     A parameter that happens to be called as a setting was, such as `back` of a river, is none.
     """
     tables: list[tuple[KeyPath, Any, tuple[str, ...]]] = [((), study, (STUDY, SETTING))]
+    tables.append((("sweep",), study.get("sweep"), (SETTING,)))
+    tables.append((("tune", "space"), table(study.get("tune")).get("space"), (SETTING,)))
     tasks = table(study.get("tasks"))
     for name, task in tasks.items():
         tables.append((("tasks", name), _without_parameters(task, task), (TASK, SETTING)))

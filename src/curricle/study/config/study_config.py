@@ -5,19 +5,30 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import PrivateAttr
+from pydantic import PrivateAttr, ValidationError, model_validator
 
-from curricle.comparison.scratch import scratch_curricula
+from curricle.comparison.scratch import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.deep.learner import DeepLearner
 from curricle.errors import ConfigError, CurricleError
+from curricle.statistics.curves import SCRATCH
 from curricle.study.config.building import CurriculumBuilder
 from curricle.study.config.derived_tables import built
-from curricle.study.config.positions import Positions, Problems
+from curricle.study.config.positions import Positions, Problems, path_text
 from curricle.study.config.study_tables import ArmTables, RunTable
-from curricle.study.config.tables import unknown
+from curricle.study.config.tables import Count, Flag, Table, unknown, wrong_at
 from curricle.study.config.task_names import table
+from curricle.study.config.tuning_tables import Tuning
 from curricle.study.study_table import config_html, config_in_brief
+
+
+class VariantTable(Table):
+    """The settings of an arm that a sweep or a tuning made."""
+
+    arm: str
+    """The arm as the file calls it; "scratch" of learning from scratch."""
+    values: dict[str, Any]
+    """By their keys in the file."""
 
 
 class StudyConfig(RunTable):
@@ -33,6 +44,17 @@ class StudyConfig(RunTable):
         The keys of a study file.
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
+    scratches : dict of str to ArmTables, optional
+        The arms that learn the target from scratch, where a sweep or a tuning gives them settings;
+        else they follow from the first arm.
+    variants : dict of str to VariantTable, optional
+        The settings of each arm that a sweep or a tuning gave it, scratch included.
+    tune : Tuning, optional
+        What is to be searched for every arm before the study is run.
+    own_learners : bool, optional
+        Whether each arm may learn the target in its own way, as it was tuned.
+    total : int, optional
+        Steps that every arm spends at least, sources included.
 
     Examples
     --------
@@ -44,6 +66,18 @@ class StudyConfig(RunTable):
     """
 
     arms: dict[str, ArmTables]
+    scratches: dict[str, ArmTables] | None = None
+    variants: dict[str, VariantTable] | None = None
+    tune: Tuning | None = None
+    own_learners: Flag | None = None
+    total: Count | None = None
+
+    @model_validator(mode="after")
+    def _tuned_apart(self) -> Self:
+        if self.tune and (both := sorted({*self.tune.seeds} & {*self.seeds})):
+            text = f"must be none of the study's seeds: {both[0]} is one"
+            raise wrong_at((("tune", "seeds"), text))
+        return self
 
     _folder: Path = PrivateAttr(default=Path())
     _positions: Positions = PrivateAttr(default=Positions("", {}))
@@ -111,6 +145,11 @@ class StudyConfig(RunTable):
         """The name of the file that it was read from, without its folder; else the study's name."""
         return Path(self._positions.file).name
 
+    @property
+    def results_folder(self) -> str:
+        """The name of the folder that results go to by default, FILE-results."""
+        return f"{Path(self.file).stem}-results"
+
     @cached_property
     def curricula(self) -> dict[str, Curriculum]:
         """The curricula of all arms, by name.
@@ -120,18 +159,20 @@ class StudyConfig(RunTable):
         ConfigError
             Naming all that cannot be built.
         """
-        return self._built(*self.arms)
+        return self._built(self.arms)
 
     def scratch_curricula(self) -> dict[str, Curriculum]:
-        """Return the further learners from scratch as arms, ``scratch, NAME``.
+        """Return the arms that learn the target from scratch, ``scratch`` first.
 
         Raises
         ------
         ConfigError
-            Naming each that does not fit the target, or is its own learner.
+            Naming each learner that does not fit the target, or is its own.
         """
+        if self.scratches is not None:
+            return self._built(self.scratches)
         first, found = next(iter(self.curricula.values())), Problems(self._positions)
-        made: dict[str, Curriculum] = {}
+        made = {SCRATCH: from_scratch(first)}
         for name, learner in self.scratch_learners.items():
             try:
                 made |= scratch_curricula({name: built(learner, self.folder)}, first)
@@ -144,7 +185,7 @@ class StudyConfig(RunTable):
         """Return the curriculum of one arm; ConfigError as in :attr:`curricula`."""
         if arm not in self.arms:
             raise ConfigError(f"{self._positions.file}: arm {arm!r} {unknown(arm, self.arms)}")
-        return self._built(arm)[arm]
+        return self._built({arm: self.arms[arm]})[arm]
 
     def check_networks(self) -> None:
         """Check the learners that are networks with Stable-Baselines3.
@@ -169,11 +210,29 @@ class StudyConfig(RunTable):
                     check_learner(learner, shaping if curriculum.in_edges(name) else None)
         found.raise_any()
 
-    def _built(self, *arms: str) -> dict[str, Curriculum]:
+    def varied(self, **fields: Any) -> Self:
+        """Return the study with some fields in plain data in the place of its own.
+
+        Raises
+        ------
+        ConfigError
+            Naming the first field that does not fit.
+        """
+        data = {**self.to_data(), **fields}
+        try:
+            made = self.from_data(data, self._folder, self._positions, say=self._say)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = path_text(first["loc"])
+            raise ConfigError(f"{self._positions.file}: {place} {first['msg']}") from None
+        made._made = self._made
+        return made
+
+    def _built(self, arms: Mapping[str, ArmTables]) -> dict[str, Curriculum]:
         found, curricula = Problems(self._positions), {}
-        for arm in arms:
+        for arm, tables in arms.items():
             refuse = partial(found.at, arm)
-            builder = CurriculumBuilder(self.arms[arm], self.folder, self._made, refuse, self._say)
+            builder = CurriculumBuilder(tables, self.folder, self._made, refuse, self._say)
             curricula[arm] = builder.curriculum()
         found.raise_any()
         return {arm: made for arm, made in curricula.items() if made is not None}

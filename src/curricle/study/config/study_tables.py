@@ -1,6 +1,5 @@
 """The tables of a study: as a file writes them, and as they are with all settings filled in."""
 
-import re
 from typing import Annotated, Any, Self
 
 from pydantic import (
@@ -10,10 +9,10 @@ from pydantic import (
     model_validator,
 )
 
-from curricle.checks import BEYOND_64_BITS
-from curricle.learning.seeds import MOST_SEEDS
 from curricle.study.config.families import FamilyTable, FamilyTask
+from curricle.study.config.seed_numbers import seeds_of
 from curricle.study.config.settings import AnyLearner, Settings
+from curricle.study.config.sweeps import SweepTable
 from curricle.study.config.tables import (
     Count,
     Flag,
@@ -23,40 +22,11 @@ from curricle.study.config.tables import (
     Table,
     Whole,
     as_table,
-    shown,
-    wrong,
     wrong_at,
 )
 from curricle.study.config.tasks import TASKS, AnyTask
 from curricle.study.config.transfers import TransferTable
-
-
-def _seeds(value: Any) -> tuple[int, ...]:
-    """Return 30, [0, 1, 7] or "0-9,20-29" as seeds."""
-    numbers: Any = _ranges(value) if isinstance(value, str) else value
-    if type(numbers) is int:
-        numbers = range(min(numbers, MOST_SEEDS + 1))
-    listed = isinstance(numbers, list | tuple | range) and 0 < len(numbers) <= MOST_SEEDS
-    whole = listed and all(type(n) is int and 0 <= n < BEYOND_64_BITS for n in numbers)
-    if not whole or len(set(numbers)) < len(numbers):
-        raise wrong(
-            'must be a number of seeds, a list of different ones, or ranges such as "0-9,20-29", '
-            f"{MOST_SEEDS:,} at most: got {shown(value)}"
-        )
-    return tuple(numbers)
-
-
-def _ranges(text: str) -> list[int]:
-    """Return the seeds in ranges such as "0-9,20-29"; none if malformed or far too many."""
-    numbers = list[int]()
-    for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part, re.ASCII)
-        named = range(int(match[1]), int(match[2] or match[1]) + 1) if match else range(0)
-        if not 0 < len(named) <= MOST_SEEDS:
-            return []
-        numbers += named
-    return numbers
-
+from curricle.study.config.tuning_tables import TuneTable
 
 Unvalidated = WrapValidator(lambda value, _: as_table(value))
 """A table that is validated only once it is complete, but is in the JSON Schema."""
@@ -67,7 +37,7 @@ class RunTable(Table):
 
     name: Name = Field(description="Name of the study.")
     seeds: Annotated[
-        tuple[int, ...], BeforeValidator(_seeds, json_schema_input_type=int | str | list[int])
+        tuple[int, ...], BeforeValidator(seeds_of, json_schema_input_type=int | str | list[int])
     ] = Field(default=tuple(range(30)), description='How many, a list, or ranges such as "0-29".')
     seeds_per_unit: Count = Field(
         default=5, description="Seeds trained together as one unit of work."
@@ -156,6 +126,12 @@ class FileTable(RunTable, Settings):
     )
     arms: dict[str, Annotated[ArmPatch, Unvalidated]] = Field(
         default={}, description="What is compared: by name, what each changes; one arm by default."
+    )
+    sweep: SweepTable = Field(
+        default=SweepTable(), description="Lists of settings, which make arms of every arm."
+    )
+    tune: TuneTable | None = Field(
+        default=None, description="Settings that are searched for every arm before it is run."
     )
 
 

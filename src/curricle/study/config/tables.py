@@ -38,6 +38,7 @@ PHRASES = {
     "tuple_type": "must be a list",
     "dict_type": "must be a table",
     "greater_than_equal": "must be at least {ge}",
+    "less_than_equal": "must be at most {le:,}",
     "string_too_short": "must not be empty",
     "too_short": "must have {min_length} or more entries",
     "too_long": "must have {max_length} entries",

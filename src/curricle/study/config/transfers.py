@@ -16,6 +16,7 @@ from curricle.transfer import component_mapping, mapping
 from curricle.transfer.chosen_mapping import announced
 from curricle.transfer.edges import Transfer
 from curricle.transfer.family_mapping import member_mappings
+from curricle.transfer.identity_mapping import check_same_observations, identity
 from curricle.transfer.observation_mapping import ObservationMapping
 
 MAPPINGS = ("project", "mapping", "function", "factory", "observations")
@@ -168,7 +169,7 @@ class _TransferTable(ObjectTable):
         if self.project is not None:
             return component_mapping.project(target, source, unmapped_value=value, **self.project)
         if self.mapping == "identity":
-            return mapping.identity(target)
+            return identity(target, source)
         if self.mapping is not None:
             return getattr(mapping, self.mapping)(target, source, unmapped_value=value)
         if self.factory is not None:
@@ -189,6 +190,8 @@ class _TransferTable(ObjectTable):
             for key in OF_OBSERVATIONS
             for given in [getattr(self, key)]
         }
+        if self.mapping == "identity":
+            check_same_observations(target, source)
         return ObservationMapping(target, source, **functions, unmapped_value=value)
 
 

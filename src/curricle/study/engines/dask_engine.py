@@ -1,13 +1,16 @@
 """Dask: a cluster that is there, or processes on this machine."""
 
+import asyncio
 import logging
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor, Future
+from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from typing import Any
 
 from distributed import Client, LocalCluster
+from distributed.comm import CommClosedError
 
+from curricle.study.engines.engine import answers
 from curricle.study.workers import POSIX, interrupts_blocked, start_tracker
 
 LOGGERS = [logging.getLogger(name) for name in ("distributed", "distributed.client", "asyncio")]
@@ -28,8 +31,8 @@ class DaskEngine:
 
     def __init__(self, client: Client, cluster: LocalCluster | None):
         self.client, self.cluster = client, cluster
-        self.executor: Executor = client.get_executor(pure=False)
-        self._workers = 1
+        self._workers, self.repeated = 1, 0
+        client.subscribe_topic("all", self._note)
         self.link: str | None = None
         with suppress(KeyError):  # of a scheduler without a dashboard
             self.link = client.dashboard_link or None  # which asks the scheduler each time
@@ -44,7 +47,23 @@ class DaskEngine:
 
     def submit(self, function: Callable[[Any], Any], argument: Any) -> "Future[Any]":
         """Return the future result of a call."""
-        return self.executor.submit(function, argument)
+        there = self.client.submit(function, argument, pure=False)
+        loop = self.client.loop.asyncio_loop
+        return asyncio.run_coroutine_threadsafe(self._outcome(there), loop)
+
+    async def _outcome(self, there: Any) -> Any:
+        """Return what a call returns, also where its first result was lost with its worker.
+
+        Dask's own executor never ends the future of a call that then raises.
+        """
+        try:
+            return await self.client.gather(there, asynchronous=True)
+        except asyncio.CancelledError:  # here
+            with suppress(Exception):
+                await there.cancel(asynchronous=True)
+            raise
+        except (CancelledError, CommClosedError):  # the scheduler is lost
+            raise asyncio.CancelledError from None
 
     def workers(self) -> int:
         """How many threads the workers have; the last number where the scheduler does not answer.
@@ -64,14 +83,28 @@ class DaskEngine:
         there = self.client.nthreads()
         return {address: answer for address, answer in found.items() if address in there}
 
-    def close(self) -> None:
-        """Leave the scheduler, which forgets what was not begun; end a cluster started here."""
-        lost = self.client.status != "running"
+    def _note(self, event: tuple[float, Any]) -> None:
+        """Count the calls that a worker takes with it, which are begun again elsewhere."""
+        told = event[1]
+        if isinstance(told, dict) and told.get("action") == "remove-worker":
+            gone = {*told.get("processing-tasks", ()), *told.get("lost-computed-tasks", ())}
+            self.repeated += len(gone.intersection(self.client.futures))
+
+    def close(self, whole: bool) -> None:
+        """Leave the scheduler, which forgets what was not begun; end a cluster started here.
+
+        Dask logs again unless the run was interrupted or its scheduler is lost: threads that tell
+        of that go on after this.
+        """
+        host, _, port = self.client.scheduler.address.rpartition("://")[2].rpartition(":")
+        whole = whole and self.client.status == "running" and answers(host, int(port))
         with suppress(Exception):  # a scheduler that is gone cannot be left
+            self.client.unsubscribe_topic("all")  # or it would tell a closed client of its end
             self.client.close(timeout=2)
         if self.cluster is not None:
-            self.cluster.close(timeout=5)
-        if not lost:  # a client that is asking for its scheduler logs that after its end, too
+            with suppress(TimeoutError):  # its processes end with this one
+                self.cluster.close(timeout=20)
+        if whole:
             for logger, level in zip(LOGGERS, self.levels, strict=True):
                 logger.setLevel(level)
 

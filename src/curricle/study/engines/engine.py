@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import dataclass
+from socket import create_connection
 from typing import Any, Protocol
 
 from curricle.errors import EngineError
@@ -10,6 +11,9 @@ from curricle.remote_path import Place, RemotePath
 from curricle.study.engines.sending import SentUnit, train_sent
 from curricle.study.stored_values import StoredSource
 from curricle.study.units import UnitInput, train_unit
+
+ANSWERS_IN = 10
+"""Seconds in which a scheduler or a head must take a connection."""
 
 
 class Workers(Protocol):
@@ -22,6 +26,10 @@ class Workers(Protocol):
     @property
     def link(self) -> str | None:
         """Of their cluster's own page, if there is one."""
+
+    @property
+    def repeated(self) -> int:
+        """How many units were begun again so far, as a worker died."""
 
     def see(self, place: Place) -> bool:
         """Return whether they read and write the study's files themselves."""
@@ -52,6 +60,10 @@ class Engine(Protocol):
         """Of the engine's own page, if there is one."""
 
     @property
+    def repeated(self) -> int:
+        """How many calls were begun again so far, as a worker died."""
+
+    @property
     def local(self) -> bool:
         """Whether it was started here, so that its workers see this machine's folders."""
 
@@ -64,8 +76,8 @@ class Engine(Protocol):
     def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
         """Return what a call returns on every machine or worker, or its exception, by name."""
 
-    def close(self) -> None:
-        """Leave the engine; one that was started here ends."""
+    def close(self, whole: bool) -> None:
+        """Leave the engine; one that was started here ends. `whole`: nothing was interrupted."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +95,7 @@ class ExecutorWorkers:
     workers: int
     share_folders: bool = True
     link: str | None = None
+    repeated: int = 0
 
     def see(self, place: Place) -> bool:
         """Return False: the process that runs the study reads and writes for them."""
@@ -139,6 +152,11 @@ class EngineWorkers:
         """Of the engine's own page, if there is one."""
         return self.engine.link
 
+    @property
+    def repeated(self) -> int:
+        """How many units were begun again so far, as a worker died."""
+        return self.engine.repeated
+
     def see(self, place: Place) -> bool:
         """Return whether they read and write the study's files themselves: those at a URL."""
         return isinstance(place, RemotePath)
@@ -166,6 +184,15 @@ class EngineWorkers:
 
     def _lost(self, why: str) -> Exception:
         return EngineError(f"{self.on} was lost or cancelled it{why}: go on with --resume")
+
+
+def answers(host: str, port: int) -> bool:
+    """Return whether something takes connections there."""
+    try:
+        create_connection((host.strip("[]"), port), ANSWERS_IN).close()
+    except OSError:
+        return False
+    return True
 
 
 def failed(error: Exception) -> "Future[Any]":

@@ -69,11 +69,13 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
         raise SettingError(
             f"{on} cannot be reached or started: {type(error).__name__}: {reason}"
         ) from None
+    whole = False
     try:
         check_versions(on, engine.each(versions_here))
         yield engine
+        whole = True
     finally:
-        engine.close()
+        engine.close(whole)
 
 
 def check_versions(on: str, found: Mapping[str, Any]) -> None:

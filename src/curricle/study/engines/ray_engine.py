@@ -5,21 +5,20 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from functools import cache
-from socket import create_connection
 from threading import Lock
 from time import sleep
 from typing import Any
 
 import ray
+from ray._private.worker import global_worker  # Ray tells of attempts nowhere else
 from ray.exceptions import RayTaskError
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from curricle.errors import EngineError
+from curricle.study.engines.engine import answers
 
 ASKED = 60
 """Seconds in which each machine must answer; it starts a process first."""
-ANSWERS_IN = 10
-"""Seconds in which the head must take a connection."""
 ASKED_AGAIN, PAUSE = 3, 2.0
 """How often a head that turns a client away is asked again, and after how many seconds."""
 
@@ -41,7 +40,7 @@ class RayEngine:
 
     def __init__(self, link: str | None, head: tuple[str, int], ends: bool):
         self.link, self.head, self.ends = link, head, ends
-        self._workers = 1
+        self._workers, self.repeated = 1, 0
         self._lock, self._open = Lock(), set[Future[Any]]()
         self._remote = cache(ray.remote)  # each ray.remote sends the function to the head again
 
@@ -49,7 +48,7 @@ class RayEngine:
         """Return the future result of a call, which has a processor to itself."""
         if not ray.is_initialized():  # Ray would start a new cluster
             raise ConnectionError("it is not connected to Ray")
-        reference = self._remote(function).remote(argument)
+        reference = self._remote(_counted).remote(function, argument)
         found = Future[Any]()
         self._open.add(found)
 
@@ -60,7 +59,9 @@ class RayEngine:
                     return
                 error = done.exception()
                 if error is None:
-                    found.set_result(done.result())
+                    attempts, result = done.result()
+                    self.repeated += attempts
+                    found.set_result(result)
                 elif isinstance(error, RayTaskError) and isinstance(error.cause, Exception):
                     found.set_exception(error.cause)  # as it was raised, without Ray's words
                 elif isinstance(error, ConnectionError):
@@ -89,17 +90,14 @@ class RayEngine:
 
     def _head_answers(self) -> bool:
         """Return whether the head takes connections; where it does not, all futures fail."""
-        try:
-            create_connection(self.head, ANSWERS_IN).close()
-        except OSError as error:
-            why = f"its head at {self.head[0]}:{self.head[1]}: {error}"
-            with self._lock:
-                for future in self._open:
-                    if not future.done() and future.set_running_or_notify_cancel():
-                        future.set_exception(lost(why))
-                self._open.clear()
-            return False
-        return True
+        if answers(*self.head):
+            return True
+        with self._lock:
+            for future in self._open:
+                if not future.done() and future.set_running_or_notify_cancel():
+                    future.set_exception(lost(f"its head at {self.head[0]}:{self.head[1]} is gone"))
+            self._open.clear()
+        return False
 
     def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
         """Return what a call returns on every machine, or its exception, by name.
@@ -115,10 +113,16 @@ class RayEngine:
         there = _alive()
         return {name: answer for name, answer in found.items() if name in there}
 
-    def close(self) -> None:
+    def close(self, whole: bool) -> None:
         """Leave the cluster; one that was started here ends."""
         if self.ends:
             ray.shutdown()
+
+
+def _counted(function: Callable[[Any], Any], argument: Any) -> tuple[int, Any]:
+    """Return how often Ray has begun this call before, and its result."""
+    before = getattr(global_worker.core_worker, "get_current_task_attempt_number", int)
+    return before(), function(argument)
 
 
 def lost(why: str) -> EngineError:

@@ -14,7 +14,9 @@ from threading import Lock
 from typing import NamedTuple
 
 from curricle.errors import EngineError
+from curricle.files import remove_folder
 from curricle.remote_path import Place
+from curricle.study.folders import lost_errors
 from curricle.study.serialization import UnitResult
 from curricle.study.store import StoredUnit, arrays_in, written_unit
 from curricle.study.stored_values import StoredSource, stored_values
@@ -44,20 +46,28 @@ class SentUnit(NamedTuple):
 def train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
     """Return what a unit's seeds learn, or the file that it is written to.
 
-    EngineError where versions differ from those of the run.
+    EngineError where versions differ from those of the run; LostStoreError where sources cannot be
+    read at the study's URL, or the result cannot be written there.
     """
     if differ := difference(sent.versions, versions_here()):
         raise EngineError(f"worker {platform.node()} has {differ}")
     folder = written(sent.files)
     unit = sent.given.unit
-    read = {
-        name: stored_values(arrays_in, one.units, unit.seeds, read=one.read)
-        for name, one in sent.stored.items()
-    }
+    with lost_errors():
+        read = {
+            name: stored_values(arrays_in, one.units, unit.seeds, read=one.read)
+            for name, one in sent.stored.items()
+        }
     given = sent.given._replace(folder=str(folder), sources={**sent.given.sources, **read})
     with LIVE if sent.live else nullcontext():
         result = train_unit(given)
-    return result if sent.place is None else written_unit(sent.place, unit, result)
+    if sent.place is None:
+        return result
+    with lost_errors():
+        stored = written_unit(sent.place, unit, result)
+    if given.checkpoints is not None:
+        remove_folder(given.checkpoints)
+    return stored
 
 
 def versions_here() -> dict[str, str]:

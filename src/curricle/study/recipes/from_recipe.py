@@ -27,7 +27,8 @@ from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
 from curricle.tasks.task import generative_model, same_task, tables
 from curricle.transfer.component_mapping import project
 from curricle.transfer.edges import Transfer
-from curricle.transfer.mapping import identity, same_position
+from curricle.transfer.identity_mapping import identity
+from curricle.transfer.mapping import same_position
 
 ARM, ALONE = "recipe", "target alone"
 """The arm with the recipe's sources, and the only one of a recipe without any."""
@@ -285,7 +286,7 @@ def _mapping(applied: _Application, name: str, edges: list[Transfer]) -> tuple[s
     target, source = (applied.plan.node(one).task for one in (name, edges[0].source))
     ways: list[tuple[str, Any, Any]] = [
         ("mapping", "same_position", lambda: same_position(target, source)),
-        ("mapping", "identity", lambda: identity(target)),
+        ("mapping", "identity", lambda: identity(target, source)),
         ("project", {}, lambda: project(target, source)),
     ]
     for key, value, make in ways:

@@ -5,15 +5,20 @@ from importlib.resources import files
 from curricle.errors import ConfigError
 from curricle.study.config.tables import unknown
 
-KINDS = ("maze", "pursuit", "gymnasium", "deep")
-"""Of studies."""
+KINDS = {
+    "maze": "a maze learnt from its corner",
+    "pursuit": "two predators learn to hunt from the values of one",
+    "gymnasium": "a slippery lake learnt from one that is not",
+    "deep": "two predators learn by a network what one learnt in a table",
+    "design": "a recipe for mazes, designed on small ones",
+}
+"""Files that are there, and what they are about."""
 DESIGN = "design"
-"""The design of a recipe."""
+"""The one that is no study."""
 
 
 def template(kind: str) -> str:
-    """Return a commented file of one of the :data:`KINDS`, or of a design, that runs as it is."""
-    known = (*KINDS, DESIGN)
-    if kind not in known:
-        raise ConfigError(f"template {kind!r} {unknown(kind, known)}")
+    """Return a commented file of one of the :data:`KINDS` that runs as it is."""
+    if kind not in KINDS:
+        raise ConfigError(f"template {kind!r} {unknown(kind, KINDS)}")
     return files(__package__).joinpath(f"{kind}.toml").read_text(encoding="utf-8")

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from curricle.array_types import IntArray
-from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.curriculum.sources import Progress, SourceValues
 
@@ -21,7 +20,7 @@ class StoredValues(NamedTuple):
     progress: Progress | None = None
 
 
-def sources_read(curriculum: Curriculum, name: str) -> set[str]:
+def sources_read(curriculum: Any, name: str) -> set[str]:
     """Return the tasks whose values are needed to train a task.
 
     They are its sources. A network that learnt on top of a potential needs that potential, so its
@@ -37,7 +36,7 @@ def sources_read(curriculum: Curriculum, name: str) -> set[str]:
 
 
 def source_values(
-    curriculum: Curriculum, seeds: tuple[int, ...], sources: Mapping[str, StoredValues]
+    curriculum: Any, seeds: tuple[int, ...], sources: Mapping[str, StoredValues]
 ) -> dict[str, SourceValues]:
     """Return what sources learnt as :meth:`Curriculum.train` takes it; networks are rebuilt.
 

@@ -4,9 +4,14 @@ from textwrap import shorten
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from curricle.interop.scene import (
+from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
+from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.labels import values_of
+from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.scene import (
     AGENT,
     ASIDE,
     BLOCK,
@@ -23,10 +28,6 @@ from curricle.interop.scene import (
     PursuitScene,
     Scene,
 )
-from curricle.tasks.grid_layout import LETTERS, GridLayout
-from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.labels import values_of
-from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space
 from curricle.tasks.start_states import TaskWithStart
 from curricle.tasks.task import generative_model
@@ -60,8 +61,8 @@ def scene_of(task: Any) -> Scene:
         return PursuitScene(task)
     if isinstance(task, TaskWithStart):
         return scene_of(task.task)
-    states, layout = generative_model(task).states, getattr(task, "layout", None)
-    if isinstance(layout, GridLayout) and layout.shape[0] * layout.shape[1] <= MOST_CELLS:
+    states, layout = generative_model(task).states, layout_of(task)
+    if layout is not None and layout.shape[0] * layout.shape[1] <= MOST_CELLS:
         return LayoutScene(states, layout)
     return LabelScene(states)
 
@@ -69,6 +70,16 @@ def scene_of(task: Any) -> Scene:
 def tile(letter: str, colour: str) -> Figure:
     """Return a square with a letter in white."""
     return Figure(((BLOCK, (0.08, 0.08, 0.92, 0.92), colour),), letter)
+
+
+def canvas_of(grid: npt.NDArray[np.str_]) -> Canvas:
+    """Return a canvas with the walls and objects of a map of letters, (rows, columns)."""
+    canvas = Canvas(*grid.shape)
+    for (row, column), letter in np.ndenumerate(grid):
+        if letter != ".":
+            figure = WALL if letter == "#" else FIGURES.get(letter, tile(letter, COATS[1]))
+            canvas.put(row, column, figure)
+    return canvas
 
 
 class LayoutScene:
@@ -88,11 +99,7 @@ class LayoutScene:
             self._map[tuple((layout.walls - origin).T)] = "#"
         for name, row, column, _ in layout.objects:
             self._map[row - origin[0], column - origin[1]] = LETTERS[name]
-        self._canvas = Canvas(*layout.shape)
-        for (row, column), letter in np.ndenumerate(self._map):
-            if letter != ".":
-                figure = WALL if letter == "#" else FIGURES.get(letter, tile(letter, COATS[1]))
-                self._canvas.put(row, column, figure)
+        self._canvas = canvas_of(self._map)
 
     def image(self, state: int) -> Pixels:
         """Return the grid from above and lines of text below it, (height, width, 3) uint8."""

@@ -1,0 +1,65 @@
+"""Saying that loops are compiled, which happens once for each kind of task and learner."""
+
+import sys
+from functools import cache
+from typing import Any
+
+from numba.core import event
+from numba.core.caching import NullCache
+
+EVENT = "numba:compile"
+ONCE, EACH_TIME = "compiling, once", "compiling the study's own functions, at each start"
+KEPT = f"curricle: {ONCE}; what is compiled is kept, so that later runs start at once"
+
+
+class Compilation(event.Listener):
+    """Says on standard error what is compiled: each loop in a terminal, elsewhere once that it is.
+
+    Loops that were compiled before are read from the disk, and nothing is said. How many there will
+    be is not known beforehand.
+
+    Attributes
+    ----------
+    loops : int
+        How many were compiled so far.
+    words : str
+        What is being compiled; empty if nothing is.
+    aside : bool
+        Whether somebody else shows the words, such as bars.
+    """
+
+    def __init__(self) -> None:
+        self.loops, self.words, self.aside = 0, "", False
+        self._depth = 0  # Numba compiles in one thread at a time
+
+    def on_start(self, event: Any) -> None:
+        """Count a loop, but not the parts that it is made of."""
+        self._depth += 1
+        if self._depth > 1:
+            return
+        self.loops += 1
+        own = isinstance(event.data["dispatcher"]._cache, NullCache)
+        self.words = f"{EACH_TIME if own else ONCE}: {self.loops}"
+        if not sys.stderr.isatty():
+            if self.loops == 1:
+                print(f"curricle: {EACH_TIME}" if own else KEPT, file=sys.stderr, flush=True)
+        elif not self.aside:
+            print(f"\r{self.words}", end="", file=sys.stderr, flush=True)
+
+    def on_end(self, event: Any) -> None:
+        """Take the words away when a loop is compiled."""
+        self._depth -= 1
+        if self._depth:
+            return
+        if sys.stderr.isatty() and not self.aside:
+            print(f"\r{' ' * len(self.words)}\r", end="", file=sys.stderr, flush=True)
+        self.words = ""
+
+
+@cache
+def announce_compilation() -> Compilation:
+    """Say what is compiled from now on."""
+    listener = Compilation()
+    register: Any = event.register
+    register(EVENT, listener)
+    return listener

@@ -1,0 +1,162 @@
+"""A study to start from for any environment of Gymnasium's registry."""
+
+from contextlib import closing
+from difflib import get_close_matches
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.envs.registration import registry
+from gymnasium.spaces import Box, Dict, Discrete
+
+from curricle.errors import ConfigError
+from curricle.interop.spaces import is_discrete
+from curricle.interop.toy_text import has_table
+
+SHOWN = 3
+"""Ids that are named where one is unknown."""
+STEPS = "            # steps, or { episodes = 800 }"
+LIMIT = 500
+"""Steps of an episode in an environment that sets no limit of its own."""
+
+STUDY = """\
+# {id}, learnt from scratch {how}. Run it with: curricle run FILE
+# Everything commented out shows what else there is.
+{note}
+name = "{id}"
+seeds = {seeds}
+
+{learner}[tasks.target]
+type = "{type}"
+id = "{id}"
+# arguments = {{}}            # passed to gymnasium.make
+{lines}
+# There are two arms, "scratch" and "transfer". Without a source both learn the same. A source is an
+# easier relative, such as the same id with other arguments; its values become a potential.
+# [tasks.source]
+# type = "{type}"
+# id = "{id}"
+# arguments = {{}}
+# budget = {source_budget:_}
+# [[transfers]]
+# source = "source"
+# target = "target"
+# {mapping}
+"""
+TABLE = """\
+[learner]
+type = "QLearning"          # or SARSA, ExpectedSARSA, DoubleQLearning
+learning_rate = 0.1
+epsilon = 0.1
+
+"""
+NETWORK = """\
+[tasks.target.learner]
+type = "deep"
+algorithm = "{algorithm}"           # of Stable-Baselines3 or sb3_contrib
+policy = "{policy}"
+"""
+
+
+def environment_study(name: str) -> str:
+    """Return the text of a study of a registered environment, which runs as it is.
+
+    Environments of numbered states and MiniGrid's levels are learnt in tables; all others are seen
+    through observations, and learnt by networks.
+
+    Raises
+    ------
+    ConfigError
+        When no environment has this id, or it cannot be made or learnt.
+
+    Examples
+    --------
+    >>> print(environment_study("CliffWalking-v1").splitlines()[0])
+    # CliffWalking-v1, learnt from scratch in a table. Run it with: curricle run FILE
+    """
+    name = _known(name)
+    try:
+        env = gym.make(name)
+    except Exception as error:  # of any kind: an environment is somebody's own code
+        why = " ".join(str(error).split())
+        raise ConfigError(f"{name} cannot be made: {type(error).__name__}: {why}") from None
+    with closing(env):
+        return _text(name, env)
+
+
+def _known(name: str) -> str:
+    """Return the id of an environment, of MiniGrid's with its module; ConfigError if unknown."""
+    module, colon, _ = name.partition(":")
+    if name in registry or (colon and module.isidentifier() and find_spec(module)):
+        return name  # gymnasium.make imports the module, which registers its own
+    if find_spec("minigrid"):
+        import_module("minigrid")
+    if name in registry:
+        return f"minigrid:{name}"  # a run in another process finds it by this
+    lower = {known.lower(): known for known in registry}
+    near = get_close_matches(name.lower(), lower, SHOWN, 0.6)
+    meant = f", did you mean {' or '.join(lower[one] for one in near)}?" if near else ""
+    raise ConfigError(
+        f"no environment of Gymnasium's registry is called {name!r}{meant}; curricle new without "
+        "a name lists what else there is"
+    )
+
+
+def _text(name: str, env: Any) -> str:
+    """Return the study of an environment that was made."""
+    observed, acting = env.observation_space, env.action_space
+    limited = env.spec is not None and env.spec.max_episode_steps is not None
+    own = limited or hasattr(env.unwrapped, "max_steps")
+    limit = "" if own else f"time_limit = {LIMIT}\n"
+    common = {"id": name, "note": ""}
+    minigrid = _is_minigrid(env)
+    if is_discrete(acting) and (is_discrete(observed) or minigrid):
+        quick = minigrid or has_table(env)  # others are played, a thousand times slower
+        budget = 100_000 if quick else 20_000
+        return STUDY.format(
+            **common,
+            how="in a table",
+            seeds=20 if quick else 5,
+            learner=TABLE,
+            type="tabulated" if minigrid else "gymnasium",
+            lines=f"# discount = 0.99\n{limit}budget = {budget:_}{STEPS}\n",
+            source_budget=budget // 10,
+            mapping="project = {}              # components of the same name correspond",
+        )
+    if not isinstance(acting, Box | Discrete):
+        raise ConfigError(
+            f"actions must be numbered, or boxes of numbers, to be learnt: those of {name} are "
+            f"{acting}"
+        )
+    budget = 50_000
+    network = NETWORK.format(
+        algorithm="PPO" if isinstance(acting, Box) else "DQN", policy=_policy(observed)
+    )
+    note = "# Networks need an extra: pip install curricle[deep]\n"
+    return STUDY.format(
+        **{**common, "note": note},
+        how="by a network",
+        seeds=3,
+        learner="",
+        type="observation_task",
+        lines=(
+            f"{limit}budget = {budget:_}             # steps\neval_freq = {budget // 20:_}"
+            f"           # steps between checkpoints\nevaluation = {{ episodes = 10 }}\n\n{network}"
+        ),
+        source_budget=budget // 5,
+        mapping='mapping = "identity"      # or observations = "module:function"',
+    )
+
+
+def _is_minigrid(env: Any) -> bool:
+    """Return whether an environment is a level of MiniGrid, which can be tabulated."""
+    return any(one.__module__.startswith("minigrid.") for one in type(env.unwrapped).__mro__)
+
+
+def _policy(observed: Any) -> str:
+    """Return the policy of Stable-Baselines3 for a space of observations."""
+    if isinstance(observed, Dict):
+        return "MultiInputPolicy"
+    picture = isinstance(observed, Box) and len(observed.shape) == 3
+    return "CnnPolicy" if picture else "MlpPolicy"

@@ -1,0 +1,80 @@
+"""Merging the parts of a study that were run in several folders."""
+
+from collections.abc import Sequence
+
+from curricle.checks import BEYOND_64_BITS
+from curricle.errors import StoreError
+from curricle.remote_path import Place
+from curricle.study.failures import read_failures, write_failures
+from curricle.study.packing import files_of, pack
+from curricle.study.results import StudyResults
+from curricle.study.serialization import without_snapshots
+from curricle.study.store import StudyStore
+from curricle.study.tuning_record import read_tuning, write_tuning
+
+
+def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
+    """Merge the parts of a study, run in several folders, into one folder; return its results.
+
+    The parts do not change. A unit that several have is taken once, since equal units have equal
+    results.
+
+    Parameters
+    ----------
+    path : path
+        Made if need be; or a folder of the same study, whose units stay.
+    parts : sequence of path
+
+    Raises
+    ------
+    StoreError
+        When folders hold different studies, or one is damaged or in use; what was merged before is
+        whole then.
+    """
+    if not parts:
+        raise StoreError("there must be at least one folder to merge: got none")
+    studies = [StudyResults(part) for part in parts]
+    stores = [study.store for study in studies]
+    found = [store.units() for store in stores]
+    for study, units in zip(studies, found, strict=True):
+        stores[0].check(study.store.description)
+        if study.record.keys != studies[0].record.keys:
+            raise StoreError(
+                f"{study.store.path} holds units of other code, kept with --keep-stale: parts that "
+                "are merged must be of the same"
+            )
+        for unit in units:  # damage is found before anything is written
+            study.store.result(unit, unit.seeds, study.most_bytes)
+    analysis = next(
+        (one.analysis for one in sorted(studies, key=_first_seed) if one.analysis), None
+    )
+    first = min((seed for units in found for unit in units for seed in unit.seeds), default=0)
+    for store, units in zip(stores, found, strict=True):
+        with StudyStore.opened(path, store.description, resume=True) as target:
+            done = target.finished()
+            for run in store.runs():
+                target.add_run(run)
+            for unit in units:
+                there = done.setdefault(unit.key, {})
+                new = tuple(seed for seed in unit.seeds if seed not in there)
+                if new:
+                    result = store.result(unit, new)
+                    if first not in new:  # a study keeps the snapshots of its first seed alone
+                        result = without_snapshots(result)
+                    taken = target.write_unit(unit.about.model_copy(update={"seeds": new}), result)
+                    there |= dict.fromkeys(new, taken)
+            pack(target, files_of(studies[0].record))
+            merged = StudyResults(path)
+            merged.write_tables()
+            if analysis is not None:
+                merged.write_analysis(analysis)
+            if (tuning := read_tuning(stores[0])) is not None:
+                write_tuning(target, tuning)
+    with StudyStore.opened(path, stores[0].description, resume=True) as target:
+        write_failures(target, [row for store in stores for row in read_failures(store)])
+    return StudyResults(path)
+
+
+def _first_seed(study: StudyResults) -> int:
+    """Return the first seed that a study has finished; the analysis of the first is that of all."""
+    return min(study.seeds, default=BEYOND_64_BITS)

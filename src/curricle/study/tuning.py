@@ -1,0 +1,285 @@
+"""Tuning: settings are searched for every arm, by Optuna, before a study is run.
+
+Every arm, learning from scratch too, gets as many trials on the same seeds, none of which is one of
+the study's. What is searched for is what arms are compared by: the mean return over all steps,
+sources charged.
+"""
+
+import json
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from hashlib import blake2b
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from curricle.comparison.arms import Arm
+from curricle.comparison.comparable import most_source_steps
+from curricle.errors import SettingError
+from curricle.learning.result import LearningResult, joined_results
+from curricle.statistics.curves import SCRATCH
+from curricle.statistics.metrics import mean_return
+from curricle.study.arms import Arms
+from curricle.study.config.study_config import StudyConfig
+from curricle.study.config.tuning_tables import RangeTable, Tuning, ends_of
+from curricle.study.config.varied_settings import value_text, with_values
+from curricle.study.serialization import RUN, of_seeds
+from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.tuning_record import SpaceRecord, TrialRecord, TunedArm, TuningRecord
+
+AT_RANDOM = 10
+"""Trials of an arm that come before those which learn from others; all are trained at once."""
+AT_ONCE = 4
+"""Further trials of an arm that are trained at once. It is fixed, so that what is found does not
+depend on the number of workers."""
+MOST_BUDGETS = 200
+"""Combinations of listed budgets whose steps are counted beforehand."""
+OF_STEPS = ("budget", "retrain")
+"""Settings on which the steps of sources depend."""
+DIGEST_BYTES = 8
+
+Settings = Mapping[str, Any]
+"""Values of settings by their keys."""
+Chosen = Mapping[str, tuple[str, Settings]]
+"""Name of a trial -> its arm and settings."""
+Train = Callable[[StudyConfig, Arms, str], StudyStore]
+"""Trains the units of a study that are missing, called by some words; returns where they are."""
+
+
+def tuning_of(study: StudyConfig) -> Tuning:
+    """Return the tuning of a study that has one."""
+    if study.tune is None:
+        raise SettingError(f"{study.name} has nothing to tune")
+    return study.tune
+
+
+def check_tuning(study: StudyConfig) -> int:
+    """Return the steps of each trial and seed, sources included.
+
+    They are the same for all trials: those of the target, and of the sources with the largest
+    budgets in the space.
+
+    Raises
+    ------
+    ConfigError
+        Naming each setting whose smallest, largest or listed value makes no sense.
+    SettingError
+        When Optuna is not installed, the target has no budget in steps, or too many combinations of
+        budgets are listed.
+    """
+    _optuna()
+    tune = tuning_of(study)
+    ends = dict[str, tuple[str, Settings]]()
+    for name, space in tune.space.items():
+        arm = next(arm for arm in tune.places if tune.places[arm][name])
+        for value in ends_of(space):
+            ends[f"{name} = {value_text(value)}"] = arm, {name: value}
+    _ = trial_study(study, ends).curricula
+    arms = Arms.of(study)
+    if arms.total is None or arms.budget is None:
+        raise SettingError(
+            "arms are tuned at one total of steps: give the budget of the target in steps"
+        )
+    most = {f"{n} {arm}": (arm, one) for n, one in enumerate(_largest(tune)) for arm in study.arms}
+    curricula = trial_study(study, most).curricula.values()
+    steps = arms.budget + max(map(most_source_steps, curricula))
+    return max(arms.total, math.ceil(steps / arms.eval_freq) * arms.eval_freq)
+
+
+def _largest(tune: Tuning) -> Iterator[Settings]:
+    """Yield settings with the largest budgets: every listed one, and the top of each range."""
+    of_steps = {
+        name: (space.high,) if isinstance(space, RangeTable) else space
+        for name, space in tune.space.items()
+        if any({*OF_STEPS} & {*place} for places in tune.places.values() for place in places[name])
+    }
+    if (number := math.prod(map(len, of_steps.values()))) > MOST_BUDGETS:
+        raise SettingError(
+            f"a space must have at most {MOST_BUDGETS} combinations of listed budgets: got {number}"
+        )
+    for values in product(*of_steps.values()):
+        yield dict(zip(of_steps, values, strict=True))
+
+
+def trial_study(study: StudyConfig, chosen: Chosen, total: int | None = None) -> StudyConfig:
+    """Return the study of some trials: each is an arm, on the tuning's seeds."""
+    plain, tune = study.to_data(), tuning_of(study)
+    tables = {**plain["arms"], **plain["scratches"]}
+    arms = {
+        name: with_values(tables[arm], tune.placed(arm, values))
+        for name, (arm, values) in chosen.items()
+    }
+    of_study = ("scratches", "variants", "tune")
+    own = {"scratch": False, "scratch_learners": {}, "snapshots": 0, "own_learners": True}
+    return study.varied(
+        arms=arms, seeds=list(tune.seeds), total=total, **own, **dict.fromkeys(of_study)
+    )
+
+
+def tuned_study(study: StudyConfig, found: TuningRecord) -> StudyConfig:
+    """Return a study with the best settings of each arm."""
+    plain, tune = study.to_data(), tuning_of(study)
+    variants = {
+        name: {**one, "values": {**one["values"], **found.arms[name].best.values}}
+        for name, one in plain["variants"].items()
+    }
+    arms, scratches = (
+        {
+            name: with_values(one, tune.placed(name, found.arms[name].best.values))
+            for name, one in plain[which].items()
+        }
+        for which in ("arms", "scratches")
+    )
+    own: dict[str, Any] = {"own_learners": True, "tune": None}
+    return study.varied(arms=arms, scratches=scratches, variants=variants, **own)
+
+
+def digest_of(study: StudyConfig, arms: Arms) -> str:
+    """Return a digest of all that a study's tuning depends on, but Optuna's version."""
+    depends = (sorted(arms.keys.items()), tuning_of(study).model_dump_json())
+    return blake2b(repr(depends).encode(), digest_size=DIGEST_BYTES).hexdigest()
+
+
+def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
+    """Return the tuning of a study.
+
+    It depends on the study and on Optuna's version alone: trials that were trained before are read.
+
+    Parameters
+    ----------
+    study : StudyConfig
+    train : callable
+    of : str
+        Its digest.
+
+    Raises
+    ------
+    SettingError, ConfigError
+        As :func:`check_tuning`.
+    """
+    total, tuning = check_tuning(study), tuning_of(study)
+    searches = {name: Search(tuning, name) for name in (*(study.scratches or {}), *study.arms)}
+    reference: Arm | None = None
+    done = 0
+    while done < tuning.trials:
+        number = min(AT_RANDOM if not done else AT_ONCE, tuning.trials - done)
+        chosen = {
+            f"{name}, trial {n}": (name, values)
+            for name, search in searches.items()
+            for n, values in search.ask(number)
+        }
+        config = trial_study(study, chosen, total)
+        arms = Arms.of(config)
+        store = train(config, arms, f"tuning, {done + number} of {tuning.trials} trials")
+        stored = store.finished()
+        curves = {
+            trial: _arm(store, stored[arms.keys[trial, arms.target]], config.seeds, arms, total)
+            for trial in chosen
+        }
+        reference = reference or next(curves[one] for one in chosen if chosen[one][0] == SCRATCH)
+        for trial, (name, _) in chosen.items():
+            score = float(mean_return(curves[trial].charged(reference)).mean())
+            searches[name].tell(score)
+        done += number
+    return TuningRecord(
+        of=of,
+        optuna=_optuna().__version__,
+        seeds=tuning.seeds,
+        total=total,
+        space={name: _space(one) for name, one in tuning.space.items()},
+        arms={
+            name: TunedArm(arm=(study.variants or {})[name].arm, trials=tuple(search.trials))
+            for name, search in searches.items()
+        },
+    )
+
+
+def _arm(
+    store: StudyStore,
+    stored: Mapping[int, StoredUnit],
+    seeds: Sequence[int],
+    arms: Arms,
+    total: int,
+) -> Arm:
+    """Return the curves of some seeds of a trial, ascending, by the unit that holds each seed."""
+    units = dict.fromkeys(stored[seed] for seed in seeds)
+    runs = [of_seeds(store.arrays(unit, RUN), seeds) for unit in units]
+    spent = np.concatenate([run["source_steps"] for run in runs])
+    order = np.argsort(np.concatenate([run["seeds"] for run in runs]))
+    result = joined_results([LearningResult.of_arrays(run) for run in runs])
+    return Arm.of(result, spent[order], total, arms.eval_freq)
+
+
+def _space(space: Any) -> SpaceRecord:
+    if isinstance(space, RangeTable):
+        return SpaceRecord(low=space.low, high=space.high, log=space.log)
+    return SpaceRecord(values=tuple(space))
+
+
+class Search:
+    """The search for the settings of one arm: Optuna's TPE, with the study's seed.
+
+    All arms have one seed, so that those with one space begin with the same settings.
+    """
+
+    def __init__(self, tuning: Tuning, arm: str):
+        optuna = _optuna()
+        self.space = {name: tuning.space[name] for name in tuning.keys(arm)}
+        self.trials = list[TrialRecord]()
+        self._asked = list[tuple[Any, dict[str, Any]]]()
+        with warnings.catch_warnings():
+            # "constant_liar" is experimental in some versions: it keeps trials at once apart.
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            sampler = optuna.samplers.TPESampler(
+                seed=tuning.seed, n_startup_trials=AT_RANDOM, constant_liar=True
+            )
+        self._study = optuna.create_study(direction="maximize", sampler=sampler)
+
+    def ask(self, number: int) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Yield the numbers of the next trials and their settings; one trial where there are none.
+
+        Each must be told before the next are asked for.
+        """
+        for _ in range(number if self.space else not self.trials):
+            trial = self._study.ask(
+                {name: _distribution(space) for name, space in self.space.items()}
+            )
+            values = {name: _value(self.space[name], given) for name, given in trial.params.items()}
+            self._asked.append((trial, values))
+            yield len(self.trials) + len(self._asked) - 1, values
+
+    def tell(self, score: float) -> None:
+        """Take the score of the trial that was asked for first."""
+        trial, values = self._asked.pop(0)
+        known = math.isfinite(score)
+        failed = _optuna().trial.TrialState.FAIL
+        self._study.tell(trial, score if known else None, state=None if known else failed)
+        self.trials.append(TrialRecord(values=values, score=score if known else None))
+
+
+def _distribution(space: Any) -> Any:
+    """Return a space as Optuna's; of listed values it takes the numbers."""
+    kinds = _optuna().distributions
+    if not isinstance(space, RangeTable):
+        return kinds.CategoricalDistribution(tuple(range(len(space))))
+    kind = kinds.IntDistribution if space.whole else kinds.FloatDistribution
+    return kind(space.low, space.high, log=space.log)
+
+
+def _value(space: Any, given: Any) -> Any:
+    """Return the value of a setting for what Optuna gives."""
+    return given if isinstance(space, RangeTable) else json.loads(json.dumps(space[given]))
+
+
+def _optuna() -> Any:
+    """Return Optuna, without a line about each trial."""
+    try:
+        import optuna
+    except ImportError:
+        raise SettingError(
+            'tuning needs Optuna, which is not installed: pip install "curricle[tune]"'
+        ) from None
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna

@@ -1,0 +1,99 @@
+"""What a results folder says about a tuning: every trial, and the best of each arm."""
+
+from typing import Annotated, Self
+
+from pydantic import Field, JsonValue, model_validator
+
+from curricle.archives.sealed_json import sealed
+from curricle.remote_path import Place
+from curricle.study.folders import STUDY
+from curricle.study.plain_data import Count, Plain
+from curricle.study.record import plain, read_record
+from curricle.study.store import StudyStore
+
+TUNING = "tuning.json"
+TRIALS = "tuning"
+"""The folder of the trials' units, in that of the results."""
+
+
+class SpaceRecord(Plain):
+    """The values of a setting that were searched."""
+
+    low: float | None = None
+    high: float | None = None
+    log: bool = False
+    values: tuple[JsonValue, ...] = ()
+    """Where they were listed; a range has none."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if (self.low is None or self.high is None) is not bool(self.values):
+            raise ValueError("it must have either low and high, or values")
+        return self
+
+
+class TrialRecord(Plain):
+    """Settings that were tried for an arm."""
+
+    values: dict[str, JsonValue]
+    score: float | None
+    """Mean return over all steps, sources charged, mean over the tuning's seeds; None if it is no
+    number."""
+
+
+class TunedArm(Plain):
+    """The trials of an arm."""
+
+    arm: str
+    """As the file calls it; "scratch" of learning from scratch."""
+    trials: tuple[TrialRecord, ...] = Field(min_length=1)
+
+    @property
+    def best(self) -> TrialRecord:
+        """The trial with the highest score; the first of several."""
+        scored = [one for one in self.trials if one.score is not None]
+        return max(scored or self.trials, key=lambda one: one.score or 0.0)
+
+
+class TuningRecord(Plain):
+    """A tuning that is complete."""
+
+    of: str
+    """A digest of all that it depends on, but Optuna's version."""
+    optuna: str
+    """The version of Optuna that searched."""
+    seeds: tuple[Count, ...] = Field(min_length=1)
+    total: Annotated[int, Field(ge=1)]
+    """Steps of each trial and seed, sources included."""
+    space: dict[str, SpaceRecord]
+    arms: dict[str, TunedArm]
+
+    def steps(self, arm: str) -> int:
+        """Return the steps that the trials of an arm are charged with, all seeds together."""
+        return len(self.arms[arm].trials) * len(self.seeds) * self.total
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        for name, arm in self.arms.items():
+            for trial in arm.trials:
+                if not trial.values.keys() <= self.space.keys():
+                    raise ValueError(f"arms.{name}.trials must set what is in the space")
+        return self
+
+
+def read_tuning(store: StudyStore) -> TuningRecord | None:
+    """Return the tuning of a study's folder; None if there is none, or it has not ended."""
+    if not store.has(TUNING):
+        return None
+    found = store.read_sealed(TUNING)
+    return store.checked(TUNING, lambda: read_record(TuningRecord, found))
+
+
+def tuning_at(path: Place) -> TuningRecord | None:
+    """Return the tuning in a folder that may not be there."""
+    return read_tuning(StudyStore(path)) if (path / STUDY).exists() else None
+
+
+def write_tuning(store: StudyStore, record: TuningRecord) -> None:
+    """Write ``tuning.json``."""
+    store.write(TUNING, sealed(plain(record)))

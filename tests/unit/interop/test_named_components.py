@@ -1,0 +1,174 @@
+"""Names for the components of an environment's states, and labels for its actions."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+from gymnasium.wrappers import TimeLimit
+
+import curricle as cr
+from curricle.tasks.observation_task import EnvironmentMaker
+
+from .environments import TWO, Echo, Ring
+
+SPACES = {
+    "several": (spaces.MultiDiscrete([2, 3], start=[0, 5]), np.array([1, 6]), 4),
+    "binary": (spaces.MultiBinary(2), np.array([1, 0], np.int8), 2),
+    "tuple": (spaces.Tuple([spaces.Discrete(3), spaces.Discrete(2)]), (2, 1), 5),
+    "dict": (spaces.Dict(a=spaces.Discrete(3), b=spaces.Discrete(2)), {"a": 1, "b": 1}, 3),
+}
+
+
+def echo(space, observation, **settings):
+    return cr.from_gymnasium(
+        Echo,
+        discount=0.9,
+        time_limit=3,
+        **settings,
+        observation_space=space,
+        action_space=TWO,
+        observations=[observation] * 2,
+    )
+
+
+@pytest.mark.parametrize("kind", SPACES)
+def test_the_numbers_in_an_observation_are_named_in_their_order(kind):
+    space, observation, state = SPACES[kind]
+    plain, task = echo(space, observation), echo(space, observation, names=["row", "column"])
+    assert task.states.names == ("row", "column")
+    assert task.states.shape == plain.states.shape
+    assert cr.planning.rollout(task, np.zeros(task.states.size, int)).states[0] == state
+
+
+def test_one_number_is_named_or_split():
+    one = echo(spaces.Discrete(12, start=1), 8, names=["place"])
+    assert one.states.label(7) == "place=8"
+    split = echo(spaces.Discrete(12, start=1), 8, names=["row", "column"], sizes=[3, 4])
+    assert split.states.label(cr.planning.rollout(split, np.zeros(12, int)).states[0]) == (
+        "row=1 column=3"
+    )
+    ring = cr.from_gymnasium(Ring, discount=0.9, names=["place"])
+    assert ring.mdp.states.names == ("place",)  # by its table
+
+
+def test_bins_and_known_environments_take_other_names():
+    bins = cr.interop.Bins({"x": [0, 1, 2], "v": [0, 1]})
+    car = cr.from_gymnasium("MountainCar-v0", discount=0.9, encode=bins, names=["place", "speed"])
+    assert car.states.names == ("place", "speed")
+    assert car.states.components[0].labels == bins.states.components[0].labels
+    jack = cr.from_gymnasium("Blackjack-v1", discount=0.9, names=["hand", "card", "ace"])
+    assert jack.states.label(5) == "hand=0 card=2 ace=usable"
+
+
+def test_actions_are_labelled():
+    task = echo(TWO, 0, actions=["left", "right"])
+    assert [task.actions.label(a) for a in range(2)] == ["action=left", "action=right"]
+    lake = cr.tabulate("FrozenLake-v1", discount=0.9, actions=list("wsen"))
+    assert lake.actions.label(3) == "move=n"
+
+
+def test_tables_found_by_visiting_take_other_names():
+    names = ["y", "x"]
+    lake = cr.tabulate("FrozenLake-v1", discount=0.9, names=names)
+    plain = cr.tabulate("FrozenLake-v1", discount=0.9)
+    assert lake.states.names == ("y", "x")
+    np.testing.assert_array_equal(lake.states.points, plain.states.points)
+    np.testing.assert_array_equal(lake.mdp.next_state, plain.mdp.next_state)
+
+
+GRID = spaces.MultiDiscrete([2, 3])
+REFUSED = {
+    "too few": (GRID, {"names": ["row"]}, "in the order of state_1, state_2: got 1, row"),
+    "none": (GRID, {"names": []}, "in the order of state_1, state_2: got 0, none"),
+    "too many": (
+        TWO,
+        {"names": ["a", "b"]},
+        "sizes must say how many values each of a, b has: got",
+    ),
+    "text": (GRID, {"names": "row"}, "names of a state's components must be a list of text"),
+    "numbers": (GRID, {"names": [1, 2]}, "must be text, not empty: got 1"),
+    "empty": (GRID, {"names": ["a", ""]}, "must be text, not empty: got ''"),
+    "twice": (GRID, {"names": ["a", "a"]}, "must differ: got a, a"),
+    "sizes alone": (TWO, {"sizes": [2]}, r"sizes need names of what has them: got sizes \[2\]"),
+    "sizes of several": (
+        GRID,
+        {"names": ["a", "b"], "sizes": [2, 3]},
+        "sizes are for observations that are one number: these have state_1, state_2",
+    ),
+    "sizes missing": (
+        TWO,
+        {"names": ["a", "b"], "sizes": [2]},
+        r"sizes must be of each name, a, b: got 1, \[2\]",
+    ),
+    "other sizes": (
+        TWO,
+        {"names": ["a", "b"], "sizes": [2, 3]},
+        "must make the environment's 2 states when multiplied: 2 x 3 is 6",
+    ),
+    "one size": (TWO, {"names": ["a"], "sizes": 2}, "sizes must be a list of whole numbers: got 2"),
+    "size of none": (TWO, {"names": ["a"], "sizes": [0]}, "must be a whole number, at least 1"),
+    "states too": (
+        TWO,
+        {"names": ["a"], "states": cr.Space([cr.Component("b", 2)])},
+        r"names go without states, whose components have names: got both, names \['a'\]",
+    ),
+    "too few labels": (TWO, {"actions": ["a"]}, "actions must have a label each, 2 of them: got 1"),
+    "labels as text": (
+        TWO,
+        {"actions": "ab"},
+        "labels of actions must be a list of text: got 'ab'",
+    ),
+    "labels twice": (TWO, {"actions": ["a", "a"]}, "labels of actions must differ: got a, a"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_names_nothing_is_refused_in_a_sentence(name):
+    space, settings, sentence = REFUSED[name]
+    with pytest.raises(cr.errors.TaskError, match=sentence):
+        echo(space, space.sample(), **settings)
+
+
+def test_labels_are_not_for_joint_actions():
+    with pytest.raises(cr.errors.TaskError, match="others are named by a Space: these have act"):
+        cr.from_gymnasium(
+            Echo, discount=0.9, actions=list("abcdef"), observation_space=TWO, action_space=GRID
+        )
+
+
+@pytest.mark.parametrize("names", ["row", ["a", "a"], ["a", "b", "c"]])
+def test_tables_are_not_named_by_anything(names):
+    with pytest.raises(cr.errors.TaskError, match="names"):
+        cr.tabulate("FrozenLake-v1", discount=0.9, names=names)
+
+
+def test_the_time_limit_of_a_wrapper_is_the_task_s():
+    def limited():
+        return TimeLimit(Echo(TWO, TWO, [0, 1]), 7)
+
+    assert cr.from_gymnasium(limited, discount=0.9).time_limit == 7
+    assert cr.from_gymnasium(limited, discount=0.9, time_limit=5).time_limit == 5
+
+
+class Room(gym.Env):
+    """An environment whose arguments have names of our own."""
+
+    def __init__(self, discount=1, names=()):
+        self.observation_space, self.action_space = spaces.Discrete(discount), TWO
+        self.names = names
+
+
+def test_a_maker_brings_arguments_of_any_name():
+    maker = EnvironmentMaker(Room, {"discount": 5, "names": ["x"]})
+    task = cr.from_gymnasium(maker, discount=0.9, names=["place"])
+    assert (task.states.size, task.states.names, task.make().names) == (5, ("place",), ["x"])
+    lake = cr.from_gymnasium(
+        EnvironmentMaker("FrozenLake-v1", {"map_name": "8x8"}), discount=0.9, time_limit=9
+    )
+    assert (lake.states.size, lake.time_limit) == (64, 9)
+
+
+def test_an_observation_task_takes_a_class_with_arguments():
+    task = cr.observation_task(Room, discount=0.9, names=["x"])
+    assert task.make().names == ["x"]
+    assert task == cr.observation_task(Room, discount=0.9, names=["x"])

@@ -1,0 +1,235 @@
+"""Sweeps and tunings in study files: the arms they make, and a sentence for every mistake."""
+
+import pytest
+
+from curricle import QLearning
+from curricle.errors import CurriculumError
+from curricle.study import StudyConfig, json_schema
+from curricle.study.arms import Arms
+from tests.studies import NUMBERED_HUNT, complaints_of, reader
+
+MAZES = """
+name = "mazes"
+seeds = 2
+learner.epsilon = 0.2
+[tasks.maze]
+type = "maze"
+map = '''
+    ....T
+    .PPP.
+    S....
+'''
+budget = 1_000
+[tasks.corner]
+type = "crop"
+of = "maze"
+rows = [0, 2]
+columns = [2, 5]
+budget = 200
+[[transfers]]
+source = "corner"
+target = "maze"
+mapping = "same_position"
+"""
+RATES = "sweep.learner.learning_rate=[0.1, 0.3]"
+
+
+@pytest.fixture
+def read(tmp_path):
+    return reader(tmp_path)
+
+
+def rates(curricula, task="maze"):
+    return {name: one.setting("learner", task).learning_rate for name, one in curricula.items()}
+
+
+# -- arms --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "[sweep]\nlearner.learning_rate = [0.1, 0.3]",
+        '[sweep]\n"learner.learning_rate" = [0.1, 0.3]',
+    ],
+)
+def test_each_value_makes_an_arm_of_every_arm_and_of_scratch(read, written):
+    study = read(f"{MAZES}\n[arms.plain]\n[arms.state]\nshaping = 'StateShaping'\n{written}")
+    assert rates(study.curricula) == {
+        "plain, learning_rate=0.1": 0.1,
+        "plain, learning_rate=0.3": 0.3,
+        "state, learning_rate=0.1": 0.1,
+        "state, learning_rate=0.3": 0.3,
+    }
+    assert rates(study.scratch_curricula()) == {"scratch": 0.1, "scratch, learning_rate=0.3": 0.3}
+    assert study.curricula["state, learning_rate=0.3"].setting("learner", "corner") == QLearning(
+        0.3, 0.2
+    )
+
+
+def test_a_setting_that_does_not_touch_scratch_leaves_one_scratch(read):
+    study = read(MAZES, set=["sweep.tasks.corner.budget=[100, 200]"])
+    assert list(study.scratch_curricula()) == ["scratch"]
+    budgets = {name: one.setting("budget", "corner") for name, one in study.curricula.items()}
+    assert list(budgets) == ["transfer, corner.budget=100", "transfer, corner.budget=200"]
+    assert [one.max_steps for one in budgets.values()] == [100, 200]
+
+
+def test_what_arms_share_is_trained_once(read):
+    arms = Arms.of(read(MAZES, set=[RATES, "sweep.unknown_value=[0.0, 1.0]"]))
+    assert len(arms.curricula) == 2 + 4
+    sources = {key for (_, task), key in arms.keys.items() if task == "corner"}
+    assert len(sources) == 2  # a learning rate each
+    scratch = Arms.of(read(MAZES, set=["learner.learning_rate=0.3"])).keys["scratch", "maze"]
+    assert arms.keys["scratch, learning_rate=0.3", "maze"] == scratch
+
+
+def test_a_grid_has_every_combination_and_pairs_do_not(read):
+    both = [RATES, "sweep.learner.initial_value=[0.0, 5.0]"]
+    assert len(read(MAZES, set=both).arms) == 4
+    assert list(read(MAZES, set=[*both, "sweep.mode=paired"]).arms) == [
+        "transfer, learning_rate=0.1, initial_value=0.0",
+        "transfer, learning_rate=0.3, initial_value=5.0",
+    ]
+
+
+def test_an_arm_that_sets_the_key_itself_is_there_once(read):
+    text = f"{MAZES}[arms.swept]\n[arms.own]\nlearner.learning_rate = 0.3\n"
+    study = read(text, set=[RATES])
+    assert list(study.arms) == ["swept, learning_rate=0.1", "swept, learning_rate=0.3", "own"]
+    assert len(Arms.of(study).curricula) == 5
+
+
+def test_a_learner_that_never_learns_from_scratch_is_refused(read):
+    text = f"{MAZES}[arms.swept]\n[arms.own]\nlearner.learning_rate = 0.7\n"
+    with pytest.raises(CurriculumError, match="arms must share their target's learner"):
+        Arms.of(read(text, set=[RATES]))
+
+
+def test_tables_and_transfers_are_swept_by_number(read):
+    study = read(MAZES, set=["sweep.transfers.0.scale=[1.0, 2.0]"])
+    scales = [one.transfers[0].scale for one in study.curricula.values()]
+    assert scales == [1.0, 2.0]
+    assert list(study.arms)[1] == "transfer, transfers.0.scale=2.0"
+    kinds = read(MAZES, set=["sweep.learner=[{ type = 'SARSA' }, { type = 'QLearning' }]"])
+    found = [type(one.setting("learner", "maze")).__name__ for one in kinds.curricula.values()]
+    assert found == ["SARSA", "QLearning"]
+    assert next(iter(kinds.arms)) == "transfer, learner={type=SARSA}"
+
+
+def test_further_learners_from_scratch_are_swept_too(read):
+    text = f"{MAZES}\n[scratch_learners.optimistic]\ninitial_value = 50.0\n"
+    assert rates(read(text, set=[RATES]).scratch_curricula()) == {
+        "scratch": 0.1,
+        "scratch, learning_rate=0.3": 0.3,
+        "scratch, optimistic": 0.1,
+        "scratch, optimistic, learning_rate=0.3": 0.3,
+    }
+
+
+def test_a_swept_study_is_plain_data(read):
+    study = read(MAZES, set=[RATES, "tune.space.learner.epsilon={ low = 0.1, high = 0.3 }"])
+    again = StudyConfig.from_data(study.to_data(), study.folder)
+    assert again == study
+    assert again.variants["transfer, learning_rate=0.3"].values == {"learner.learning_rate": 0.3}
+
+
+def test_a_study_without_them_is_as_it_was(read):
+    assert not {"scratches", "variants", "tune", "total"} & read(MAZES).to_data().keys()
+
+
+def test_the_schema_has_both():
+    schema = json_schema()
+    assert schema["properties"]["sweep"]["description"].startswith("Lists of settings")
+    assert {"trials", "seeds", "seed", "space"} == {*schema["$defs"]["TuneTable"]["properties"]}
+
+
+# -- mistakes ----------------------------------------------------------------------------------
+
+SPACE = """
+[tune.space]
+learner.epsilon = { low = 0.1, high = 0.3 }
+"""
+NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.epslon")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ("sweep={}", "sweep must name a setting to sweep: got none"),
+        ("sweep.tasks.corner.rows=[[0, 9]]", "sweep.tasks.corner.rows is refused: a crop must lie"),
+        ("sweep=3", "sweep must be a table: got 3"),
+        ("sweep.learner.epsilon=0.1", "sweep.learner.epsilon must be a list of values: got 0.1"),
+        ("sweep.learner.epsilon=[]", "sweep.learner.epsilon must be a list of values: got []"),
+        ("sweep.learner.epsilon=[1, 1]", "must be a list of different values: 1 is there twice"),
+        ("sweep.learner.epsilon=['a']", "sweep.learner.epsilon must be a number: got 'a'"),
+        ("sweep.learner.epsilon=[3.0]", "sweep.learner.epsilon is refused: epsilon must"),
+        ("sweep.learner.epslon=[1]", "epslon is unknown, did you mean 'epsilon'?"),
+        (
+            "sweep={ mode = 'pairs', unknown_value = [1.0] }",
+            "must be 'grid' or 'paired': got 'pairs', did you mean 'paired'?",
+        ),
+        ("sweep.budget=[1, 2]", "changes nothing: each task or arm that it could apply to sets it"),
+        ("sweep.tasks.maze.budget=[1, 2]", "must leave the target maze as it is"),
+        ("sweep.eval_freq=[10, 20]", "must leave the target maze as it is"),
+        ("sweep.tasks.mze.budget=[1]", "mze is unknown, did you mean 'maze'?"),
+        ("sweep.tasks=[1]", "must name a key of one of the tasks: tasks is unknown"),
+        ("sweep.transfers.1.scale=[1]", "must name a key of one of the transfers: 1 is unknown"),
+        ("sweep.seeds=[1, 2]", "must name a setting of tasks or transfers: seeds is unknown"),
+        ("sweep.every=[1, 2]", "sweep.every was renamed: write eval_freq"),
+        (f"sweep.unknown_value={[*range(101)]}", "must make at most 100 arms: got 101 values"),
+        ("tune=1", "tune must be a table: got 1"),
+        ("tune.trials=0", "tune.trials must be at least 1: got 0"),
+        ("tune.trials=2000", "tune.trials must be at most 1,000: got 2000"),
+        ("tune.trails=2", "tune.trails is unknown, did you mean 'trials'?"),
+        ("tune.seeds='1-2'", "tune.seeds must be none of the study's seeds: 1 is one"),
+        ("tune.seeds=0", "tune.seeds must be a number of seeds, a list of different ones"),
+        ("tune.space={}", "tune.space must name a setting to tune: got none"),
+        ("tune.space.learner.epsilon=1", "must be a list of two or more different values, or {"),
+        ("tune.space.learner.epsilon=[1]", "must be a list of two or more different values, or {"),
+        ("tune.space.learner.epsilon={ low = 1 }", "tune.space.learner.epsilon.high is missing"),
+        ("tune.space.learner.epsilon.low=1", "epsilon.high must be above low, 1: got 0.3"),
+        ("tune.space.learner.epsilon.log=1", "tune.space.learner.epsilon.log must be true or"),
+        ("tune.space.learner.epsilon.low='a'", "must be a finite number: got 'a'"),
+        ("tune.space.learner.epslon=[1, 2]", "epslon is unknown, did you mean 'epsilon'?"),
+        ("tune.space.tasks.corner.budget={ low = 10.0, high = 90.0 }", "must be a whole number: "),
+        ("tune.space.tasks.maze.discount=[0.1, 0.2]", "must leave the target maze as it is"),
+        ("scratch=false", "tune needs learning from scratch, which is tuned as every arm"),
+    ],
+)
+def test_a_mistake_is_one_sentence_with_its_place(tmp_path, monkeypatch, changes, words):
+    monkeypatch.chdir(tmp_path)
+    whole = changes.startswith("sweep") or changes.partition("=")[0] in ("tune", *NEW_SPACES)
+    (line,) = complaints_of(MAZES + SPACE * (not whole), set=[changes])
+    assert "as set: " in line or "line " in line
+    assert words in line
+
+
+def test_a_mistake_has_the_line_of_the_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines = f'{NUMBERED_HUNT}\n[sweep]\n"learner.learning_rate" = ["fast"]\n'
+    number = lines.splitlines().index('"learner.learning_rate" = ["fast"]') + 1
+    assert complaints_of(lines) == [
+        f"line {number}: sweep.\"learner.learning_rate\" must be a number: got 'fast'"
+    ]
+
+
+def test_lists_that_are_paired_are_as_long_as_each_other(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given = [RATES, "sweep.unknown_value=[0.0]", "sweep.mode=paired"]
+    (line,) = complaints_of(MAZES, set=given)
+    assert "sweep.unknown_value must have as many values as sweep.learner.learning_rate" in line
+    assert line.endswith("got 1 and 2")
+
+
+def test_what_is_swept_is_not_tuned(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (line,) = complaints_of(MAZES, set=[RATES, "tune.space.learner.learning_rate=[0.1, 0.2]"])
+    assert line.endswith("is swept already: leave out one of the two")
+
+
+def test_a_name_that_is_too_long_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    long = "a" * 120
+    (line,) = complaints_of(MAZES, set=[f"sweep.aggregate=['own:{long}', 'mean']"])
+    assert "sweep makes an arm with a name that" in line

@@ -1,0 +1,237 @@
+"""The pages: their links lead somewhere, and what they tell their readers to type is right."""
+
+import ast
+import itertools
+import os
+import re
+import shlex
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import click
+import pytest
+import typer
+
+from curricle.cli.app import app
+from curricle.comparison.reasons import Reason, not_asked
+from curricle.comparison.verdicts import Verdict, too_few_seeds
+from curricle.statistics import Interval
+from tests.pages import Command, File, Table, blocks, commands_of, put, stated_seconds, steps
+from tests.walk import Ended, faults, walk
+
+ROOT = Path(__file__).parents[2]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *(path for path in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in path.parts),
+]
+LINK = re.compile(r"(?<!\\)!?\[(?:[^\]\[]|\[[^\]]*\])*\]\(([^)\s]+)\)")
+ELSEWHERE = ("http://", "https://", "mailto:")
+ENDS = re.compile(r"\s(?:#|\||&|>|;).*|&$")
+"""Where a command ends on its line: at a comment, or where the shell goes on."""
+
+
+def of_pages(find):
+    """Return what `find` finds on each page, as parameters: a page and one thing found there."""
+    return [
+        pytest.param(page, found, id=f"{page.relative_to(ROOT)}: {found}"[:120])
+        for page in PAGES
+        for found in find(page.read_text("utf-8"))
+    ]
+
+
+def prose(text: str) -> str:
+    """Return a page without its code."""
+    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the places on a page that a link can lead to, as GitHub and MyST name them."""
+    titles = re.findall(r"^#+ (.+)$", prose(page.read_text("utf-8")), re.MULTILINE)
+    plain = (re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", title).lower() for title in titles)
+    return {re.sub(r"[^\w\- ]", "", title).replace(" ", "-") for title in plain}
+
+
+def links(text: str) -> list[str]:
+    """Return where the links of a page lead, but for the web."""
+    without_code = re.sub(r"`[^`]*`", "", prose(text))
+    return [one for one in LINK.findall(without_code) if not one.startswith(ELSEWHERE)]
+
+
+def typed(text: str, program: str) -> list[str]:
+    """Return the commands of a page that call a program."""
+    lines = [
+        line.removeprefix("    ")
+        for line in re.sub(r"\\\n\s*", " ", prose(text)).splitlines()
+        if line.startswith("    ")
+    ]
+    for language, block in blocks(re.sub(r"\\\n\s*", " ", text)):
+        if language == "console":
+            lines += [one.line for one in commands_of(block)]
+        elif language in ("sh", "bash"):
+            lines += block.splitlines()
+    return [ENDS.sub("", line) for line in lines if line.startswith(f"{program} ")]
+
+
+@pytest.mark.parametrize(("page", "link"), of_pages(links))
+def test_links_lead_somewhere(page, link):
+    path, _, anchor = link.partition("#")
+    place = (page.parent / path).resolve() if path else page
+    assert place.exists(), f"{link} of {page.name} leads to no file"
+    assert not anchor or anchor in anchors(place), f"{link} of {page.name} leads to no heading"
+
+
+@pytest.mark.parametrize(("page", "line"), of_pages(lambda text: typed(text, "curricle")))
+def test_commands_are_as_the_command_line_has_them(page, line):
+    name, *words = shlex.split(line)[1:]
+    if name.startswith("--"):
+        pytest.skip("not a command but an option of all")
+    commands = typer.main.get_command(app).commands
+    try:
+        commands[name].make_context(name, words)
+    except click.UsageError as wrong:
+        pytest.fail(f"{page.name}: {line}: {wrong.format_message()}")
+
+
+@pytest.mark.parametrize(("page", "line"), of_pages(lambda text: typed(text, "python")))
+def test_scripts_exist_with_their_flags(page, line):
+    words = shlex.split(line)[1:]
+    module = words[1].replace(".", "/") if words[0] == "-m" else words[0].removesuffix(".py")
+    if words[0] == "-c" or module == "pip":
+        return
+    found = [ROOT / f"{module}{ending}" for ending in (".py", "/__main__.py")]
+    code = "".join(path.read_text("utf-8") for path in found if path.exists())
+    assert code, f"{page.name}: {line}: there is no {module}"
+    for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
+        assert f'"{flag}"' in code, f"{page.name}: {line}: {module} has no {flag}"
+
+
+@pytest.mark.parametrize(("page", "line"), of_pages(lambda text: typed(text, "make")))
+def test_targets_are_in_the_makefile(page, line):
+    targets = re.findall(r"^([a-z-]+):.*## ", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    assert shlex.split(line)[1] in targets
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_has_one_title(page):
+    titles = re.findall(r"^# .*", prose(page.read_text("utf-8")), re.MULTILINE)
+    assert len(titles) == 1, titles
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_toml_and_python_parse(page):
+    for language, block in blocks(page.read_text("utf-8")):
+        if language == "toml":
+            tomllib.loads(block)
+        elif language == "python" and ">>> " not in block:
+            ast.parse(block)
+
+
+# -- reading a page, and walking along it ------------------------------------------------------
+
+PAGE = """
+```sh
+pip install .     # at most 5 minutes
+```
+
+```toml
+# own.toml
+name = "own"
+[one]   # first
+a = 1
+
+[two]
+b = 2
+```
+
+```toml
+[one]
+a = 3
+```
+
+```console
+$ curricle show own-results   # 20 s
+own: ... seeds
+$ curricle check own.toml
+curricle: own.toml: nothing is right
+```
+"""
+
+
+def test_a_page_is_read_as_steps():
+    install, own, one, show, check = steps(PAGE)
+    assert (install, install.seconds) == (Command("pip install .     # at most 5 minutes"), 300)
+    assert isinstance(own, File)
+    assert one == Table("[one]", "[one]\na = 3\n")
+    assert (show.output, show.seconds) == ("own: ... seeds\n", 20)
+    assert (check.line, check.seconds) == ("curricle check own.toml", stated_seconds(""))
+
+
+def test_files_and_tables_are_put_in_their_places(tmp_path):
+    for step in steps(PAGE):
+        if isinstance(step, File | Table):
+            put(step, tmp_path)
+    assert tomllib.loads((tmp_path / "own.toml").read_text("utf-8")) == {
+        "name": "own",
+        "one": {"a": 3},
+        "two": {"b": 2},
+    }
+    with pytest.raises(LookupError, match="one file must have"):
+        put(Table("[three]", "[three]\n"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("told", "status", "printed", "complained", "wrong"),
+    [
+        ("12 seeds in 3 s", 0, "12 seeds in 41 s", "", []),
+        ("12 seeds", 0, "13 seeds", "", ["printed"]),
+        ("12 seeds", 1, "12 seeds", "", ["ended with 1"]),
+        ("curricle: no", 1, "", "curricle: no", []),
+        ("curricle: no", 0, "", "curricle: no", ["ended with 0"]),
+        ("curricle: no", 1, "", "curricle: yes", ["did not say"]),
+        ("...\nlast", 0, "last", "", []),
+        ("...\nlast", 0, "first\nlast", "", []),
+        ("a ━━━ 1/2\nlast", 0, "last", "", []),
+        ("", 0, "anything", "", []),
+    ],
+)
+def test_what_is_wrong_with_a_command_is_told(told, status, printed, complained, wrong):
+    found = list(faults(Command("curricle", told), Ended(status, printed, complained, 1.0)))
+    assert [one.startswith(start) for one, start in zip(found, wrong, strict=True)] == [True] * len(
+        wrong
+    )
+
+
+@pytest.mark.slow
+def test_the_tutorial_prints_what_it_says(tmp_path):
+    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    variables = {**os.environ, "PATH": programs, "COLUMNS": "80"}
+    mine = ("curricle ", "python ")  # neither the environment that it makes nor pip
+    page = ROOT / "docs" / "tutorial.md"
+    wrong = walk(page, tmp_path, variables, timed=False, taken=lambda one: one.startswith(mine))
+    assert wrong == []
+
+
+# -- every word of a verdict is explained -------------------------------------------------------
+
+
+def test_every_word_of_a_verdict_is_explained():
+    page = re.sub(r"\s+", " ", (ROOT / "docs/howto/reading_a_verdict.md").read_text("utf-8"))
+    interval = Interval(1.0, 0.5, 1.5, 0.95, 9)
+    words = {too_few_seeds(5, 6)}
+    for p, gain in itertools.product((0.01, 0.5), (interval, replace(interval, estimate=-1.0))):
+        verdict = Verdict(gain, "scratch", 1, p, p, 9, 6)
+        words |= {verdict.against_scratch, verdict.answer}
+        pays = replace(verdict, gain=replace(interval, low=4.0), p=0.01, adjusted_p=0.01)
+        for high in (0.1, 9.0):
+            over = replace(verdict, gain=replace(gain, high=high))
+            words.add(Reason(pays, over, 1.0).words)
+    assert len(words) == 11
+    assert [word for word in sorted(words) if f"| {word} |" not in page] == []
+    assert "*pessimism*" in page
+    assert not_asked([Reason(verdict_of_one(interval), None)]).partition(":")[0] in page
+
+
+def verdict_of_one(gain: Interval) -> Verdict:
+    return Verdict(gain, "scratch", 1, 0.01, 0.01, 9, 6)

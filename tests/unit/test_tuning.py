@@ -1,0 +1,275 @@
+"""Tuning: as many trials for every arm, one outcome however it is run, and seeds kept apart."""
+
+import json
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.archives.sealed_json import sealed
+from curricle.errors import ConfigError, SettingError, StoreError, StudyError
+from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
+from curricle.study.effects import sweep_effects, tuning_effects
+from curricle.study.record import plain
+from curricle.study.results import RESULTS
+from curricle.study.tuning_record import TRIALS, TUNING, read_tuning
+from tests.unit.test_config_sweeps import MAZES
+from tests.unit.test_study_runner import Inline
+
+pytest.importorskip("optuna")
+pytestmark = pytest.mark.usefixtures("quick_disk")
+TUNED = f"""{MAZES}
+[tune]
+trials = 12
+seeds = 2
+[tune.space]
+learner.learning_rate = {{ low = 0.05, high = 0.8, log = true }}
+learner.initial_value = {{ low = -3, high = 3 }}
+unknown_value = [0.0, 1.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def tuned_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tuned") / "mazes.toml"
+    path.write_text(TUNED)
+    return path
+
+
+@pytest.fixture(scope="module")
+def pool():
+    """Has trained the units of the tuned study, each once."""
+    return Inline()
+
+
+@pytest.fixture(scope="module")
+def tuned(tuned_file, pool, tmp_path_factory):
+    """The folder of the tuned study, run in one go; to be read only."""
+    folder = tmp_path_factory.mktemp("tuned") / "out"
+    run_study(read_study(tuned_file), folder, executor=pool)
+    return folder
+
+
+def assert_same(folder, tuned):
+    for name in (TUNING, RESULTS):
+        assert (folder / name).read_bytes() == (tuned / name).read_bytes(), name
+    assert plain(StudyResults(folder).record) == plain(StudyResults(tuned).record)
+
+
+# -- one outcome -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("seeds_per_unit", "workers"), [(1, 1), (7, 3)])
+def test_workers_and_blocks_change_nothing(tuned_file, tuned, tmp_path, seeds_per_unit, workers):
+    study = read_study(tuned_file, set=[f"seeds_per_unit={seeds_per_unit}"])
+    run_study(study, tmp_path / "out", workers=workers)
+    assert_same(tmp_path / "out", tuned)
+
+
+@pytest.mark.parametrize("left", [None, 20, 5, 1])
+def test_a_killed_run_goes_on_to_the_same(tuned_file, tuned, pool, tmp_path, left):
+    study = read_study(tuned_file)
+    killed, again = Inline(0 if left is None else pool.trained - left), Inline()
+    with pytest.raises(StudyError, match="the cluster is gone"):
+        run_study(study, tmp_path / "out", executor=killed)
+    if killed.trained:
+        with pytest.raises(StoreError, match="go on with --resume"):
+            run_study(study, tmp_path / "out", executor=Inline(0))
+    run_study(study, tmp_path / "out", resume=True, executor=again)
+    assert_same(tmp_path / "out", tuned)
+    assert killed.trained + again.trained == pool.trained
+
+
+def test_a_finished_run_trains_nothing_again(tuned_file, tuned, tmp_path):
+    run_study(read_study(tuned_file), tmp_path / "out", workers=1)
+    run_study(read_study(tuned_file), tmp_path / "out", resume=True, executor=Inline(0))
+    assert_same(tmp_path / "out", tuned)
+
+
+def test_another_seed_tries_other_settings(tuned_file, tuned, tmp_path):
+    run_study(read_study(tuned_file, set=["tune.seed=1"]), tmp_path / "out", workers=1)
+    one, other = (read_tuning(StudyResults(each).store) for each in (tmp_path / "out", tuned))
+    assert one.arms["transfer"].trials != other.arms["transfer"].trials
+
+
+def test_settings_that_changed_are_tuned_again(tuned_file, tmp_path):
+    run_study(read_study(tuned_file, set=["tune.trials=2"]), tmp_path / "out", workers=1)
+    changed = read_study(tuned_file, set=["tune.trials=2", "learner.epsilon=0.5"])
+    run_study(changed, tmp_path / "out", resume=True, workers=1)
+    run_study(changed, tmp_path / "new", workers=1)
+    assert_same(tmp_path / "out", tmp_path / "new")
+
+
+def test_fewer_seeds_are_tuned_as_if_there_had_never_been_more(tuned_file, tmp_path):
+    for seeds, folder in ((3, "out"), (2, "out"), (2, "new")):
+        study = read_study(tuned_file, set=["tune.trials=2", f"tune.seeds={seeds}"])
+        run_study(study, tmp_path / folder, resume=True, workers=1)
+    assert_same(tmp_path / "out", tmp_path / "new")
+
+
+def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
+    for part in (1, 2):
+        study = read_study(tuned_file, set=["seeds_per_unit=1"])
+        run_study(study, tmp_path / f"{part}", shard=(part, 2), workers=1)
+    merge(tmp_path / "all", [tmp_path / "1", tmp_path / "2"])
+    assert_same(tmp_path / "all", tuned)
+
+
+# -- what it is --------------------------------------------------------------------------------
+
+
+def test_every_arm_has_as_many_trials_and_steps(tuned):
+    found = read_tuning(StudyResults(tuned).store)
+    assert {name: len(one.trials) for name, one in found.arms.items()} == {
+        "scratch": 12,
+        "transfer": 12,
+    }
+    assert found.steps("scratch") == found.steps("transfer") == 12 * 2 * found.total
+
+
+def test_an_arm_is_tuned_in_what_it_has(tuned):
+    found = read_tuning(StudyResults(tuned).store)
+    assert {*found.arms["scratch"].best.values} == {
+        "learner.learning_rate",
+        "learner.initial_value",
+    }
+    assert {*found.arms["transfer"].best.values} == {*found.space}
+    for trial in found.arms["transfer"].trials:
+        assert 0.05 <= trial.values["learner.learning_rate"] <= 0.8
+        assert type(trial.values["learner.initial_value"]) is int
+        assert trial.values["unknown_value"] in (0.0, 1.0)
+
+
+def test_a_trial_is_scored_as_arms_are_compared(tuned_file, tuned):
+    found = read_tuning(StudyResults(tuned).store)
+    trial = found.arms["transfer"].trials[3]
+    sets = [f"{key}={value}" for key, value in trial.values.items()]
+    plain = read_study(tuned_file, set=sets).curriculum("transfer")
+    by_hand = cr.compare(plain, seeds=list(found.seeds))
+    assert by_hand.total == found.total
+    # The reference's first return is that of all actions being equally good, whatever the learner.
+    np.testing.assert_allclose(by_hand.returns["transfer"].mean(), trial.score, rtol=1e-12)
+
+
+def test_arms_are_run_with_their_best_settings_on_other_seeds(tuned):
+    results = StudyResults(tuned)
+    found = read_tuning(results.store)
+    assert not {*results.seeds} & {*found.seeds}
+    for name, arm in found.arms.items():
+        assert results.record.arms[name].variant.values == arm.best.values
+        settings = results.record.arms[name].nodes["maze"].settings["learner"]
+        assert f"learning_rate={arm.best.values['learner.learning_rate']}" in settings
+        assert arm.best.score == max(one.score for one in arm.trials)
+
+
+def test_effects_are_means_of_trials(tuned):
+    found = read_tuning(StudyResults(tuned).store)
+    effects = tuning_effects(found)
+    trials = found.arms["transfer"].trials
+    for level in effects.levels["transfer", "unknown_value"]:
+        own = [t.score for t in trials if f"{t.values['unknown_value']}" == level.text]
+        assert (level.number, level.low, level.high) == (len(own), min(own), max(own))
+        assert level.mean == pytest.approx(np.mean(own))
+    parts = effects.levels["transfer", "learner.learning_rate"]
+    assert sum(one.number for one in parts) == len(trials)
+    rates = next(one for one in effects.settings if one.key == "learner.learning_rate")
+    assert rates.levels == ("0.05 to 0.126", "0.126 to 0.317", "0.317 to 0.8")
+
+
+def test_an_arm_with_nothing_to_tune_has_one_trial(tmp_path):
+    file = tmp_path / "mazes.toml"
+    file.write_text(f"{MAZES}[tune]\ntrials = 3\nseeds = 1\nspace.unknown_value = [0.0, 1.0]\n")
+    found = read_tuning(run_study(read_study(file), tmp_path / "out", workers=1).store)
+    assert {name: len(one.trials) for name, one in found.arms.items()} == {
+        "scratch": 1,
+        "transfer": 3,
+    }
+
+
+def test_the_steps_of_trials_are_those_of_the_largest_source(tmp_path):
+    file = tmp_path / "mazes.toml"
+    space = "space.tasks.corner.budget = { low = 100, high = 400 }"
+    file.write_text(f"{MAZES}[tune]\ntrials = 2\nseeds = 1\n{space}\n")
+    results = run_study(read_study(file), tmp_path / "out", workers=1)
+    found = read_tuning(results.store)
+    assert found.total == 1_000 + 400
+    assert (
+        results.record.total
+        == 1_000 + -(-found.arms["transfer"].best.values["tasks.corner.budget"] // 10) * 10
+    )
+
+
+# -- sweeps ------------------------------------------------------------------------------------
+
+
+def test_main_effects_of_a_sweep_are_means_over_arms(tmp_path):
+    (tmp_path / "mazes.toml").write_text(
+        f"{MAZES}\n[sweep]\nlearner.learning_rate = [0.1, 0.3]\nunknown_value = [0.0, 1.0]\n"
+    )
+    results = run_study(read_study(tmp_path / "mazes.toml"), tmp_path / "out", workers=1)
+    comparison = results.comparison
+    effects = sweep_effects(comparison, results.record, None)
+    both = [
+        comparison.returns[f"transfer, learning_rate=0.3, unknown_value={value}"]
+        for value in (0.0, 1.0)
+    ]
+    level = effects.levels["transfer", "learner.learning_rate"][1]
+    assert (level.text, level.number) == ("0.3", 2)
+    assert level.mean == pytest.approx(np.mean(both))
+    assert [one.text for one in effects.levels["scratch", "learner.learning_rate"]] == [
+        "0.1",
+        "0.3",
+    ]
+    assert ("scratch", "unknown_value") not in effects.levels
+    assert sum(one.best for one in effects.of("transfer")) == 1
+
+
+# -- refusals ----------------------------------------------------------------------------------
+
+
+def test_without_optuna_nothing_begins(tuned_file, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    with pytest.raises(SettingError, match=r"tuning needs Optuna.*pip install .curricle\[tune\]"):
+        run_study(read_study(tuned_file), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_range_that_a_learner_refuses_is_refused_beforehand(tuned_file, tmp_path):
+    study = read_study(tuned_file, set=["tune.space.learner.learning_rate.high=3.0"])
+    with pytest.raises(ConfigError, match="learning_rate is refused: learning_rate must lie"):
+        run_study(study, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda found: found | {"seeds": []}, "seeds"),
+        (lambda found: found | {"total": "many"}, "total"),
+        (lambda found: found | {"space": {"a": {"low": 1.0}}}, "either low and high, or values"),
+        (lambda found: found | {"space": {}}, "trials must set what is in the space"),
+        (lambda found: found | {"arms": {"transfer": {"arm": "x", "trials": []}}}, "trials"),
+    ],
+)
+def test_a_tuning_that_was_made_up_is_refused(tuned, tmp_path, change, words):
+    folder = shutil.copytree(tuned, tmp_path / "copied")
+    found = json.loads((folder / TUNING).read_bytes())
+    del found["digest"]
+    (folder / TUNING).write_bytes(sealed(change(found)))
+    with pytest.raises(StoreError, match=words):
+        read_tuning(StudyResults(folder).store)
+    (folder / TUNING).write_bytes(b"{}")
+    with pytest.raises(StoreError, match="is damaged"):
+        read_tuning(StudyResults(folder).store)
+
+
+def test_damaged_trials_are_trained_again(tuned_file, tuned, tmp_path):
+    study = read_study(tuned_file)
+    run_study(study, tmp_path / "out", workers=1)
+    (tmp_path / "out" / TUNING).unlink()
+    file = StudyStore(tmp_path / "out" / TRIALS).units()[0].path
+    file.write_bytes(file.read_bytes()[:-9])
+    run_study(study, tmp_path / "out", resume=True, workers=1)
+    assert_same(tmp_path / "out", tuned)
