@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import SettingError
-from curricle.interop.scenes import scene_of
 from curricle.study import StudyResults
 from curricle.tasks.grid_layout import layout_of
 from curricle.tasks.grid_view import GridView
+from curricle.tasks.scenes import scene_of
 
 MOVES = ("up", "right", "down", "left")
 
