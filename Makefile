@@ -11,7 +11,7 @@ INSTALL = $(BIN)/python -m pip install -qq --disable-pip-version-check --editabl
 export MPLBACKEND = Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help paper test slow deep cluster mutations lint format types doctest docs bench dist first-hour clean
+.PHONY: help paper test slow deep cluster dask mutations lint format types doctest docs bench dist first-hour clean
 
 help: ## list the targets
 	@echo 'Usage: make TARGET [ARGS="..."] [PYTHON=python3.12]'
@@ -32,6 +32,9 @@ deep: .venv/deep.stamp ## the tests and examples of deep learners (installs torc
 
 cluster: .venv/cluster.stamp ## the tests of Dask, Ray and S3 (installs them)
 	$(BIN)/python -m pytest -n0 tests/cluster $(ARGS)
+
+dask: .venv/dask.stamp ## the shortest tests of Dask alone (installs it)
+	$(BIN)/python -m pytest -n0 tests/cluster/test_engines.py -k "changes_nothing and not ray" $(ARGS)
 
 mutations: .venv/test.stamp ## make mistakes in a copy; the fast tests must catch each (ARGS="lock")
 	$(BIN)/python tests/mutations.py --jobs $(WORKERS) $(ARGS)
@@ -87,6 +90,10 @@ clean: ## remove .venv, caches and builds (results stay)
 
 .venv/deep.stamp: .venv/test.stamp
 	@$(INSTALL) '.[deep]'
+	@touch $@
+
+.venv/dask.stamp: .venv/test.stamp
+	@$(INSTALL) '.[dask]'
 	@touch $@
 
 .venv/cluster.stamp: .venv/test.stamp

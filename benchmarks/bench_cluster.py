@@ -13,7 +13,11 @@ seeds, resumed with all of them, and resumed again with nothing left. Printed ar
 - resume: until it is known what is left, and until all is over, with 1 % left and with nothing;
 - show: `StudyResults(...).comparison`.
 
-    python benchmarks/bench_cluster.py [--quick] [--units N ...] [--on dask]
+With --ratio, the same units are trained in two threads and on a cluster of two workers that is
+there (--on dask://host:8786), in turn. Units last a second, and ten milliseconds; printed is the
+wall time that passes on the cluster as a multiple of the threads'.
+
+    python benchmarks/bench_cluster.py [--quick] [--units N ...] [--on dask] [--ratio]
 """
 
 import argparse
@@ -22,6 +26,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter, thread_time
 from typing import Any
@@ -49,6 +54,8 @@ class Run:
     seeds: int
     path: Path
     on: str | None
+    budget: int = 20
+    workers: int = 1
     wall: list[float] = field(default_factory=list)
     driver: list[float] = field(default_factory=list)
     units: int = 0
@@ -60,10 +67,12 @@ class Run:
 
     def run(self) -> "Run":
         self.path.parent.joinpath("many.toml").write_text(STUDY)
-        study = read_study(self.path.parent / "many.toml", set=[f"seeds={self.seeds}"])
+        study = read_study(
+            self.path.parent / "many.toml", set=[f"seeds={self.seeds}", f"budget={self.budget}"]
+        )
         self.wall.append(perf_counter())
         self.driver.append(thread_time())
-        where: dict[str, Any] = {"on": self.on} if self.on else {"workers": 1}
+        where: dict[str, Any] = {"on": self.on} if self.on else {"workers": self.workers}
         run_study(study, self.path, resume=True, progress=self.note, report=_silent, **where)
         self.wall.append(perf_counter())
         return self
@@ -98,6 +107,35 @@ def report(units: int, on: str | None) -> None:
         print(f"  memory {peak():9.0f} MB at the end", flush=True)
 
 
+PAIRS = 5
+"""Runs in threads and on the cluster, in turn."""
+LONG = 10_000_000
+"""Steps by which the time of a step is measured."""
+
+
+def ratio(seconds: float, seeds: int, on: str) -> None:
+    """Print how much longer units take on a cluster of two workers than in two threads."""
+    with TemporaryDirectory() as folder:
+        one = Run(1, Path(folder) / "results", None, LONG).run()
+    step = (one.wall[-2] - one.wall[1]) / UNITS_A_SEED / LONG
+    found = []
+    for _ in range(PAIRS):
+        taken = []
+        for where in (None, on):
+            with TemporaryDirectory() as folder:
+                run = Run(seeds, Path(folder) / "results", where, int(seconds / step), workers=2)
+                run.run()
+            taken.append(run.wall[-2] - run.wall[1])
+        found.append((taken[1] / taken[0], *taken))
+    each, threads, cluster = (median(column) for column in zip(*found, strict=True))
+    ratios = sorted(one[0] for one in found)
+    print(
+        f"{seeds * UNITS_A_SEED} units of {1e3 * seconds:.0f} ms: {threads:.2f} s in two threads, "
+        f"{cluster:.2f} s on {on}; ratio {each:.2f} [{ratios[0]:.2f}, {ratios[-1]:.2f}]",
+        flush=True,
+    )
+
+
 def timed(action: Callable[[], Any]) -> float:
     begun = perf_counter()
     action()
@@ -111,9 +149,14 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="1,000 units only")
     parser.add_argument("--units", type=int, nargs="+", default=UNITS)
     parser.add_argument("--on", help="a cluster: dask or ray, or one at an address")
+    parser.add_argument("--ratio", action="store_true", help="the cluster against two threads")
     given = parser.parse_args()
     with TemporaryDirectory() as folder:  # compiles
         Run(2, Path(folder) / "results", given.on).run()
+    if given.ratio:
+        ratio(1.0, 14, given.on)
+        ratio(0.01, 400, given.on)
+        return
     for units in UNITS[:1] if given.quick else given.units:
         report(units, given.on)
 

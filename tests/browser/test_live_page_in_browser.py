@@ -1,6 +1,5 @@
 """The live page of a run in a browser: it follows the units, and a reader's place stays."""
 
-import shutil
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event, Semaphore, Thread
 
@@ -13,14 +12,8 @@ from tests.studies import HUNT
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
-)
-QUIET = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
 PHONE, DESK = {"width": 390, "height": 844}, {"width": 1300, "height": 900}
 UNITS = 6
-
-pytestmark = pytest.mark.skipif(not CHROMIUM, reason="there is no Chromium on the path")
 
 
 class Paced(ThreadPoolExecutor):
@@ -65,25 +58,25 @@ def run(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def visit(run):
+def visit(browser, run):
     """Opens the page; it must log nothing and ask nobody but the run."""
-    heard = []
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=QUIET)
+    contexts, heard = [], []
 
-        def open_page(viewport):
-            page = browser.new_context(viewport=viewport).new_page()
-            page.on("console", lambda message: heard.append(message.text))
-            page.on("pageerror", lambda error: heard.append(str(error)))
-            page.on(
-                "request",
-                lambda r: None if r.url.startswith((run.address, "data:")) else heard.append(r.url),
-            )
-            page.goto(run.address)
-            return page
+    def open_page(viewport):
+        contexts.append(browser.new_context(viewport=viewport))
+        page = contexts[-1].new_page()
+        page.on("console", lambda message: heard.append(message.text))
+        page.on("pageerror", lambda error: heard.append(str(error)))
+        page.on(
+            "request",
+            lambda r: None if r.url.startswith((run.address, "data:")) else heard.append(r.url),
+        )
+        page.goto(run.address)
+        return page
 
-        yield open_page
-        browser.close()
+    yield open_page
+    for context in contexts:
+        context.close()
     assert heard == []
 
 

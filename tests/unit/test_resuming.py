@@ -337,7 +337,7 @@ def test_a_dry_run_tells_the_same_and_changes_nothing(own, contents):
     assert kept[1:] == [
         lines[1].replace("trained again", "kept"),
         lines[2],
-        f"1 units to do, 3 done, in {own / 'out'}",
+        f"1 unit to do, 3 done, in {own / 'out'}",
     ]
     assert contents(own) == before
     assert again(own) == ([SHORT, OWN], sorted(lines[:2]))
