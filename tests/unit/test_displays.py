@@ -81,6 +81,8 @@ def results(tmp_path_factory):
     found["study"] = cr.study.StudyConfig.from_data(data, Path())
     folder = tmp_path_factory.mktemp("study") / "out"
     found["study results"] = cr.run_study(found["study"], folder, progress=False)
+    found["stored result"] = found["study results"].result(EVIL, "far")
+    found["policy"] = cr.learn(cr.GridWorld("S" + 2_000 * "." + "T"), budget=500).policy
     found["store"] = found["study results"].store
     return found
 
@@ -90,7 +92,7 @@ NAMED = (
     *["attribution", "teaching", "study", "study results", "trial", "source learning"],
 )
 """Results that show the user's names."""
-SHOWN_ALONE = {"snapshots", "source", "potential", "reason", "store"}
+SHOWN_ALONE = {"snapshots", "source", "potential", "reason", "store", "policy"}
 """Results that have no display: they are read through others."""
 
 
@@ -136,6 +138,8 @@ def test_a_result_says_what_it_found(results):
     for words in ("steps to threshold", "constant mean", "<svg"):
         assert words in results["comparison"]._repr_html_()
     assert results["coverage"]._repr_html_().count("<td") == 8
+    stored = results["stored result"]
+    assert "NoneType" not in repr(stored) + stored._repr_html_()
     assert "training return" in results["without evaluation"]._repr_html_()
 
 

@@ -32,6 +32,7 @@ from curricle.learning.saved_result import (
 from curricle.learning.tabular_policy import TabularPolicy
 from curricle.planning.episode import Episode
 from curricle.tasks.task import Task
+from curricle.text_tables import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,15 +228,15 @@ class LearningResult(Frozen):
         return cls(task=task, learner=learner, **fields_of(arrays))
 
     def __repr__(self) -> str:
-        seeds = f"{len(self.seeds)} seed{'s' * (len(self.seeds) > 1)}"
+        learner = "" if self.learner is None else f"{type(self.learner).__name__}, "
         return (
-            f"{type(self).__name__}({type(self.learner).__name__}, {seeds}, "
+            f"{type(self).__name__}({learner}{counted(len(self.seeds), 'seed')}, "
             f"{int(self.steps_used.mean()):,} steps and {int(self.episodes_used.mean()):,} "
             f"episodes a seed, final greedy return {self.greedy_return[:, -1].mean():.4g})"
         )
 
     def _repr_html_(self) -> str:
-        name = type(self.task).__name__
+        name = "" if self.task is None else type(self.task).__name__
         return block(type(self).__name__, learnt_curve(self), learnt_table({name: self}, {}))
 
 
