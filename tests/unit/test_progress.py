@@ -97,6 +97,13 @@ def test_each_unit_has_a_line(capsys, clock):
     assert found == [f"done scratch: maze, seeds {seed}" for seed in range(40)]
 
 
+def test_trials_made_at_once_have_one_line(capsys, clock):
+    lines, every = Lines(Pace(clock)), units(3)
+    for unit in (None, *every):
+        lines.show(Progress(every, unit, tuning="tuning, 3 of 9 trials"))
+    assert capsys.readouterr().err == "tuning, 3 of 9 trials\n"
+
+
 def test_very_many_units_have_a_line_a_second(capsys, clock):
     number = progress_bars.MANY + 500
     found = printed(capsys, clock, number)
