@@ -15,7 +15,8 @@ import pytest
 
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
-    *["errors", "array_types", "frozen_arrays", "checks", "text_tables", "remote_path", "files"],
+    *["errors", "array_types", "frozen_arrays", "checks", "text_tables"],
+    *["display", "progress", "remote_path", "files"],
     "archives",
     *["tasks", "statistics", "planning", "learning", "teaching", "transfer", "certificate"],
     *["interop", "deep", "curriculum", "comparison", "design", "study"],

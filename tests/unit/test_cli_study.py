@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from functools import partial
+from itertools import islice
 
 import pytest
 
@@ -329,7 +330,8 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
     with subprocess.Popen(
         [*command, *long], cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=interruptible
     ) as running:
-        told = [running.stderr.readline() for _ in range(4)]  # both sources of both units
+        done = (line for line in running.stderr if line.startswith("done "))
+        told = [*islice(done, 4)]  # both sources of both units
         running.send_signal(signal.SIGINT)
         told += running.stderr.readlines()
     assert running.returncode == 130

@@ -6,9 +6,9 @@ import pytest
 from rich.console import Console
 
 from curricle.cli import progress_bars
-from curricle.cli.pace import Pace
-from curricle.cli.progress_bars import BarsAndPace, Lines
-from curricle.study.running import Progress
+from curricle.cli.progress_bars import Lines
+from curricle.progress import Bars, Screen
+from curricle.study.progress import Pace, Progress
 from curricle.study.units import Unit
 
 
@@ -97,6 +97,13 @@ def test_each_unit_has_a_line(capsys, clock):
     assert found == [f"done scratch: maze, seeds {seed}" for seed in range(40)]
 
 
+def test_trials_made_at_once_have_one_line(capsys, clock):
+    lines, every = Lines(Pace(clock)), units(3)
+    for unit in (None, *every):
+        lines.show(Progress(every, unit, tuning="tuning, 3 of 9 trials"))
+    assert capsys.readouterr().err == "tuning, 3 of 9 trials\n"
+
+
 def test_very_many_units_have_a_line_a_second(capsys, clock):
     number = progress_bars.MANY + 500
     found = printed(capsys, clock, number)
@@ -109,8 +116,8 @@ def test_the_line_stands_below_the_bars(clock, width):
     console = Console(record=True, force_terminal=True, width=width, file=io.StringIO())
     pace, every = Pace(clock), units(4)
     pace.note(Progress(every))
-    with BarsAndPace(pace, console=console) as bars:
-        bars.add_task("scratch: maze", total=4)
+    with Screen(console, pace.line) as screen:
+        Bars(screen).bar("scratch: maze", 4)
         clock.now += 1.0
         pace.note(Progress(every, every[0]))
     *_, last = console.export_text().strip().splitlines()

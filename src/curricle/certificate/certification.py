@@ -30,6 +30,7 @@ from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning.shaping import Claim, Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
+from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.labels import state_name
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import improper_states
@@ -65,6 +66,7 @@ def certify(
     method: Literal["auto", "exact", "sampled"] = "auto",
     steps: int = 100_000,
     seed: int = 0,
+    progress: Progress = None,
 ) -> Certificate | SampledCertificate:
     """Return whether a shaping leaves the optimal actions of a task as they are.
 
@@ -109,6 +111,8 @@ def certify(
         Steps to sample, about.
     seed : int
         Of the sample.
+    progress : bool or callable, optional
+        True shows a bar that moves until the answer is there; a function is called with the answer.
 
     Returns
     -------
@@ -154,6 +158,7 @@ def certify(
     >>> bool(certificate), certificate.counterexample.place
     (False, 'state 2 (row 0, column 2)')
     """
+    check_progress(progress)
     checked = check_shaping(task, shaping, shaping_discount, ends)
     one_of("method", method, ("auto", "exact", "sampled"), SettingError)
     tolerance = number("tolerance", tolerance, SettingError, low=0)
@@ -167,9 +172,15 @@ def certify(
     reason = "as asked for" if method == "sampled" else None
     if method == "auto":
         reason = _reason_to_sample(checked)
-    if reason is None:
-        return _exact_certificate(checked, tolerance, seed)
-    return _sampled_certificate(checked, tolerance, steps, seed, reason)
+    found: Certificate | SampledCertificate
+    with shown(progress) as bars:
+        bars.bar("certifying")
+        if reason is None:
+            found = _exact_certificate(checked, tolerance, seed)
+        else:
+            found = _sampled_certificate(checked, tolerance, steps, seed, reason)
+        bars.tell(found)
+    return found
 
 
 def _reason_to_sample(shaping: CheckedShaping) -> str | None:

@@ -1,9 +1,13 @@
 """Certificates of a shaping, proven or sampled, and the state that refutes one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from markupsafe import Markup
+
 from curricle.array_types import FloatArray
+from curricle.display import block, brief_repr, printed, table
 from curricle.frozen_arrays import Frozen
 
 UNKNOWN = float("nan")
@@ -50,6 +54,9 @@ class Counterexample:
     lost: float
     values: tuple[float, float]
     shaped_values: tuple[float, float]
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     def __str__(self) -> str:
         best, other = self.actions
@@ -129,12 +136,23 @@ class Certificate(Frozen):
     counterexample: Counterexample | None = None
     potential: FloatArray | None = field(default=None, repr=False)
 
+    __repr__ = brief_repr
+
     def __bool__(self) -> bool:
         return self.holds is True
 
     def __str__(self) -> str:
-        sentences = [f"{self._verdict()} ({self._limits()})", *self.findings]
-        return ". ".join(one[0].upper() + one[1:] for one in sentences) + "."
+        return _as_text([f"{self._verdict()} ({self._limits()})", *self.findings])
+
+    def _repr_html_(self) -> str:
+        answer = {True: "Safe", False: "Not the same", None: "Not decided"}[self.holds]
+        return block(
+            f"Certificate of {self.shaping}: {answer}",
+            self._verdict(),
+            self.counterexample is not None and _values_table(self.counterexample),
+            *self.findings,
+            self._limits(),
+        )
 
     def _verdict(self) -> str:
         if self.holds:
@@ -202,6 +220,9 @@ class SampledCertificate:
 
     holds: ClassVar[None] = None
 
+    __repr__ = brief_repr
+    _repr_html_ = printed
+
     def __bool__(self) -> bool:
         return False
 
@@ -210,5 +231,14 @@ class SampledCertificate:
         seen = [*self.contradictions, f"found in {steps}"]
         if not self.contradictions:
             seen = [f"no contradiction in {steps}"]
-        sentences = [f"Not proven: {seen[0]}", *seen[1:], *self.findings]
-        return ". ".join(one[0].upper() + one[1:] for one in sentences) + "."
+        return _as_text([f"Not proven: {seen[0]}", *seen[1:], *self.findings])
+
+
+def _as_text(sentences: Sequence[str]) -> str:
+    return ". ".join(one[0].upper() + one[1:] for one in sentences) + "."
+
+
+def _values_table(found: Counterexample) -> Markup:
+    """Return what both actions are worth in the state that refutes a certificate."""
+    rows = zip(found.actions, found.values, found.shaped_values, strict=True)
+    return table([found.place, "value in the task", "value under shaping"], rows)

@@ -272,26 +272,12 @@ def paper(
     Writes index.html, claims.json, each figure as PNG and SVG and its data as Parquet. An
     interrupted run goes on where it was; a folder with results of other settings is refused.
     """
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    from curricle.cli.progress_bars import CompilationColumn
+    from curricle.cli.progress_bars import bars_with_words
     from curricle.paper.reproduce import FIGURES, reproduce
 
-    columns = (
-        SpinnerColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-        CompilationColumn(),
-    )
-    with Progress(*columns, transient=True) as progress:
-        task = progress.add_task("starting", total=None)
-        claims = reproduce(
-            out,
-            figures=FIGURES if figure == "all" else [figure],
-            seeds=seeds,
-            workers=workers,
-            progress=lambda words: progress.update(task, description=words),
-        )
+    wanted = FIGURES if figure == "all" else [figure]
+    with bars_with_words() as bars:
+        claims = reproduce(out, figures=wanted, seeds=seeds, workers=workers, progress=bars)
     for claim in claims:
         typer.echo(f"{claim['verdict']:>15}  {claim['id']}")
     counts = Counter(claim["verdict"] for claim in claims)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from curricle.cli.pace import Pace
 from curricle.remote_path import Place
+from curricle.study.progress import Pace
 
 if TYPE_CHECKING:
     from curricle.report.live_server import LiveServer

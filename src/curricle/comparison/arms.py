@@ -9,6 +9,7 @@ import numpy as np
 from curricle.array_types import FloatArray, IntArray
 from curricle.comparison.levels import Level, concatenated_levels
 from curricle.comparison.verdicts import difference
+from curricle.display import brief_repr
 from curricle.learning.result import LearningResult
 from curricle.statistics.curves import SCRATCH, Curve, charge_source
 from curricle.statistics.metrics import mean_return
@@ -46,6 +47,11 @@ class Arm:
     control: bool
     scratch: bool = False
     level: Level | None = field(default=None, repr=False)
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        return self.curve._repr_html_()
 
     @classmethod
     def of(

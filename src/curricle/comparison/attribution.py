@@ -6,6 +6,7 @@ difference in each state is the effect of that transfer.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -16,10 +17,12 @@ from curricle.checks import one_of, whole_number
 from curricle.comparison.targets import transfers_into
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt
+from curricle.display import block, brief_repr, printed, table
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
 from curricle.planning.solution import Solution, right_choices, solve
+from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.intervals import Interval, paired_difference
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.task import Task, tables
@@ -54,6 +57,9 @@ class Region:
     loss: float
     where: str
 
+    __repr__ = brief_repr
+    _repr_html_ = printed
+
     def __str__(self) -> str:
         n = len(self.states)
         return f"{n} state{'s' * (n > 1)} ({self.where}), in {abs(self.share):.0%} of seeds"
@@ -87,6 +93,24 @@ class Attribution:
     error: FloatArray = field(repr=False)
     loss: FloatArray = field(repr=False)
     gain: tuple[Interval, ...]
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, str(gain), *(self._places(name, harmed=harmed) for harmed in (True, False)))
+            for name, gain in zip(self.names, self.gain, strict=True)
+        ]
+        head = ["transfer", "change of the greedy return", "worse in", "better in"]
+        title = f"Attribution after {self.steps:,} steps"
+        return block(title, table(head, rows, wide=head[2:]))
+
+    def _places(self, name: str, *, harmed: bool) -> str:
+        """Return the largest regions in which choices became worse, or better, in words."""
+        regions = self.regions(name, harmed=harmed)
+        shown, left = "; ".join(map(str, regions[:SHOWN])), len(regions) - SHOWN
+        more = f"; and {left} more region{'s' * (left > 1)}" if left > 0 else ""
+        return f"{shown}{more}" if regions else "nowhere"
 
     def changed_states(self, name: str, *, harmed: bool = True, least: float = LEAST) -> BoolArray:
         """Return the states whose choice a transfer made worse (or better), (S,) bool.
@@ -129,11 +153,8 @@ class Attribution:
         for name, gain in zip(self.names, self.gain, strict=True):
             lines.append(f"{name} after {self.steps:,} steps: greedy return changed by {gain}")
             for harmed, word in ((True, "worse"), (False, "better")):
-                regions = self.regions(name, harmed=harmed)
-                shown = "; ".join(str(region) for region in regions[:SHOWN])
-                left = len(regions) - SHOWN
-                more = f"; and {left} more region{'s' * (left > 1)}" if left > 0 else ""
-                lines.append(f"  {word} in {shown}{more}" if regions else f"  {word} nowhere")
+                where = self._places(name, harmed=harmed)
+                lines.append(f"  {word} {where if where == 'nowhere' else f'in {where}'}")
         return "\n".join(lines)
 
 
@@ -145,6 +166,7 @@ def attribute(
     seeds: int | Sequence[int] = 20,
     trained: Mapping[str, Learnt] | None = None,
     workers: int | None = None,
+    progress: Progress = None,
 ) -> Attribution:
     """Return which transfers helped or did harm, and in which states.
 
@@ -161,6 +183,9 @@ def attribute(
         Sources trained before, for the same seeds.
     workers : int, optional
         Threads over seeds.
+    progress : bool or callable, optional
+        True shows a bar for each task that is learnt, and for the target without each transfer; a
+        function is called with the name of each transfer that has been left out.
 
     Raises
     ------
@@ -182,27 +207,33 @@ def attribute(
     >>> [region.where for region in found.regions("corner -> maze", harmed=False)]
     ['row 0, column 0', 'row 0, column 2']
     """
+    check_progress(progress)
     name, edges = transfers_into(curriculum, target, "an attribution")
     numbers = seed_tuple(seeds)
     if len(numbers) < 2:
         raise SettingError(f"an attribution needs at least 2 seeds: got {len(numbers)}")
     steps = whole_number("steps of an attribution", steps, 1, SettingError)
     solution = solve(curriculum.tasks[name])  # before any training, as it may refuse the task
-    sources = curriculum.train(
-        numbers, only=curriculum.ancestors(name), trained=trained, workers=workers
-    ).sources
     short = curriculum.replace(name, budget=steps, eval_freq=steps)
     elsewhere = [edge for edge in curriculum.transfers if edge.target != name]
 
-    def learn_with(into: Sequence[Transfer]) -> LearningResult:
+    def learn_with(into: Sequence[Transfer], bars: Bars) -> LearningResult:
         fewer = replace(short, transfers=[*elsewhere, *into])
-        return fewer.train(numbers, only=[name], trained=sources, workers=workers)[name]
+        how: Any = {"trained": sources, "workers": workers, "progress": bars}
+        return fewer.train(numbers, only=[name], **how)[name]
 
-    with_all = learn_with(edges)
-    without = [learn_with([edge for edge in edges if edge is not left_out]) for left_out in edges]
+    without = []
+    with shown(progress) as bars:
+        before: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
+        sources = curriculum.train(numbers, only=curriculum.ancestors(name), **before).sources
+        with_all = learn_with(edges, bars.within())
+        for left_out, label in zip(edges, transfer_names(edges), strict=True):
+            others = [edge for edge in edges if edge is not left_out]
+            without.append(learn_with(others, bars.within(f"without {label}")))
+            bars.tell(label)
     loss, wrong = _choices(with_all.values, solution)
-    others = [_choices(result.values, solution) for result in without]
-    more_wrong = np.stack([wrong.astype(float) - other for _, other in others])
+    alone = [_choices(result.values, solution) for result in without]
+    more_wrong = np.stack([wrong.astype(float) - other for _, other in alone])
     returns = with_all.greedy_return[:, -1]
     return Attribution(
         task=curriculum.tasks[name],
@@ -210,7 +241,7 @@ def attribute(
         names=tuple(transfer_names(edges)),
         wrong=more_wrong.mean(axis=1),
         error=more_wrong.std(axis=1, ddof=1) / np.sqrt(len(numbers)),
-        loss=np.stack([(loss - other).mean(axis=0) for other, _ in others]),
+        loss=np.stack([(loss - other).mean(axis=0) for other, _ in alone]),
         gain=tuple(paired_difference(returns, r.greedy_return[:, -1]) for r in without),
     )
 

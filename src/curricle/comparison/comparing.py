@@ -6,7 +6,7 @@ same random stream in the target. Arms with different targets are refused.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -45,6 +45,7 @@ from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import StoppingRule
 from curricle.planning.target import Target
+from curricle.progress import SILENT, Bars, Progress, check_progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.sequential import Looks, add_seeds
 from curricle.statistics.thresholds import fraction_of_optimum, midpoint
@@ -67,7 +68,7 @@ def compare(
     difference: bool = False,
     most_seeds: int = 100,
     workers: int | None = None,
-    progress: Callable[[str], Any] | None = None,
+    progress: Progress = None,
 ) -> Comparison:
     """Return a comparison of curricula with learning their target from scratch.
 
@@ -109,8 +110,9 @@ def compare(
         Seeds at which to stop adding.
     workers : int, optional
         Threads over seeds.
-    progress : callable, optional
-        Called with the name of each arm when it is done.
+    progress : bool or callable, optional
+        True shows a bar for each task of each arm; a function is called with the name of each arm
+        when it is done.
 
     Raises
     ------
@@ -132,7 +134,8 @@ def compare(
     >>> list(found.arms), found.total
     (['scratch', 'transfer', 'transfer, placebo'], 5500)
     """
-    plan = _Plan.of(arms, controls, scratch, workers, progress)
+    check_progress(progress)
+    plan = _Plan.of(arms, controls, scratch, workers)
     window = whole_number("window", window, 1, SettingError)
     most = plan.budget // plan.eval_freq + 1
     if window > most:
@@ -147,12 +150,14 @@ def compare(
         threshold = number("threshold", threshold, SettingError)
     failed: dict[str, Exception] = {}
     looks, stopped = ONE_LOOK, ""
-    if precision is None and not difference:
-        found = plan.run(seed_tuple(seeds), failed)
-    else:
-        first = whole_number("seeds to begin adding with", seeds, 2, SettingError)
-        found, stopped = plan.run_until(first, precision, difference, most_seeds, failed)
-        looks = Looks.doubling(first, most_seeds)
+    with shown(progress) as bars:
+        plan = replace(plan, bars=bars)
+        if precision is None and not difference:
+            found = plan.run(seed_tuple(seeds), failed)
+        else:
+            first = whole_number("seeds to begin adding with", seeds, 2, SettingError)
+            found, stopped = plan.run_until(first, precision, difference, most_seeds, failed)
+            looks = Looks.doubling(first, most_seeds)
     if all(name == SCRATCH or arm.scratch for name, arm in found.items()):
         raise next(iter(failed.values()))
     if threshold is None:
@@ -174,7 +179,7 @@ class _Plan:
     total: int
     eval_freq: int
     workers: int | None
-    progress: Callable[[str], Any]
+    bars: Bars = SILENT
 
     @classmethod
     def of(
@@ -183,7 +188,6 @@ class _Plan:
         controls: Sequence[Control],
         scratch: GivenScratch,
         workers: int | None,
-        progress: Callable[[str], Any] | None,
     ) -> "_Plan":
         arms = curricula_by_name(arms)
         check_controls(controls)
@@ -207,9 +211,8 @@ class _Plan:
         eval_freq = spacing(first.setting("eval_freq", target), budget)
         most = max(most_source_steps(arm) for arm in arms.values())
         total = -(-(limits(budget)[0] + most) // eval_freq) * eval_freq
-        done = progress or (lambda name: None)
         given = dict(arms), controls, others, target, limits(budget)[0]
-        return cls(*given, total, eval_freq, workers, done)
+        return cls(*given, total, eval_freq, workers)
 
     @property
     def first(self) -> Curriculum:
@@ -222,17 +225,17 @@ class _Plan:
         An arm in `failed` is left out; one that raises an error is added to it, with its controls
         if it is a curriculum. Errors of the target's own learner from scratch are raised.
         """
-        found = {SCRATCH: self._from_scratch(self.first, seeds)}
-        self.progress(SCRATCH)
+        found = {SCRATCH: self._from_scratch(self.first, seeds, self.bars.within(SCRATCH))}
+        self.bars.tell(SCRATCH)
 
-        def add(name: str, train: Callable[[], Arm]) -> None:
+        def add(name: str, train: Callable[[Bars], Arm]) -> None:
             if name not in failed:
                 try:
-                    found[name] = train()
+                    found[name] = train(self.bars.within(name))
                 except Exception as error:  # of any kind: a task may be the user's own code
                     failed[name] = error
                 else:
-                    self.progress(name)
+                    self.bars.tell(name)
 
         for name, curriculum in self.scratch.items():
             add(name, partial(self._from_scratch, curriculum, seeds))
@@ -243,20 +246,20 @@ class _Plan:
                     break
         return found
 
-    def _from_scratch(self, curriculum: Curriculum, seeds: Sequence[int]) -> Arm:
+    def _from_scratch(self, curriculum: Curriculum, seeds: Sequence[int], bars: Bars) -> Arm:
         """Return the target of a curriculum learnt without its sources."""
         node = curriculum.node(self.target).replace(budget=self.total, eval_freq=self.eval_freq)
-        result = node.train(seeds, workers=self.workers)
+        result = node.train(seeds, workers=self.workers, progress=bars)
         return self._arm(result, np.zeros(len(seeds), np.int64), scratch=True)
 
     def _with_controls(
         self, curriculum: Curriculum, seeds: Sequence[int]
-    ) -> Iterator[tuple[str, Callable[[], Arm]]]:
+    ) -> Iterator[tuple[str, Callable[[Bars], Arm]]]:
         """Yield the label of each arm and the function that trains it, the curriculum's first."""
         trained: list[CurriculumResult] = []
 
-        def own() -> Arm:
-            trained.append(self._trained(curriculum, seeds))
+        def own(bars: Bars) -> Arm:
+            trained.append(self._trained(curriculum, seeds, bars))
             return self._arm(trained[0][self.target], trained[0].source_steps(self.target))
 
         yield "", own
@@ -280,16 +283,17 @@ class _Plan:
         spent: IntArray,
         label: str,
         pairs: VisitedPairs,
+        bars: Bars,
     ) -> Arm:
         """Return a control whose potential is changed; its level over `pairs` if it has one."""
         changed = changed_potentials(result, change)
         level = level_of(label, changed, pairs, result.curriculum)
-        found = learn_changed(result, changed, self.workers)
+        found = learn_changed(result, changed, self.workers, bars)
         return self._arm(found, spent, control=True, level=level)
 
-    def _placebo(self, curriculum: Curriculum, seeds: Sequence[int]) -> Arm:
+    def _placebo(self, curriculum: Curriculum, seeds: Sequence[int], bars: Bars) -> Arm:
         """Return the control of a curriculum with miniatures: their answers, shuffled."""
-        result = self._trained(shuffled_miniatures(curriculum), seeds)
+        result = self._trained(shuffled_miniatures(curriculum), seeds, bars)
         return self._arm(result[self.target], result.source_steps(self.target), control=True)
 
     def _source_control(
@@ -298,21 +302,24 @@ class _Plan:
         control: Control,
         seeds: Sequence[int],
         spent: IntArray,
+        bars: Bars,
     ) -> Arm:
         """Return a control with one source, for as many steps as the curriculum's took a seed."""
         parts = []
         for steps in np.unique(spent):
             rows = np.flatnonzero(spent == steps)
             other = source_control(curriculum, control, int(steps))
-            result = self._trained(other, [seeds[k] for k in rows.tolist()])
+            result = self._trained(other, [seeds[k] for k in rows.tolist()], bars)
             parts.append(self._arm(result[self.target], spent[rows], control=True))
         # The parts hold the seeds sorted by their source steps.
         return concatenated(parts).take(np.argsort(np.argsort(spent, kind="stable")))
 
-    def _trained(self, curriculum: Curriculum, seeds: Sequence[int]) -> CurriculumResult:
+    def _trained(
+        self, curriculum: Curriculum, seeds: Sequence[int], bars: Bars
+    ) -> CurriculumResult:
         """Return the trained curriculum, its target for the steps that its sources leave."""
         longer = curriculum.replace(self.target, budget=self.total, eval_freq=self.eval_freq)
-        return longer.train(seeds, charge=True, workers=self.workers)
+        return longer.train(seeds, charge=True, workers=self.workers, progress=bars)
 
     def _arm(self, result: LearningResult, spent: IntArray, **kind: Any) -> Arm:
         return Arm.of(result, spent, self.total, self.eval_freq, **kind)

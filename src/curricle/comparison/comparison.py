@@ -10,9 +10,10 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
-from curricle.comparison.comparison_table import comparison_text, short
+from curricle.comparison.comparison_table import as_html, comparison_text, in_brief, short
 from curricle.comparison.reasons import Reason, not_asked
 from curricle.comparison.verdicts import ONE_LOOK, Verdict, verdicts_of
+from curricle.display import block, brief_repr, table
 from curricle.errors import CurriculumError
 from curricle.statistics.curves import SCRATCH, Curve
 from curricle.statistics.hypothesis_tests import probability_of_improvement
@@ -76,6 +77,12 @@ class Contrast:
     adjusted_p: float
     verdict: str
     reason: str = ""
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        rows = [(name.replace("_", " "), str(getattr(self, name))) for name in MEASURES]
+        return block(f"Against scratch: {self.answer}", table(["measure", "over seeds"], rows))
 
     @property
     def answer(self) -> str:
@@ -315,6 +322,12 @@ class Comparison:
     def text(self, width: int = UNBOUNDED) -> str:
         """Return the table, and sentences on it, in lines of so many characters at most."""
         return comparison_text(self, width)
+
+    def __repr__(self) -> str:
+        return in_brief(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(self)
 
     @property
     def sentences(self) -> list[str]:

@@ -1,54 +1,78 @@
-"""A comparison as text: a row for each arm, then what the table does not say."""
+"""A comparison as a table: in plain text, and with its curves as HTML for a notebook."""
 
 from typing import Any
 
 import numpy as np
 
+from curricle.display import COLOURS, OWN_COLOURS, block, curves, shortened, table
 from curricle.errors import in_words
+from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
+from curricle.statistics.seed_lines import seed_line
 from curricle.text_tables import counted, folded, or_dash, text_table
 
 HEADS = ("", "steps to threshold", "mean return (IQM)", "strong gain", "weak gain", "verdict")
 
 
-def comparison_text(found: Any, width: int) -> str:
-    """Return a :class:`Comparison` as text in lines of so many characters at most."""
-    first = (
-        f"{found.target!r} in {found.total:,} steps, sources charged, evaluations free; "
-        f"{counted(found.seeds, 'seed')}{found.stopped and f' ({found.stopped})'}; "
-        f"threshold {or_dash(found.threshold, '.4g')}"
+def in_brief(comparison: Any) -> str:
+    """Return a comparison in a few words: its target, its arms and what they came to."""
+    verdicts = [f"{name}: {one.against_scratch}" for name, one in comparison.verdicts.items()]
+    return shortened(
+        f"Comparison({comparison.target!r}, {counted(len(comparison.arms), 'arm')}, "
+        f"{counted(comparison.seeds, 'seed')}; {'; '.join(verdicts)})"
     )
-    table = text_table(HEADS, [_cells(found, name) for name in found.arms], width, words=True)
-    failed = [f"{name} failed: {in_words(error)}" for name, error in found.failed.items()]
+
+
+def comparison_text(comparison: Any, width: int) -> str:
+    """Return a comparison as text in lines of so many characters at most."""
+    rows = [cells(comparison, name) for name in comparison.arms]
     return "\n".join(
         [
-            folded(first, width),
-            *table,
-            *(folded(one, width) for one in (*found.sentences, *failed)),
+            folded(title(comparison), width),
+            *text_table(HEADS, rows, width, words=True),
+            *(folded(one, width) for one in _below(comparison)),
         ]
     )
 
 
-def _cells(found: Any, name: str) -> tuple[str, ...]:
-    """Return an arm's row of the table."""
-    times = found.times(name)
+def as_html(comparison: Any) -> str:
+    """Return a comparison as its charged curves, the table, and sentences below it."""
+    rows = [cells(comparison, name) for name in comparison.arms]
+    return block(
+        title(comparison),
+        curves(_lines(comparison), "target and source steps", "greedy return"),
+        table(HEADS, rows, wide=[HEADS[-1]]),
+        *_below(comparison),
+    )
+
+
+def title(comparison: Any) -> str:
+    """Return what was compared, and how."""
+    return (
+        f"{comparison.target!r} in {comparison.total:,} steps, sources charged, evaluations free; "
+        f"{counted(comparison.seeds, 'seed')}"
+        f"{comparison.stopped and f' ({comparison.stopped})'}; "
+        f"threshold {or_dash(comparison.threshold, '.4g')}"
+    )
+
+
+def cells(comparison: Any, name: str) -> tuple[str, ...]:
+    """Return an arm's row of the table: as many texts as `HEADS` has."""
+    times = comparison.times(name)
     missed = int((~times.reached).sum())
-    text = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
-    text = "> " * (missed > 0) + text
+    steps = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
+    steps = "> " * (missed > 0) + steps
     strong, weak, words = "", "", ""
-    if name in found.contrasts:
-        contrast = found.contrasts[name]
-        strong, weak, words = (
-            short(contrast.strong_gain),
-            short(contrast.weak_gain),
-            contrast.verdict,
-        )
-        if name in found.verdicts and not found.verdicts[name].too_few:
+    if name in comparison.contrasts:
+        contrast = comparison.contrasts[name]
+        strong, weak = short(contrast.strong_gain), short(contrast.weak_gain)
+        words = contrast.verdict
+        if name in comparison.verdicts and not comparison.verdicts[name].too_few:
             words += f" (p = {contrast.adjusted_p:.2g})"
         words += f", {contrast.reason}" if contrast.reason else ""
-    elif name == found.best_scratch and len(found.scratches) > 1:
+    elif name == comparison.best_scratch and len(comparison.scratches) > 1:
         words = "the best from scratch: gains are over it"
-    return name, text, short(found.mean_return(name)), strong, weak, words
+    return name, steps, short(comparison.mean_return(name)), strong, weak, words
 
 
 def short(interval: Interval) -> str:
@@ -62,3 +86,31 @@ def short(interval: Interval) -> str:
     '-'
     """
     return "-" if np.isnan(interval.estimate) else str(interval).rsplit(",", 1)[0]
+
+
+def _below(comparison: Any) -> list[str]:
+    """Return the sentences below the table."""
+    failed = [f"{name} failed: {in_words(error)}" for name, error in comparison.failed.items()]
+    return [*comparison.sentences, *failed]
+
+
+def _lines(comparison: Any) -> list[Any]:
+    """Return the charged curve of each arm: controls as their curriculum, but dashed."""
+    own, colour = -1, "currentColor"
+    found = []
+    for name, arm in comparison.arms.items():
+        scratch = name in comparison.scratches
+        if not (scratch or arm.control):
+            own += 1
+        if not scratch:
+            colour = COLOURS[OWN_COLOURS[own % len(OWN_COLOURS)]]
+        curve = arm.charged(comparison.scratch)
+        dashed = arm.control or (scratch and name != SCRATCH)
+        shade = "currentColor" if scratch else colour
+        confidence = comparison.confidence
+        found.append(
+            seed_line(
+                name, curve.steps, curve.filled(), shade, dashed=dashed, confidence=confidence
+            )
+        )
+    return found

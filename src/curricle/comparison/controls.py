@@ -36,6 +36,7 @@ from curricle.learning.potential import StateActionPotential
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.result import LearningResult
 from curricle.learning.stopping import StoppingRule
+from curricle.progress import Progress
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, tables
@@ -196,7 +197,10 @@ def level_of(
 
 
 def learn_changed(
-    result: CurriculumResult, changed: Sequence[AnyPotential], workers: int | None
+    result: CurriculumResult,
+    changed: Sequence[AnyPotential],
+    workers: int | None,
+    progress: Progress = None,
 ) -> LearningResult:
     """Return the target trained as in its curriculum, sources charged, from other potentials."""
     curriculum: Curriculum = result.curriculum
@@ -207,6 +211,7 @@ def learn_changed(
         warm_ups=[one.warm_up for one in result.calibrations.get(name, ())],
         charged=result.source_steps(name),
         workers=workers,
+        progress=progress,
     )
 
 

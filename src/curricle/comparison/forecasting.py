@@ -5,7 +5,7 @@ says where learning starts: the return of the greedy policy on phi, and whether 
 epsilon-greedy learning falls from there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -31,12 +31,13 @@ from curricle.deep.policy_return import policy_return
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.target import Target
+from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, fit_calibration
+from curricle.transfer.coverage import Coverage
 from curricle.transfer.descriptions import countable
 from curricle.transfer.edges import Calibrate, Transfer, transfer_names
-from curricle.transfer.mapping import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.observation_rollouts import ObservationTarget
 from curricle.transfer.quality import PotentialQuality, potential_quality
@@ -54,6 +55,7 @@ def forecast(
     trial: bool | Curriculum | None = None,
     threshold: float | None = None,
     workers: int | None = None,
+    progress: Progress = None,
 ) -> Forecast:
     """Return a forecast: whether the transfers into a target pay, and where learning starts.
 
@@ -90,6 +92,9 @@ def forecast(
         Return that counts as learnt in the trial, as in :func:`compare`.
     workers : int, optional
         Threads over seeds.
+    progress : bool or callable, optional
+        True shows a bar for each task that is learnt and for the potentials; a function is called
+        with the name of each potential when it has been looked at, and with "trial" after one.
 
     Raises
     ------
@@ -111,6 +116,7 @@ def forecast(
     >>> found.ranking
     ('minimum', 'mean', 'total', 'maximum')
     """
+    check_progress(progress)
     return forecast_once(
         JudgedPotentials(),
         curriculum,
@@ -123,6 +129,7 @@ def forecast(
         trial=trial,
         threshold=threshold,
         workers=workers,
+        progress=progress,
     )
 
 
@@ -140,6 +147,7 @@ def forecast_once(
     trial: bool | Curriculum | None = None,
     threshold: float | None = None,
     workers: int | None = None,
+    progress: Progress = None,
 ) -> Forecast:
     """Return a forecast as :func:`forecast`, with what others for the same target have computed.
 
@@ -156,23 +164,20 @@ def forecast_once(
     )
     numbers = seed_tuple(seeds)[:1] if perfect else seed_tuple(seeds)
     each = candidates_of(curriculum, name, aggregates)
-    if perfect and trial:
-        raise CurriculumError(
-            "a trial trains the sources: with perfect=True, trial must be False or left out"
-        )
-    _check_trial(each, trial)
-    sources = _sources(curriculum, name, numbers, trained, perfect, workers)
+    _check_trial(each, trial, perfect)
     reads_values = curriculum.setting("shaping", name).reads_values
-    judge = _judgement if reads_values else _judgement_of_networks
-    rows = list[ForecastRow]()
-    for one in (one for one in each if one.used or not only_used):
-        potentials = tuple(one.potentials(sources, numbers))
-        make = partial(judge, potentials, any_target, workers)
-        row = judged.judgement(any_target, potentials, make)
-        rows.append(ForecastRow(one.name, one.aggregate, one.used, *row))
-    found, no_trial = None, "no source is trained"
-    if not perfect:
-        found, no_trial = _trial(each, trial, threshold, workers)
+    found, no_trial, learnt = None, "no source is trained", dict[str, Any]()
+    with shown(progress) as bars:
+        sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
+        shown_rows = [one for one in each if one.used or not only_used]
+        made = ((one, tuple(one.potentials(sources, numbers))) for one in shown_rows)
+        judge = partial(_judgement if reads_values else _judgement_of_networks, workers=workers)
+        rows = _rows(made, len(shown_rows), any_target, judged, judge, bars)
+        if not perfect:
+            found, no_trial = _trial(each, trial, threshold, workers, bars.within())
+            if found is not None:
+                bars.tell("trial")
+            learnt = _judged_sources(curriculum, sources, workers, bars.within())
     optimum, random_return = any_target.optimum, any_target.random_return
     rows = _judged(rows, found, any_target, reads_values=reads_values)
     labels = dict(zip(transfer_names(edges), edges, strict=True))
@@ -186,7 +191,7 @@ def forecast_once(
         exact=any_target.evaluation.method == "exact",
         trained=sources,
         perfect=perfect,
-        sources={} if perfect else _judged_sources(curriculum, sources, workers),
+        sources=learnt,
         trial=found,
         no_trial=no_trial,
     )
@@ -214,10 +219,10 @@ def _judged(
 
 
 def _judged_sources(
-    curriculum: Curriculum, sources: Mapping[str, SourceValues], workers: int | None
+    curriculum: Curriculum, sources: Mapping[str, SourceValues], workers: int | None, bars: Bars
 ) -> dict[str, Any]:
     """Return how much of its own task each source knows."""
-    learnt = source_learning(curriculum, sources, workers=workers)
+    learnt = source_learning(curriculum, sources, workers=workers, progress=bars)
     return {**learnt, **distilled_sources(curriculum.tasks, sources)}
 
 
@@ -228,6 +233,7 @@ def _sources(
     trained: Mapping[str, Learnt] | None,
     perfect: bool,
     workers: int | None,
+    bars: Bars,
 ) -> dict[str, SourceValues]:
     """Return what the sources of a target learnt, or their solutions."""
     if perfect and trained:
@@ -238,7 +244,8 @@ def _sources(
     if perfect:
         return _solved(curriculum, [edge.source for edge in curriculum.in_edges(name)], seeds)
     before = curriculum.ancestors(name)
-    return curriculum.train(seeds, only=before, trained=trained, workers=workers).sources
+    how: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
+    return curriculum.train(seeds, only=before, **how).sources
 
 
 def _solved(
@@ -260,8 +267,14 @@ def _solved(
     return found
 
 
-def _check_trial(candidates: Sequence[Candidate], trial: bool | Curriculum | None) -> None:
+def _check_trial(
+    candidates: Sequence[Candidate], trial: bool | Curriculum | None, perfect: bool
+) -> None:
     """Raise CurriculumError where a trial is asked for that cannot be made, before any training."""
+    if perfect and trial:
+        raise CurriculumError(
+            "a trial trains the sources: with perfect=True, trial must be False or left out"
+        )
     if trial is True and (why := hindrance(candidates[0].curriculum)):
         raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
     if not isinstance(trial, bool | Curriculum | None):
@@ -275,15 +288,17 @@ def _trial(
     trial: bool | Curriculum | None,
     threshold: float | None,
     workers: int | None,
+    bars: Bars,
 ) -> tuple[Trial | None, str]:
     """Return the trial of the candidates, or of the used one, or None and why there is none."""
     if trial is False:
         return None, "none was asked for"
     (used,) = (one for one in candidates if one.used)
+    how: Any = {"workers": workers, "progress": bars}
     if isinstance(trial, Curriculum):
-        return rehearse(trial, used, workers=workers), ""
+        return rehearse(trial, used, **how), ""
     if trial is True:
-        return run_trial(candidates, threshold=threshold, workers=workers), ""
+        return run_trial(candidates, threshold=threshold, **how), ""
     why = hindrance(used.curriculum)
     if why:
         return None, f"{why}; trial=smaller_curriculum rehearses on a smaller relative"
@@ -291,7 +306,7 @@ def _trial(
     if not seeds:
         return None, "it would take long; trial=True makes it"
     try:
-        return run_trial(tried, seeds=seeds, threshold=threshold, workers=workers), ""
+        return run_trial(tried, seeds=seeds, threshold=threshold, **how), ""
     except CurricleError as error:  # the potentials can be looked at all the same
         return None, f"it failed: {error}"
 
@@ -305,6 +320,25 @@ def _coverage(
         return {label: edge.mapping.coverage(sample) for label, edge in edges.items()}
     counted = {label: edge for label, edge in edges.items() if countable(edge.mapping)}
     return {label: edge.mapping.coverage() for label, edge in counted.items()}
+
+
+def _rows(
+    potentials: Iterable[tuple[Candidate, tuple[AnyPotential, ...]]],
+    number: int,
+    any_target: AnyTarget,
+    judged: JudgedPotentials,
+    judge: Callable[..., Judgement],
+    bars: Bars,
+) -> list[ForecastRow]:
+    """Return the rows of candidates without what a trial and words add."""
+    rows = list[ForecastRow]()
+    grow = bars.bar("potentials", number)
+    for one, each in potentials:
+        row = judged.judgement(any_target, each, partial(judge, each, any_target))
+        rows.append(ForecastRow(one.name, one.aggregate, one.used, *row))
+        grow()
+        bars.tell(one.name)
+    return rows
 
 
 def _judgement(

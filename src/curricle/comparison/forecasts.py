@@ -1,20 +1,22 @@
 """A forecast as a record: rows of potentials, the answer of a trial, and both as text."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from curricle.checks import one_of
 from curricle.comparison.distilled_sources import DistilledSource
+from curricle.comparison.forecast_table import as_html, forecast_text, in_brief
 from curricle.comparison.learnt_sources import SourceLearning
 from curricle.comparison.trial import Trial
 from curricle.curriculum.sources import SourceValues
+from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError
 from curricle.statistics.intervals import Interval
-from curricle.text_tables import counted, folded, or_dash, text_table
+from curricle.text_tables import counted
 from curricle.transfer.calibration import Calibration
-from curricle.transfer.mapping import Coverage
+from curricle.transfer.coverage import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.quality import PotentialQuality
 
@@ -50,6 +52,12 @@ class ForecastRow:
     gain: Interval | None = None
     verdict: str = ""
     anti_knowledge: str = ""
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        gain = None if self.gain is None else f"gain in the trial: {self.gain}"
+        return block(self.name, self.verdict, self.anti_knowledge, gain)
 
     def mean(self, measure: str) -> float:
         """Return the mean over seeds of a field of :class:`PotentialQuality`."""
@@ -161,57 +169,13 @@ class Forecast:
 
     def text(self, width: int = 80) -> str:
         """Return it in lines of so many characters at most."""
-        how = "exact" if self.exact else "returns by rollouts"
-        if not self.solved and self._values_are_read:
-            how += "; Q* estimated by the values of phi's own policy"
-        optimum = "" if np.isnan(self.optimum) else f"optimum {self.optimum:.4g}, "
-        lines = [f"Forecast for {self.target!r}: {self.answer}", self.basis]
-        if self.trial is not None and not self.trial.relative and not self.best.used:
-            lines.append(f"the highest gain in the trial: {self.best.name}")
-        lines += map(str, self.sources.values())
-        lines += [f"{one.name} {one.anti_knowledge}" for one in self._worse]
-        lines += [
-            f"The start with phi, {self.computed_from}: {optimum}random policy "
-            f"{self.random_return:.4g} ({how})",
-            *(f"{name}: {cover}" for name, cover in self.coverage.items()),
-        ]
-        words = [f"{one.name}: {one.verdict}" for one in self.rows if one.aggregate]
-        return "\n".join(
-            [
-                *(folded(line, width) for line in lines),
-                *self._table(width),
-                *(folded(line, width) for line in words),
-            ]
-        )
+        return forecast_text(self, width)
 
-    def _table(self, width: int) -> list[str]:
-        """Return a line for each row, and the heads above them."""
-        columns: dict[str, Callable[[ForecastRow], str]] = {
-            "": lambda one: one.name + " *" * one.used,
-            "gain": lambda one: "" if one.gain is None else f"{one.gain.estimate:.3g}",
-            "start": lambda one: or_dash(one.mean("start")),
-            "phi > Q*": lambda one: or_dash(one.mean("optimistic"), ".0%"),
-            "excess": lambda one: or_dash(one.mean("excess"), ".2g"),
-            "rank": lambda one: or_dash(one.mean("rank"), ".2f"),
-            "scale": lambda one: "none" if np.isnan(one.scale) else f"{one.scale:.2g}",
-        }
-        if all(one.gain is None for one in self.rows):
-            del columns["gain"]
-        if not self._values_are_read:
-            columns = {head: columns[head] for head in columns if head in ("", "gain", "start")}
-        rows = [[cell(one) for cell in columns.values()] for one in self.rows]
-        return text_table(list(columns), rows, width)
+    def __repr__(self) -> str:
+        return in_brief(self)
 
-    @property
-    def _values_are_read(self) -> bool:
-        """Whether potentials are compared with values; they are not where networks enter."""
-        return not all(np.isnan(one.mean("optimistic")) for one in self.rows)
-
-    @property
-    def _worse(self) -> list[ForecastRow]:
-        """The transfers that may be anti-knowledge; a single one is its aggregate's row."""
-        alone = [one for one in self.rows if not one.aggregate] or self.rows[:1]
-        return [one for one in alone if one.anti_knowledge]
+    def _repr_html_(self) -> str:
+        return as_html(self)
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -16,10 +16,12 @@ from curricle.array_types import FloatArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.curriculum.sources import SourceValues
+from curricle.display import brief_repr, printed
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.greedy import EqualValues, Values
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.target import Target
+from curricle.progress import Bars, Progress, shown
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
@@ -78,6 +80,9 @@ class SourceLearning(Frozen):
     measured_by: str
     noise: float = 0.0
     fresh_steps: int = field(default=0, kw_only=True)
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     @property
     def shares(self) -> FloatArray:
@@ -140,6 +145,7 @@ def source_learning(
     *,
     fresh: bool = True,
     workers: int | None = None,
+    progress: Progress = None,
 ) -> dict[str, SourceLearning]:
     """Return for each source how much of its own task it learnt.
 
@@ -156,15 +162,21 @@ def source_learning(
         which takes twice as long as the source did. Tasks that are played live never are.
     workers : int, optional
         Threads over seeds.
+    progress : bool or callable, optional
+        True shows a bar for each fresh learner; a function is called with the name of each source
+        when it has been judged.
     """
     if names is None:
         read = {edge.source for edge in curriculum.transfers}
         names = [name for name in sources if name in read]
-    return {
-        name: _learning(curriculum.node(name), sources[name], fresh, workers)
-        for name in names
-        if _judgeable(curriculum.tasks[name], sources[name])
-    }
+    found = {}
+    with shown(progress) as bars:
+        for name in names:
+            if _judgeable(curriculum.tasks[name], sources[name]):
+                node = curriculum.node(name)
+                found[name] = _learning(node, sources[name], fresh, workers, bars.within())
+                bars.tell(name)
+    return found
 
 
 def _judgeable(task: Any, learnt: SourceValues) -> bool:
@@ -175,7 +187,9 @@ def _judgeable(task: Any, learnt: SourceValues) -> bool:
     return generative.time_limit is not None or generative.discount < 1
 
 
-def _learning(node: Node, learnt: SourceValues, fresh: bool, workers: int | None) -> SourceLearning:
+def _learning(
+    node: Node, learnt: SourceValues, fresh: bool, workers: int | None, bars: Bars
+) -> SourceLearning:
     generative, evaluation = generative_model(node.task), node.evaluation
     if generative.time_limit is None:  # nothing else has a bound
         evaluation = replace(evaluation, discounted=True)
@@ -192,7 +206,7 @@ def _learning(node: Node, learnt: SourceValues, fresh: bool, workers: int | None
     elif fresh and not is_live(node.task):
         steps = 2 * int(learnt.steps_used.max())
         found, reference_noise = _returns(
-            node.task, _fresh_values(node, learnt.seeds, steps, workers), evaluation
+            node.task, _fresh_values(node, learnt.seeds, steps, workers, bars), evaluation
         )
         reference, by = float(found.mean()), FRESH
     total = float(np.sqrt(noise**2 + random_noise**2 + reference_noise**2))
@@ -201,7 +215,9 @@ def _learning(node: Node, learnt: SourceValues, fresh: bool, workers: int | None
     )
 
 
-def _fresh_values(node: Node, seeds: tuple[int, ...], steps: int, workers: int | None) -> Any:
+def _fresh_values(
+    node: Node, seeds: tuple[int, ...], steps: int, workers: int | None, bars: Bars
+) -> Any:
     """Return the values, (K, S, A), of a learner without sources, on random streams of its own."""
     alone = node.replace(
         name=f"{node.name}/fresh",
@@ -209,7 +225,7 @@ def _fresh_values(node: Node, seeds: tuple[int, ...], steps: int, workers: int |
         eval_freq=steps,
         evaluation=GreedyEvaluation(method="off"),
     )
-    return alone.train(seeds, workers=workers).values
+    return alone.train(seeds, workers=workers, progress=bars).values
 
 
 def _returns(task: Any, values: Any, evaluation: GreedyEvaluation) -> tuple[FloatArray, float]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.curriculum.curriculum import Curriculum
+from curricle.display import brief_repr
 from curricle.learning.learners import Learner
 from curricle.learning.shaping import LookAheadAdvice, QInitialisation, StateShaping
 from curricle.planning.policy_evaluation import GreedyEvaluation
@@ -56,6 +57,8 @@ class Level:
     values: FloatArray
     base: float | None
     constant: bool
+
+    __repr__ = brief_repr
 
     @property
     def mean(self) -> float:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from curricle.comparison.verdicts import Verdict
+from curricle.display import brief_repr
 
 SHARE = 0.1
 """Up to this share of a gain is nothing beside the rest."""
@@ -47,6 +48,8 @@ class Reason:
     pays: Verdict = field(repr=False)
     over_controls: Verdict | None
     level: float = 0.0
+
+    __repr__ = brief_repr
 
     @property
     def why(self) -> Why:

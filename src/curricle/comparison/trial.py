@@ -15,12 +15,15 @@ from curricle.comparison.candidates import Candidate, part_of
 from curricle.comparison.comparable import most_source_steps
 from curricle.comparison.comparing import compare
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison_table import as_html
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
+from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError, in_words
 from curricle.learning.budget import Episodes, limits, spacing
 from curricle.learning.stopping import StoppingRule
 from curricle.planning.policy_evaluation import ExactEvaluation, RolloutEvaluation
+from curricle.progress import Progress
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
@@ -58,6 +61,11 @@ class Trial:
     comparison: Comparison = field(repr=False)
     assumes: str
     relative: str = ""
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        return block("Trial", self.assumes) + as_html(self.comparison)
 
     def gain(self, name: str) -> Interval | None:
         """Return the strong gain of a candidate in mean return; None if it could not be trained."""
@@ -154,6 +162,7 @@ def run_trial(
     seeds: int = SEEDS,
     threshold: float | None = None,
     workers: int | None = None,
+    progress: Progress = None,
 ) -> Trial:
     """Return a trial of candidates for one target.
 
@@ -166,6 +175,8 @@ def run_trial(
         As in :func:`compare`.
     workers : int, optional
         Threads over seeds.
+    progress : bool or callable, optional
+        As in :func:`compare`.
 
     Raises
     ------
@@ -176,7 +187,7 @@ def run_trial(
         if why := hindrance(one.curriculum):
             raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
     arms = {one.name: apart(one.curriculum) for one in candidates}
-    comparison = _compared(arms, seeds, threshold, workers)
+    comparison = _compared(arms, seeds, threshold, workers, progress)
     assumes = (
         f"a trial in the model: {seeds} seeds, random streams apart from those of an experiment; "
         "assumes the tasks, budgets and settings of the curriculum, its sources trained anew"
@@ -190,6 +201,7 @@ def rehearse(
     *,
     seeds: int = SEEDS,
     workers: int | None = None,
+    progress: Progress = None,
 ) -> Trial:
     """Return a trial of a smaller relative of a curriculum, which stands for a candidate.
 
@@ -200,7 +212,7 @@ def rehearse(
     """
     if why := hindrance(relative):
         raise CurriculumError(f"a smaller relative needs models and a budget in steps: {why}")
-    comparison = _compared({candidate.name: apart(relative)}, seeds, None, workers)
+    comparison = _compared({candidate.name: apart(relative)}, seeds, None, workers, progress)
     assumes = (
         f"a rehearsal on the smaller relative {relative.target!r}, {seeds} seeds; its steps and "
         f"returns are the relative's own; assumes that what pays there pays in "
@@ -210,7 +222,11 @@ def rehearse(
 
 
 def _compared(
-    arms: Mapping[str, Curriculum], seeds: int, threshold: float | None, workers: int | None
+    arms: Mapping[str, Curriculum],
+    seeds: int,
+    threshold: float | None,
+    workers: int | None,
+    progress: Progress,
 ) -> Comparison:
     first = next(iter(arms.values()))
     budget = first.setting("budget", first.target)
@@ -224,6 +240,7 @@ def _compared(
             threshold=threshold,
             window=min(WINDOW, checkpoints),
             workers=workers,
+            progress=progress,
         )
 
 

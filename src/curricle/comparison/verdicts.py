@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatArray
 from curricle.checks import whole_number
+from curricle.display import brief_repr, printed
 from curricle.errors import SettingError
 from curricle.statistics.curves import ROUNDING
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test, smallest_p
@@ -64,6 +65,9 @@ class Verdict:
     adjusted_p: float
     seeds: int
     needed: int
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     @property
     def too_few(self) -> str:

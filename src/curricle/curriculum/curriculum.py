@@ -1,6 +1,6 @@
 """Curricula: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -9,6 +9,7 @@ import numpy as np
 
 from curricle.array_types import IntArray
 from curricle.checks import instance, one_of
+from curricle.curriculum.curriculum_table import curriculum_html
 from curricle.curriculum.defaults import (
     DEFAULT_STEPS,
     SETTINGS,
@@ -38,6 +39,7 @@ from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import Shaping
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.progress import Progress, check_progress, shown
 from curricle.remote_path import Place, place_at
 from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate
@@ -46,7 +48,7 @@ from curricle.transfer.edges import Calibrate, Transfer
 from curricle.transfer.proposal import search_steps
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Curriculum(TaskGraph):
     """A directed acyclic graph of tasks whose edges carry potentials.
 
@@ -214,6 +216,9 @@ class Curriculum(TaskGraph):
         settings = {which: self.setting(which, name) for which in SETTINGS if which != "retrain"}
         return Node.of(name, self.tasks[name], **settings)
 
+    def _repr_html_(self) -> str:
+        return curriculum_html(self)
+
     def replace(self, name: str, **settings: Any) -> "Curriculum":
         """Return the same curriculum with other settings, such as ``budget=``, for one task."""
         each: dict[str, Any] = {
@@ -232,7 +237,7 @@ class Curriculum(TaskGraph):
         snapshots: int = 0,
         workers: int | None = None,
         saves: str | Place | None = None,
-        progress: Callable[[str], Any] | None = None,
+        progress: Progress = None,
     ) -> CurriculumResult:
         """Return every task learnt, in order, each once; K seeds are K independent curricula.
 
@@ -256,14 +261,16 @@ class Curriculum(TaskGraph):
         saves : path, optional
             A folder or a URL for checkpoints of the tasks that networks learn: a killed run
             called again goes on where it was (:func:`learn_deep`).
-        progress : callable, optional
-            Called with the name of each task when it is learnt.
+        progress : bool or callable, optional
+            True shows a bar for each task; a function is called with the name of each task when it
+            is learnt.
 
         Raises
         ------
         CurriculumError
             When a result in `trained` is for an unknown task, another task or other seeds.
         """
+        check_progress(progress)
         numbers = seed_tuple(seeds)
         trained = {} if trained is None else trained
         given = self._given(trained, numbers)
@@ -279,36 +286,37 @@ class Curriculum(TaskGraph):
             self.node(name).check_network(shaped=bool(self.in_edges(name)))
         for name in self.order:
             self.node(name).tabulate()  # what cannot be evaluated is refused before all training
-        for name in self.order:
-            if name in sources or name not in wanted:
-                continue
-            potentials[name] = self.potentials(name, sources)
-            spent = self._spent(name, sources) if name == paying else None
-            node, retrain = self.node(name), self.setting("retrain", name)
-            fitted = list[Calibration]()
-            if (settings := self.calibration(name)) is not None:
-                fitted = calibrated(node, potentials[name], settings, numbers, spent)
-                warn_of_refusals(name, fitted)
-                calibrations[name] = fitted
-                potentials[name] = [one.potential for one in fitted]
-            retraining = retrain is not None and len(potentials[name]) > 0
-            node = node.solved() if retraining else node
-            results[name] = (retrain.watched(node) if retraining else node).train(
-                numbers,
-                potentials[name],
-                warm_ups=[one.warm_up for one in fitted],
-                charged=spent,
-                snapshots=snapshots,
-                workers=workers,
-                saves=None if saves is None else place_at(saves) / file_name(name),
-            )
-            extra: IntArray | int = 0
-            if retraining:
-                retrained[name] = self._retrained(node, results[name], sources, spent, snapshots)
-                results[name], extra = retrained[name].result, retrained[name].extra
-            sources[name] = SourceValues.of(results[name], extra)
-            if progress is not None:
-                progress(name)
+        with shown(progress) as bars:
+            for name in [one for one in self.order if one in wanted and one not in given]:
+                potentials[name] = self.potentials(name, sources)
+                spent = self._spent(name, sources) if name == paying else None
+                node, retrain = self.node(name), self.setting("retrain", name)
+                fitted = list[Calibration]()
+                if (settings := self.calibration(name)) is not None:
+                    fitted = calibrated(node, potentials[name], settings, numbers, spent)
+                    warn_of_refusals(name, fitted)
+                    calibrations[name] = fitted
+                    potentials[name] = [one.potential for one in fitted]
+                retraining = retrain is not None and len(potentials[name]) > 0
+                node = node.solved() if retraining else node
+                results[name] = (retrain.watched(node) if retraining else node).train(
+                    numbers,
+                    potentials[name],
+                    warm_ups=[one.warm_up for one in fitted],
+                    charged=spent,
+                    snapshots=snapshots,
+                    workers=workers,
+                    progress=bars.within(),
+                    saves=None if saves is None else place_at(saves) / file_name(name),
+                )
+                extra: IntArray | int = 0
+                if retraining:
+                    retrained[name] = self._retrained(
+                        node, results[name], sources, spent, snapshots
+                    )
+                    results[name], extra = retrained[name].result, retrained[name].extra
+                sources[name] = SourceValues.of(results[name], extra)
+                bars.tell(name)
         return CurriculumResult(self, results, potentials, calibrations, retrained, given)
 
     def _retrained(

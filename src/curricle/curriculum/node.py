@@ -11,8 +11,10 @@ from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import learn_deep
 from curricle.deep.miniature_task import Miniatures
 from curricle.deep.spaces import check_spaces
+from curricle.display import brief_repr
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Budget, longest_run, spacing
+from curricle.learning.decisions import Decisions
 from curricle.learning.learners import Learner
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
@@ -21,6 +23,7 @@ from curricle.learning.stopping import Decision, StoppingRule, solved, stopping_
 from curricle.learning.storage import Storage
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
+from curricle.progress import Progress
 from curricle.remote_path import Place
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
@@ -63,6 +66,8 @@ class Node:
     eval_freq: int
     evaluation: GreedyEvaluation
     storage: Storage
+
+    __repr__ = brief_repr
 
     @classmethod
     def of(cls, name: str, task: Any, *, eval_freq: int | None, **settings: Any) -> Self:
@@ -153,6 +158,7 @@ class Node:
         snapshots: int = 0,
         workers: int | None = None,
         saves: Place | None = None,
+        progress: Progress = None,
     ) -> LearningResult:
         """Return the task learnt by K seeds.
 
@@ -169,9 +175,11 @@ class Node:
             As in :func:`learn`; not for networks.
         saves : path, optional
             A folder from which the training of networks goes on, as in :func:`learn_deep`.
+        progress
+            As in :func:`learn`.
         """
         if self.takes_no_steps:
-            return self._distilled(seeds, potentials)
+            return self._distilled(seeds, potentials, progress)
         each = [self.shaping.with_potential(phi) for phi in potentials]
         common: dict[str, Any] = {
             "seeds": seeds,
@@ -180,6 +188,7 @@ class Node:
             "stream": self.name,
             "warm_up": list(warm_ups) or None,
             "charged": charged,
+            "progress": progress,
         }
         if self.deep:
             found = learn_deep(
@@ -202,24 +211,29 @@ class Node:
         )
 
     def _distilled(
-        self, seeds: Sequence[int], potentials: Sequence[AnyPotential]
+        self, seeds: Sequence[int], potentials: Sequence[AnyPotential], progress: Progress
     ) -> LearningResult:
         """Return networks distilled from exact answers; ImportError without Stable-Baselines3."""
         self.learner.algorithm_class()
         from curricle.deep.miniature_learning import learn_miniatures
 
         return learn_miniatures(
-            self.task, self.learner, seeds, potentials, eval_freq=self.eval_freq
+            self.task,
+            self.learner,
+            seeds,
+            potentials,
+            eval_freq=self.eval_freq,
+            progress=progress,
         )
 
-    def decisions(self, result: LearningResult) -> list[list[Decision]]:
+    def decisions(self, result: LearningResult) -> Decisions:
         """Return what the stopping rule decided at each checkpoint of each seed; [] without one."""
         if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
-            return [[] for _ in result.seeds]
+            return Decisions([[] for _ in result.seeds], result.seeds)
         level = stopping_level(self.budget, self.task, self.evaluation)
         totals = result.steps_used.tolist(), result.evaluation_steps.tolist()
         found = list[list[Decision]]()
         for greedy, used, read in zip(result.greedy_return, *totals, strict=True):
             each = self.budget.decisions(result.steps, greedy, level=level, used=used)
             found.append([*each[:-1], replace(each[-1], evaluation_steps=read)])
-        return found
+        return Decisions(found, result.seeds)

@@ -11,14 +11,15 @@ import numpy as np
 from curricle.archives.saved_file import read_saved, write_saved
 from curricle.array_types import IntArray
 from curricle.checks import one_of
+from curricle.curriculum.curriculum_table import result_html, result_in_brief
 from curricle.curriculum.retraining import RetrainedResult
 from curricle.curriculum.saved_curriculum import Parts, from_file, to_file
 from curricle.curriculum.sources import SourceValues
 from curricle.errors import CurriculumError
 from curricle.learning.curve_frame import curve_columns, data_frame
+from curricle.learning.decisions import Decisions
 from curricle.learning.result import LearningResult
 from curricle.learning.result_arrays import arrays_of
-from curricle.learning.stopping import Decision
 from curricle.planning.episode import Episode
 from curricle.transfer.calibration import AnyPotential, Calibration
 
@@ -56,6 +57,12 @@ class CurriculumResult:
     retrained: Mapping[str, RetrainedResult] = field(default_factory=dict)
     given: Mapping[str, SourceValues] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return result_in_brief(self)
+
+    def _repr_html_(self) -> str:
+        return result_html(self)
+
     def __getitem__(self, name: str) -> LearningResult:
         one_of("a task", name, self.nodes, CurriculumError)
         return self.nodes[name]
@@ -76,11 +83,11 @@ class CurriculumResult:
         total = np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
         return total + self.retrained[name].extra if name in self.retrained else total
 
-    def decisions(self, name: str) -> list[list[Decision]]:
+    def decisions(self, name: str) -> Decisions:
         """Return what a task's stopping rule decided at each checkpoint of each seed."""
         if name in self.retrained:
-            return self.retrained[name].decisions
-        found: list[list[Decision]] = self.curriculum.node(name).decisions(self[name])
+            return Decisions(self.retrained[name].decisions, self[name].seeds)
+        found: Decisions = self.curriculum.node(name).decisions(self[name])
         return found
 
     # -- to take away --------------------------------------------------------------------------

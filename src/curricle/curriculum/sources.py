@@ -10,6 +10,7 @@ import numpy as np
 
 from curricle.array_types import IntArray
 from curricle.curriculum.node import Node
+from curricle.display import brief_repr
 from curricle.errors import CurriculumError
 from curricle.learning.budget import limits
 from curricle.learning.record import WarmUp
@@ -67,6 +68,8 @@ class SourceValues:
     steps_used: IntArray
     own_rewards: bool = True
     progress: Progress | None = None
+
+    __repr__ = brief_repr
 
     @classmethod
     def of(cls, result: "Learnt", extra_steps: IntArray | int = 0) -> Self:

@@ -6,6 +6,7 @@ from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 
 from curricle.checks import fit_name, instance, one_of
+from curricle.curriculum.curriculum_table import graph_in_brief
 from curricle.deep.miniature_task import Miniatures
 from curricle.errors import CurriculumError
 from curricle.tasks.observation_task import is_observation_task
@@ -14,7 +15,7 @@ from curricle.transfer.chosen_mapping import with_mapping
 from curricle.transfer.edges import Calibrate, Transfer
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TaskGraph:
     """A directed acyclic graph of tasks; what a :class:`Curriculum` is without its settings.
 
@@ -81,6 +82,9 @@ class TaskGraph:
         """The tasks that no other builds on."""
         sources = {transfer.source for transfer in self.transfers}
         return tuple(name for name in self.tasks if name not in sources)
+
+    def __repr__(self) -> str:
+        return graph_in_brief(self)
 
     @cached_property
     def order(self) -> tuple[str, ...]:

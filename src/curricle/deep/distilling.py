@@ -9,6 +9,7 @@ from curricle.deep.knowledge import Knowledge
 from curricle.deep.learner import DeepLearner
 from curricle.deep.networks import NetworkValues
 from curricle.deep.spaces import check_spaces
+from curricle.display import brief_repr
 from curricle.errors import SettingError
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
@@ -34,6 +35,8 @@ class Distilled:
     value_error: float
     agreement: float
     seconds: float
+
+    __repr__ = brief_repr
 
 
 def distil(

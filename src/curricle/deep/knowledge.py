@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.display import brief_repr
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, adopted
 from curricle.interop.tabulation.tabulated_task import action_probabilities
@@ -45,6 +46,8 @@ class Knowledge(Frozen):
     action_values: FloatArray | None
     policy: FloatArray | None
     states: IntArray
+
+    __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         for name in ("values", "action_values", "policy"):

@@ -1,6 +1,7 @@
 """Training a task seen through observations over many seeds: :func:`learn_deep`."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from curricle.array_types import IntArray
@@ -20,6 +21,7 @@ from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, StoppingRule
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
+from curricle.progress import Progress, check_progress, shown
 from curricle.remote_path import Place, place_at
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.potentials import ObservationPotential
@@ -38,7 +40,7 @@ def learn_deep(
     warm_up: Sequence[WarmUp] | None = None,
     charged: Sequence[int] | IntArray | None = None,
     saves: str | Place | None = None,
-    progress: Callable[[int], Any] | None = None,
+    progress: Progress = None,
 ) -> DeepResult:
     """Return what a deep learner learns of a task, for each of several seeds, one after another.
 
@@ -73,8 +75,9 @@ def learn_deep(
     saves : path, optional
         A folder or a URL for checkpoints, from which a killed run resumes, with the same
         result: network, optimizer, replay buffer, environments, generators.
-    progress : callable, optional
-        Called with each seed when it is done.
+    progress : bool or callable, optional
+        True shows a bar for each seed, of its checkpoints; a function is called with each seed when
+        it is done.
 
     Returns
     -------
@@ -146,12 +149,13 @@ def train_seeds(
     warm_up: Sequence[WarmUp] | None = None,
     charged: Sequence[int] | IntArray | None = None,
     saves: str | Place | None = None,
-    progress: Callable[[int], Any] | None = None,
+    progress: Progress = None,
 ) -> DeepResult:
     """Return what a deep learner learns, its arguments checked; those of :func:`learn_deep`.
 
     `kind` makes the run of all seeds, a :class:`DeepRun`, of its fields.
     """
+    check_progress(progress)
     learner = DeepLearner() if learner is None else learner
     _check(task, learner)
     steps, episodes = limits(budget)
@@ -184,11 +188,13 @@ def train_seeds(
         stream=stream,
     )
     outcomes = []
-    for one in each:
-        place = None if saves is None else place_at(saves) / f"seed-{one.seed}.checkpoint"
-        outcomes.append(run.train(*one, place))
-        if progress is not None:
-            progress(one.seed)
+    with shown(progress) as bars:
+        for one in each:
+            place = None if saves is None else place_at(saves) / f"seed-{one.seed}.checkpoint"
+            name = f"{stream or 'learning'}, seed {one.seed}"
+            reached = bars.bar(name, longest // eval_freq + 1)
+            outcomes.append(replace(run, reached=reached).train(*one, place))
+            bars.tell(one.seed)
     numbers = tuple(one.seed for one in each)
     values = tuple(outcome.values for outcome in outcomes)
     found = learning_result(task, learner, numbers, values, outcomes, eval_freq)  # type: ignore[arg-type]

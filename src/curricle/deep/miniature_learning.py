@@ -13,6 +13,7 @@ from curricle.errors import TaskError
 from curricle.learning.record import Record
 from curricle.learning.result import learning_result
 from curricle.learning.run import Outcome
+from curricle.progress import Progress, shown
 
 WORTH = 0.02
 """Of the way from random to optimal: what a network must regain on held-out levels at least."""
@@ -25,6 +26,7 @@ def learn_miniatures(
     potentials: Sequence[Any] = (),
     *,
     eval_freq: int = 1,
+    progress: Progress = None,
 ) -> DeepResult:
     """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
 
@@ -41,6 +43,8 @@ def learn_miniatures(
         What each seed's sources say of the observations, instead of exact answers. Or none.
     eval_freq : int
         Of the result.
+    progress : bool or callable, optional
+        As in :func:`learn`.
 
     Raises
     ------
@@ -50,10 +54,14 @@ def learn_miniatures(
         When a network acts no better than at random on held-out levels.
     """
     outcomes = []
-    for k, seed in enumerate(seeds):
-        known = task.knowledge(potential=potentials[k] if potentials else None, seed=seed)
-        values = distil(known, task, learner, seed=seed).values
-        outcomes.append(_outcome(task, values))
+    with shown(progress) as bars:
+        grow = bars.bar("distilling", len(seeds))
+        for k, seed in enumerate(seeds):
+            known = task.knowledge(potential=potentials[k] if potentials else None, seed=seed)
+            values = distil(known, task, learner, seed=seed).values
+            outcomes.append(_outcome(task, values))
+            grow()
+            bars.tell(seed)
     each: Any = tuple(one.values for one in outcomes)
     found = learning_result(task, learner, tuple(seeds), each, outcomes, eval_freq)  # type: ignore[arg-type]
     return DeepResult.of(found)

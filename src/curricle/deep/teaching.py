@@ -1,6 +1,6 @@
 """Learning a target by episodes in several tasks seen through observations: :func:`teach_deep`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from curricle.errors import SettingError
 from curricle.learning.budget import Budget
 from curricle.learning.shaping import Shaping
 from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.progress import Progress
 from curricle.remote_path import Place
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import ObservationTask
@@ -33,7 +34,7 @@ def teach_deep(
     success: Success = None,
     stream: str = "",
     saves: str | Place | None = None,
-    progress: Callable[[int], Any] | None = None,
+    progress: Progress = None,
 ) -> TeachingResult:
     """Return the result of a network's learning a target by episodes in several tasks.
 

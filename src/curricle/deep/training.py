@@ -26,6 +26,7 @@ from curricle.learning.run import Outcome
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.progress import nothing
 from curricle.remote_path import Place
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
@@ -45,6 +46,7 @@ class DeepRun:
     evaluation: GreedyEvaluation
     stopping: StoppingKernel
     stream: str
+    reached: Callable[[], None] = field(default=nothing, kw_only=True)  # called at each checkpoint
 
     def train(
         self,
@@ -239,6 +241,7 @@ class Recorder(BaseCallback):
             record.training_return[here] = np.mean(progress.returns)
             progress.returns.clear()
         progress.checkpoint += 1
+        self.run.reached()
         return bool(stops(self.run.stopping, record.greedy_return, here, here * self.run.eval_freq))
 
     def end(self) -> None:

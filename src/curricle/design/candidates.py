@@ -23,6 +23,7 @@ from curricle.design.proposals import (
     design_target,
 )
 from curricle.design.relations import relation_of
+from curricle.display import block, brief_repr, table
 from curricle.errors import CurricleError, CurriculumError
 from curricle.tasks.task import generative_model, same_task, tables
 
@@ -72,6 +73,8 @@ class SourceCandidates:
     cut: bool
     ledger: Ledger = field(repr=False)
 
+    __repr__ = brief_repr
+
     def __len__(self) -> int:
         return len(self.candidates)
 
@@ -88,6 +91,25 @@ class SourceCandidates:
         """How many were dropped for each reason, the most frequent first."""
         return dict(Counter(one.reason for one in self.dropped).most_common())
 
+    def _repr_html_(self) -> str:
+        rows = [
+            (one.name, one.kind, one.task.states.size, one.optimum, one.random_return)
+            for one in self.candidates
+        ]
+        head = ["source", "kind", "states", "optimum", "random policy"]
+        return block("Candidates for sources", table(head, rows), *self._left_out())
+
+    def _left_out(self) -> list[str]:
+        """Return what was dropped or not looked at, in words."""
+        lines = list[str]()
+        if self.dropped:
+            reasons = (f"{n} {reason}" for reason, n in self.reasons.items())
+            looked_at = len(self.candidates) + len(self.dropped)
+            lines.append(f"dropped {len(self.dropped)} of {looked_at}: {'; '.join(reasons)}")
+        if self.cut:
+            lines.append(f"cut at {len(self)}: there is more to look at")
+        return lines
+
     def __str__(self) -> str:
         width = max(len(one.name) for one in self.candidates)
         lines = [f"{'':{width}}  {'kind':<13}{'states':>9}{'optimum':>10}{'random':>10}"]
@@ -96,13 +118,7 @@ class SourceCandidates:
             f"{one.random_return:>10.4g}"
             for one in self.candidates
         ]
-        if self.dropped:
-            reasons = (f"{n} {reason}" for reason, n in self.reasons.items())
-            looked_at = len(self.candidates) + len(self.dropped)
-            lines.append(f"dropped {len(self.dropped)} of {looked_at}: {'; '.join(reasons)}")
-        if self.cut:
-            lines.append(f"cut at {len(self)}: there is more to look at")
-        return "\n".join(lines)
+        return "\n".join([*lines, *self._left_out()])
 
 
 def source_candidates(

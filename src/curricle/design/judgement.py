@@ -11,6 +11,7 @@ from curricle.design.problem import Problem
 from curricle.design.racing import PLACEBO, has_placebo
 from curricle.design.recipe import Recipe
 from curricle.design.search_budget import SearchBudget
+from curricle.display import brief_repr
 from curricle.errors import CurriculumError
 from curricle.frozen_arrays import Frozen
 from curricle.statistics.curves import SCRATCH
@@ -37,6 +38,8 @@ class Judgement(Frozen):
     """
 
     steps: Mapping[str, npt.NDArray[np.int64]]
+
+    __repr__ = brief_repr
 
     def shares(self, name: str) -> FloatArray:
         """Return the steps of an arm over the mean of scratch in the same problem, (P, K)."""

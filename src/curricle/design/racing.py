@@ -19,6 +19,7 @@ from curricle.design.problem import Problem, Training
 from curricle.design.proposals import spread
 from curricle.design.recipe import Recipe
 from curricle.design.search_budget import BudgetSpent, SearchBudget
+from curricle.display import brief_repr, printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.task import has_tables
@@ -55,6 +56,8 @@ class Round:
     kept: tuple[str, ...]
     cost: float
 
+    __repr__ = brief_repr
+
 
 @dataclass(frozen=True, eq=False)
 class Race:
@@ -87,6 +90,9 @@ class Race:
     dropped: Mapping[str, str] = field(default_factory=dict)
     unaffordable: int = 0
     ended: str = ""
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     @property
     def ranking(self) -> tuple[str, ...]:

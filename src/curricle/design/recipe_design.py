@@ -19,6 +19,7 @@ from curricle.design.relations import Relation
 from curricle.design.search_budget import SearchBudget
 from curricle.design.standing import STANDING
 from curricle.design.step_trend import with_step_trend
+from curricle.display import brief_repr, printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.task import has_tables
@@ -66,6 +67,9 @@ class RecipeDesign:
     ledger: Ledger = field(repr=False)
     fixed: Recipe | None = None
     standing: str = ""
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     @property
     def recommended(self) -> str:

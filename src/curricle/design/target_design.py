@@ -11,6 +11,7 @@ from curricle.design.recipe_design import RecipeDesign, design_recipe
 from curricle.design.relations import Relation
 from curricle.design.search_budget import SearchBudget
 from curricle.design.standing import standing_recipe
+from curricle.display import brief_repr, printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.tasks.families.family import FamilyMember
 
@@ -43,6 +44,9 @@ class TargetDesign:
     why: str
     search: RecipeDesign | None
     ledger: Ledger
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     @property
     def curriculum(self) -> Curriculum:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.checks import BEYOND_64_BITS, indices, number, numbers, whole_number
+from curricle.display import brief_repr
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.schedules import schedule
@@ -66,6 +67,8 @@ class StatePotential(Frozen):
     values: FloatArray
     frame_steps: Any = (0,)
     weight: Any = 1.0
+
+    __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         generative = generative_model(self.task)
@@ -153,6 +156,8 @@ class StateActionPotential(Frozen):
     task: Task
     values: FloatArray
 
+    __repr__ = brief_repr
+
     def __post_init__(self) -> None:
         generative = generative_model(self.task)
         shape = (generative.states.size, generative.actions.size)
@@ -229,6 +234,8 @@ class MappedPotential(Frozen):
 
     task: Task
     lookup: ValueLookup
+
+    __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         generative = generative_model(self.task)

@@ -10,6 +10,7 @@ import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import whole_number
+from curricle.display import brief_repr
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.potential import MappedPotential, StateActionPotential
@@ -85,6 +86,8 @@ class GreedyRollouts(Frozen):
     ended: BoolArray
     returns: FloatArray
     one_reward: bool
+
+    __repr__ = brief_repr
 
 
 def greedy_rollouts(

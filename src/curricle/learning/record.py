@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.display import brief_repr
 from curricle.frozen_arrays import Frozen
 from curricle.learning.stopping import StoppingKernel
 from curricle.tasks.overloads import inlined
@@ -38,6 +39,8 @@ class Snapshots(Frozen):
     seed: int
     steps: IntArray
     values: npt.NDArray[np.float32]
+
+    __repr__ = brief_repr
 
 
 class Record(NamedTuple):
@@ -137,6 +140,8 @@ class WarmUp:
     lengths: IntArray
     returns: FloatArray
     visits: IntArray | None = None
+
+    __repr__ = brief_repr
 
     @property
     def steps(self) -> int:

@@ -12,12 +12,14 @@ import numpy.typing as npt
 
 from curricle.archives.saved_file import SavedFile, read_saved, write_saved
 from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.display import block
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.curve_frame import curve_columns, data_frame
 from curricle.learning.learners import Learner
 from curricle.learning.record import Snapshots
 from curricle.learning.result_arrays import CURVES, HELD, TOTALS, Arrays, arrays_of, fields_of
+from curricle.learning.results_table import learnt_curve, learnt_table
 from curricle.learning.run import Outcome
 from curricle.learning.saved_result import (
     as_saved,
@@ -30,6 +32,7 @@ from curricle.learning.saved_result import (
 from curricle.learning.tabular_policy import TabularPolicy
 from curricle.planning.episode import Episode
 from curricle.tasks.task import Task
+from curricle.text_tables import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,11 +228,16 @@ class LearningResult(Frozen):
         return cls(task=task, learner=learner, **fields_of(arrays))
 
     def __repr__(self) -> str:
+        learner = "" if self.learner is None else f"{type(self.learner).__name__}, "
         return (
-            f"LearningResult({type(self.learner).__name__}, {len(self.seeds)} seeds, "
+            f"{type(self).__name__}({learner}{counted(len(self.seeds), 'seed')}, "
             f"{int(self.steps_used.mean()):,} steps and {int(self.episodes_used.mean()):,} "
             f"episodes a seed, final greedy return {self.greedy_return[:, -1].mean():.4g})"
         )
+
+    def _repr_html_(self) -> str:
+        name = "" if self.task is None else type(self.task).__name__
+        return block(type(self).__name__, learnt_curve(self), learnt_table({name: self}, {}))
 
 
 def learning_result(

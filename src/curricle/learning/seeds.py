@@ -1,7 +1,7 @@
 """The seeds of a training: their numbers, what each is trained with, threads over them."""
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import repeat
 from typing import Any, NamedTuple, TypeVar
@@ -137,12 +137,23 @@ def threads_for(task: Any, workers: int | None, seeds: int) -> int:
     return 1 if is_live(task) else min(workers or os.cpu_count() or 1, seeds)
 
 
-def over_seeds(work: Callable[[int], Result], seeds: int, threads: int) -> list[Result]:
-    """Return work(0) .. work(seeds - 1).
+def over_seeds(
+    work: Callable[[int], Result],
+    seeds: int,
+    threads: int,
+    ended: Callable[[int], Any] = lambda k: None,
+) -> list[Result]:
+    """Return work(0) .. work(seeds - 1); each number, in order, is handed to `ended` when done.
 
     A single thread is the caller's, so that an interrupt from the keyboard reaches an environment.
     """
     if threads == 1:
-        return [work(k) for k in range(seeds)]
+        return list(_one_by_one(map(work, range(seeds)), ended))
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(work, range(seeds)))
+        return list(_one_by_one(pool.map(work, range(seeds)), ended))
+
+
+def _one_by_one(results: Iterable[Result], ended: Callable[[int], Any]) -> Iterator[Result]:
+    for k, result in enumerate(results):
+        ended(k)
+        yield result

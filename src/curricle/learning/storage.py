@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatTable, IntArray
 from curricle.checks import instance, one_of, physical_memory, whole_number
+from curricle.display import brief_repr
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen
 from curricle.tasks.task import GenerativeModel
@@ -134,6 +135,8 @@ class SparseValues(Frozen):
 
     states: IntArray
     values: FloatTable
+
+    __repr__ = brief_repr
 
     def at(self, states: npt.ArrayLike) -> FloatTable:
         """Return the values of these states, (..., A); SettingError if one was not visited."""

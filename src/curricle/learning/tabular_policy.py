@@ -11,6 +11,7 @@ import numpy.typing as npt
 from curricle.archives.saved_file import read_saved, write_saved
 from curricle.array_types import FloatTable
 from curricle.checks import brief, numbers, whole_number
+from curricle.display import brief_value
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, adopted
 from curricle.learning.result_arrays import (
@@ -233,4 +234,4 @@ class TabularPolicy(Frozen):
         return cls(task, values)
 
     def __repr__(self) -> str:
-        return f"TabularPolicy({self.task})"
+        return f"TabularPolicy({brief_value(self.task)})"

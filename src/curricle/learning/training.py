@@ -16,10 +16,16 @@ from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.run import Outcome, Run
 from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, threads_for
 from curricle.learning.shaping import Shaping
-from curricle.learning.stopping import NEVER_STOPS, StoppingRule, stopping_level
+from curricle.learning.stopping import (
+    NEVER_STOPS,
+    StoppingKernel,
+    StoppingRule,
+    stopping_level,
+)
 from curricle.learning.storage import Storage, rows_allowed
 from curricle.planning.greedy import TIED
 from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.draws import stream_start
 from curricle.tasks.task import Task, generative_model
 
@@ -42,6 +48,7 @@ def learn(
     charged: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
     snapshots: int = 0,
     workers: int | None = None,
+    progress: Progress = None,
 ) -> LearningResult:
     """Return the result of training a learner in a task, for each of many seeds.
 
@@ -78,6 +85,8 @@ def learn(
         dense ones only.
     workers : int, optional
         Threads over seeds; as many as there are processors by default. A live task has one.
+    progress : bool or callable, optional
+        True shows a bar; a function is called with each seed when it is done.
 
     Returns
     -------
@@ -95,6 +104,7 @@ def learn(
     >>> result.values.shape, result.greedy_return[:, -1].round(2)
     ((2, 3, 4), array([196.01, 196.01]))
     """
+    check_progress(progress)
     learner = given_or_default("learner", learner, Learner, QLearning)
     evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
     storage = given_or_default("storage", storage, Storage)
@@ -119,9 +129,7 @@ def learn(
     )
     kernel = evaluation.kernel(task)
     snapshots = whole_number("snapshots", snapshots, 0, SettingError)
-    stopping = NEVER_STOPS
-    if isinstance(budget, StoppingRule):
-        stopping = budget.kernel(stopping_level(budget, task, evaluation))
+    stopping = stopping_kernel(budget, task, evaluation)
     threads = threads_for(generative, workers, len(each))
     guarded = any(one.shaping is not None and one.shaping.guard is not None for one in each)
     rows = rows_allowed(
@@ -135,10 +143,17 @@ def learn(
     run = Run(generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows)
     if rows:
         _check_sparse(run, each)
-    starts = [stream_start(one.seed, stream) for one in each]
-    values, outcomes = train_all(run, each, starts, snapshots, threads)
+    with shown(progress) as bars:
+        values, outcomes = train_all(run, each, stream, snapshots, threads, bars)
     numbers = tuple(one.seed for one in each)
     return learning_result(task, given, numbers, values, outcomes, eval_freq)
+
+
+def stopping_kernel(budget: Budget, task: Task, evaluation: GreedyEvaluation) -> StoppingKernel:
+    """Return the stopping rule of a budget for the compiled loops, which may have none."""
+    if not isinstance(budget, StoppingRule):
+        return NEVER_STOPS
+    return budget.kernel(stopping_level(budget, task, evaluation))
 
 
 def given_or_default(name: str, given: Any, kind: type, default: type | None = None) -> Any:
@@ -149,18 +164,33 @@ def given_or_default(name: str, given: Any, kind: type, default: type | None = N
 
 
 def train_all(
-    run: Run, each: Sequence[SeedSettings], starts: Sequence[int], snapshots: int, threads: int
+    run: Run,
+    each: Sequence[SeedSettings],
+    stream: str,
+    snapshots: int,
+    threads: int,
+    bars: Bars,
 ) -> tuple[Any, list[Outcome]]:
-    """Return the values of all seeds, None unless they are saved, and what each seed left."""
+    """Return the values of all seeds, None unless they are saved, and what each seed left.
+
+    A bar with the name of their random streams shows how many seeds are done.
+    """
     save, values = run.storage.save_values, None
     if save and not run.rows:
         values = np.empty((len(each), *run.shape), run.storage.dtype)
 
     def train(k: int) -> Outcome:
         out = None if values is None else values[k]
-        return run.train(each[k], starts[k], out, 0 if k else snapshots)
+        start = stream_start(each[k].seed, stream)
+        return run.train(each[k], start, out, 0 if k else snapshots)
 
-    outcomes = over_seeds(train, len(each), threads)
+    grow = bars.bar(stream or "learning", len(each))
+
+    def ended(k: int) -> None:
+        grow()
+        bars.tell(each[k].seed)
+
+    outcomes = over_seeds(train, len(each), threads, ended)
     return tuple(one.values for one in outcomes) if save and run.rows else values, outcomes
 
 

@@ -13,6 +13,7 @@ from curricle.checks import one_of
 from curricle.errors import SettingError
 from curricle.paper.settings import Claim, FigureResult, Progress
 from curricle.plotting import STYLE, content_of
+from curricle.progress import Bars, check_progress, shown
 from curricle.report import render
 from curricle.statistics import Interval
 from curricle.study import StudyStore
@@ -33,7 +34,7 @@ def reproduce(
     figures: Iterable[str] = tuple(FIGURES),
     seeds: int = 30,
     workers: int | None = None,
-    progress: Progress = lambda words: None,
+    progress: bool | Progress | Bars | None = True,
 ) -> list[dict[str, Any]]:
     """Write figures, data, claims and the page into a folder, and return all claims in it.
 
@@ -49,8 +50,9 @@ def reproduce(
         Seeds 0 .. seeds - 1 for everything that is learnt.
     workers : int, optional
         Threads; the results do not depend on it.
-    progress : callable, optional
-        Called with a short message for each part done.
+    progress : bool or callable, optional
+        By default a bar, and below it what is done now; a function is called with a short message
+        for each part.
 
     Raises
     ------
@@ -59,6 +61,7 @@ def reproduce(
     StoreError
         When the folder holds results of other settings.
     """
+    check_progress(progress)
     wanted = list(dict.fromkeys(figures))
     for name in wanted:
         one_of("a figure", name, FIGURES, SettingError)
@@ -67,12 +70,24 @@ def reproduce(
     if workers is not None and workers < 1:
         raise SettingError(f"workers must be at least 1: got {workers}")
     settings = {"curricle": metadata.version("curricle"), "seeds": seeds}
-    with StudyStore.opened(folder, settings, resume=True) as store:
+    now = ""
+    with (
+        StudyStore.opened(folder, settings, resume=True) as store,
+        shown(progress, lambda: now) as bars,
+    ):
+
+        def say(words: str) -> None:
+            nonlocal now
+            now = words
+            bars.tell(words)
+
+        grow = bars.bar("figures", len(wanted))
         for name in wanted:
             if not store.has(_summary(name)):
                 module = import_module(FIGURES[name])
                 with matplotlib.rc_context(STYLE):
-                    _save(store, name, module.build(seeds, workers, progress))
+                    _save(store, name, module.build(seeds, workers, say))
+            grow()
         return _assemble(store)
 
 

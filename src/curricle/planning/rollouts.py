@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import whole_number
+from curricle.display import block, brief_repr, table
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.simulator import (
@@ -55,6 +56,14 @@ class Trajectory(Frozen):
     rewards: FloatArray
     terminated: bool
     truncated: bool
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        end = "terminated" if self.terminated else "truncated" if self.truncated else "cut off"
+        title = f"{len(self.rewards)} steps, return {self.rewards.sum():.4g}, {end}"
+        rows = zip(range(len(self.rewards)), self.states, self.actions, self.rewards, strict=False)
+        return block(title, table(["step", "state", "action", "reward"], rows))
 
     def __len__(self) -> int:
         return len(self.actions)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, FloatTable
 from curricle.checks import number, numbers
+from curricle.display import block, brief_repr, table
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.backups import ExtrapolatedBackup, Precision, iterate
@@ -51,6 +52,13 @@ class PolicyValues(Frozen):
     error_bound: float
     _model: PlanningModel = field(repr=False)
 
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        row = (self.start_value, len(self.values), f"{self.error_bound:.1g}")
+        head = ["value of the start", "states", "proven within"]
+        return block(type(self).__name__, table(head, [row]))
+
     @cached_property
     def action_values(self) -> FloatArray:
         """Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')), (S, A) float64; 0 in terminal states.
@@ -72,6 +80,8 @@ class Solution(PolicyValues):
     >>> solve(GridWorld(["S.", ".T"])).optimal[0]  # east and south are as good
     array([False,  True,  True, False])
     """
+
+    __repr__ = brief_repr
 
     @cached_property
     def optimal(self) -> BoolArray:

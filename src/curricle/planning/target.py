@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from curricle.display import brief_repr
 from curricle.errors import SettingError
 from curricle.planning.greedy import EqualValues, Values
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
@@ -46,6 +47,8 @@ class Target:
     evaluation: GreedyEvaluation
     solution: Solution | None
     typical_reward: float
+
+    __repr__ = brief_repr
 
     @classmethod
     def of(

@@ -13,7 +13,15 @@ from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import controls_first, draw_arms, scale_returns
 from curricle.plotting.scales import return_scale, without_seeds
-from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, caption, write_columns
+from curricle.plotting.styles import (
+    COLOURS,
+    STYLE,
+    ArmStyle,
+    ShownFigure,
+    arm_styles,
+    caption,
+    write_columns,
+)
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.metrics import asymptotic_performance
@@ -51,7 +59,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
         raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")
     styles = arm_styles(comparison)
     height = max(3.7, 1.5 + ROW_HEIGHT * len(styles))
-    figure = Figure(figsize=(11.5, height), layout="constrained")
+    figure = ShownFigure(figsize=(11.5, height), layout="constrained")
     curves, profile, gains = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
     draw_arms(curves, comparison, styles, strong=True)
     scale_returns([curves], comparison)

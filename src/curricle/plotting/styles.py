@@ -1,5 +1,6 @@
 """One style for all figures: colours, Matplotlib's settings, styles of arms, text around axes."""
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,19 +12,9 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 from curricle.comparison.comparison import Comparison
+from curricle.display import COLOURS as COLOURS, OWN_COLOURS as OWN_COLOURS
 from curricle.statistics.curves import SCRATCH
 
-COLOURS = {
-    "black": "#000000",
-    "orange": "#E69F00",
-    "sky": "#56B4E9",
-    "green": "#009E73",
-    "blue": "#0072B2",
-    "vermillion": "#D55E00",
-    "purple": "#CC79A7",
-    "grey": "#777777",
-}
-"""The palette of Okabe and Ito, which colour-blind readers can tell apart."""
 STYLE: Any = {
     "font.size": 9,
     "axes.titlesize": 9.5,
@@ -41,9 +32,8 @@ DIVERGING, SEQUENTIAL = "PuOr", "cividis"
 """Colour maps that colour-blind readers can read."""
 SHADES = 64
 """Colours of a map on a page."""
-OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
-"""Of the curricula, in order, then again with the next of `MORE_DASHES`; scratch is black."""
 MORE_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1.4, 0.8)))
+"""Of the curricula, when all of `OWN_COLOURS` are used up; scratch is black."""
 CONTROL_DASHES: tuple[Any, ...] = (
     (0, (3, 1.5)),
     (0, (5, 1.2, 1, 1.2)),
@@ -52,6 +42,8 @@ CONTROL_DASHES: tuple[Any, ...] = (
     (0, (5, 1.2, 1, 1.2, 1, 1.2)),
     (0, (8, 1.5, 3, 1.5)),
 )
+SCREEN = 72
+"""Pixels of an inch in a notebook."""
 GREY, GREYNESS = "#999999", 0.6
 """The grey in a control's colour, and its share."""
 
@@ -112,6 +104,21 @@ def shades_of(palette: str) -> list[str]:
     return [to_hex(one) for one in matplotlib.colormaps[palette](np.linspace(0, 1, SHADES))]
 
 
+class ShownFigure(Figure):
+    """A figure that a notebook shows by itself, once, whether pyplot is imported or not.
+
+    pyplot knows nothing of it, so that nothing has to be closed.
+    """
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        """Return the picture, at twice the size that it is shown at."""
+        content = io.BytesIO()
+        with matplotlib.rc_context(STYLE):
+            self.savefig(content, format="png", dpi=2 * SCREEN)
+        width, height = self.get_size_inches() * SCREEN
+        return content.getvalue(), {"width": round(width), "height": round(height)}
+
+
 def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, Any]:
     """Return a figure of `width` x `height` inches and its (rows, columns) array of axes.
 
@@ -121,7 +128,7 @@ def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple
     >>> axes.shape
     (1, 2)
     """
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.display import block, brief_repr, curves
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
 
@@ -68,6 +69,14 @@ class Curve(Frozen):
     steps: IntArray
     values: FloatArray
     source_steps: IntArray = field(default_factory=lambda: np.zeros((), dtype=np.int64))
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        from curricle.statistics.seed_lines import seed_line
+
+        line = seed_line("", self.steps, self.filled())
+        return block(f"Curve of {len(self.values)} seeds", curves([line], "target steps", "return"))
 
     def __post_init__(self) -> None:
         steps = _whole("steps", self.steps)

@@ -21,6 +21,7 @@ from scipy.stats import t, trim_mean
 from curricle import frozen_arrays
 from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import number, numbers
+from curricle.display import brief_repr, printed
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen
 
@@ -61,6 +62,9 @@ class Interval(Frozen):
     high: float | FloatArray
     confidence: float
     n: int
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     def __str__(self) -> str:
         triples = np.atleast_2d(np.transpose([self.estimate, self.low, self.high]))

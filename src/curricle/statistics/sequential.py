@@ -26,6 +26,7 @@ from scipy.stats import norm
 
 from curricle.array_types import FloatArray
 from curricle.checks import number, numbers, whole_number
+from curricle.display import brief_repr, printed
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.statistics.hypothesis_tests import sign_flip_test
@@ -150,6 +151,9 @@ class AddedSeeds(Frozen):
     p: float
     stopped_by: Literal["precision", "difference", "most"]
     planned: Looks
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     @property
     def looks(self) -> int:

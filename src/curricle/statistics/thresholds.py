@@ -14,6 +14,7 @@ from scipy.stats import CensoredData, ecdf, quantile_test
 
 from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import number
+from curricle.display import brief_repr, printed
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.statistics.curves import Curve, require_pair, smooth
@@ -54,6 +55,9 @@ class Times(Frozen):
 
     steps: FloatArray
     reached: BoolArray
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     def __post_init__(self) -> None:
         steps = np.array(self.steps, dtype=np.float64)

@@ -3,6 +3,7 @@ from .config.study_config import StudyConfig as StudyConfig
 from .config.study_tables import json_schema as json_schema
 from .merging import merge as merge
 from .playing import played_episode as played_episode, stored_episode as stored_episode
+from .progress import Progress as Progress
 from .recipes.design_file import DesignPlan as DesignPlan, read_design as read_design
 from .recipes.designing import run_design as run_design
 from .recipes.from_recipe import study_text as study_text
@@ -12,7 +13,7 @@ from .recipes.recipe_file import (
     recipe_text as recipe_text,
 )
 from .results import StudyResults as StudyResults, compare_studies as compare_studies
-from .running import Progress as Progress, run_study as run_study
+from .running import run_study as run_study
 from .store import StudyStore as StudyStore
 from .study_arguments import compare as compare, forecast as forecast
 from .units import Unit as Unit, UnitInput as UnitInput, train_unit as train_unit

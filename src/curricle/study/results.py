@@ -30,6 +30,7 @@ from curricle.study.serialization import RUN, SNAPSHOTS, VALUES, check_arrays, c
 from curricle.study.shared_target import check_shared_target
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.stored_values import stored_values
+from curricle.study.study_table import ShownStudy
 from curricle.study.tables import apart, parquet_of
 
 RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.parquet"
@@ -40,7 +41,7 @@ HEADERS, FLOAT32 = 2**16, 4
 """Bytes of the headers of some arrays, at most, and of a number in a snapshot."""
 
 
-class StudyResults:
+class StudyResults(ShownStudy):
     """The results in a study's folder, also while the study is still running.
 
     Only plain data are read: no module that the study names is imported, no task is made, and no

@@ -17,6 +17,7 @@ from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.interop.trackers import Tracker, Trackers, open_trackers, to_stderr, tracker_of
 from curricle.learning.result import LearningResult
+from curricle.progress import check_progress
 from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
@@ -26,6 +27,7 @@ from curricle.study.engines.opening import opened_engine, workers_of
 from curricle.study.failures import Failures, write_failures
 from curricle.study.folders import lost_errors
 from curricle.study.packing import Packing, Taken, files_of, pack
+from curricle.study.progress import Progress, shown_units
 from curricle.study.record import RunRecord, StudyRecord, plain
 from curricle.study.recording import curricula_record, study_record
 from curricle.study.results import StudyResults
@@ -43,41 +45,6 @@ OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib", "optuna")
 """Libraries that may be there."""
 
 
-@dataclass(frozen=True)
-class Progress:
-    """How far a run is.
-
-    Attributes
-    ----------
-    units : tuple of Unit
-        All that the run trains; the same tuple each time.
-    stored : Unit or None
-        The unit that has just been stored; None at the beginning.
-    workers : int
-        How many there are now: those of a cluster come and go.
-    repeated : int
-        Units that a cluster has begun again so far, as a worker died.
-    link : str or None
-        To the cluster's own page, if it has one.
-    tuning : str
-        Which trials the units are of, in words; empty for those of the study itself.
-
-    Examples
-    --------
-    >>> unit = Unit("0f", "scratch", "maze", (0, 1), {}, {}, 0)
-    >>> progress = Progress((unit,), stored=unit, workers=2)
-    >>> progress.stored.label, progress.workers
-    ('scratch: maze, seeds 0-1', 2)
-    """
-
-    units: tuple[Unit, ...]
-    stored: Unit | None = None
-    workers: int = 1
-    repeated: int = 0
-    link: str | None = None
-    tuning: str = ""
-
-
 def run_study(
     study: Study,
     path: str | Place | None = None,
@@ -90,7 +57,7 @@ def run_study(
     keep_stale: bool = False,
     trackers: Sequence[str | Tracker] = (),
     report: Callable[[str], Any] | None = None,
-    progress: Callable[[Progress], Any] | None = None,
+    progress: bool | Callable[[Progress], Any] | None = True,
 ) -> StudyResults:
     """Run a study into a folder and return its results.
 
@@ -125,8 +92,9 @@ def run_study(
     report : callable, optional
         Called with a sentence for each failure of a tracker, and for each task with units that are
         damaged or stale; printed to stderr by default.
-    progress : callable, optional
-        Called with a :class:`Progress` at the beginning and whenever a unit is stored.
+    progress : bool or callable, optional
+        By default bars for the tasks of each arm, and below them how fast the run goes; a function
+        is called with a :class:`Progress` at the beginning and whenever a unit is stored.
 
     Raises
     ------
@@ -156,16 +124,15 @@ def run_study(
     array([500, 500])
     """
     study = study_of(study)
+    check_progress(progress)
     path = path or study.results_folder
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
-    part, parts = shard
-    if not 1 <= part <= parts:
-        raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
+    _check_shard(*shard)
     arms = arms_in(study, path, keep_stale=keep_stale)
     _check_networks(study)
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
-    report, report_progress = report or to_stderr, progress or (lambda _: None)
+    report = report or to_stderr
     study, arms = tuned_before(study, arms, path, keep_stale=keep_stale)
     if study.tune is not None:
         check_tuning(study)
@@ -177,13 +144,14 @@ def run_study(
         opened = StudyStore.opened(path, described, resume=resume, check=False)
         store = ending.enter_context(opened)
         ending.enter_context(lost_errors())
-        training = Training(store, places, report_progress)
+        show = ending.enter_context(shown_units(progress))
+        training = Training(store, places, show)
         if study.tune is not None:
             study = _tuned(study, arms, training, resume=resume)
             arms = arms_in(study, path, keep_stale=keep_stale)
             record = study_record(study, arms)
             store = store.redescribed(_description(study, arms, record))
-            training = Training(store, places, report_progress)
+            training = Training(store, places, show)
         done = _begun(store, study, arms, report)
         tracking = _tracking(store, study, arms, trackers, report)
         ending.callback(tracking.close)
@@ -201,6 +169,11 @@ def run_study(
     if failures:
         raise failures.error()
     return found
+
+
+def _check_shard(part: int, parts: int) -> None:
+    if not 1 <= part <= parts:
+        raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
 
 
 @dataclass(frozen=True)

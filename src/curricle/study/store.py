@@ -197,6 +197,9 @@ class StudyStore:
                 "the study again into a new folder, or read it with the version that wrote it"
             )
 
+    def __repr__(self) -> str:
+        return f"StudyStore({str(self.path)!r})"
+
     @classmethod
     @contextmanager
     def opened(

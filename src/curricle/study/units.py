@@ -13,6 +13,7 @@ import pyarrow as pa
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.stored_sources import StoredValues, source_values
+from curricle.display import brief_repr
 from curricle.learning.budget import ended_by
 from curricle.learning.result_arrays import arrays_of
 from curricle.learning.seeds import MOST_SEEDS
@@ -56,6 +57,8 @@ class Unit:
     sources: Mapping[str, str] = field(hash=False)
     dependencies: Dependencies = field(hash=False, repr=False)
     snapshots: int
+
+    __repr__ = brief_repr
 
     @property
     def label(self) -> str:

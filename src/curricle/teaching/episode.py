@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from curricle.array_types import FloatArray
+from curricle.display import brief_repr
 from curricle.errors import SettingError
 
 
@@ -54,6 +55,8 @@ class Episode:
     discount: float
     greedy_returns: Callable[[], FloatArray] = _without_tables
     optimal_returns: Callable[[], FloatArray] = _without_tables
+
+    __repr__ = brief_repr
 
     @property
     def length(self) -> int:

@@ -7,8 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.display import block, brief_value, table
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.result import LearningResult
+from curricle.learning.results_table import learnt_curve, learnt_table
 from curricle.statistics.curves import Curve
 from curricle.teaching.sampler import TaskSampler
 from curricle.teaching.teachers import Teacher
@@ -69,7 +71,17 @@ class TeachingResult(Frozen):
         return frozen(found)
 
     def __repr__(self) -> str:
-        return f"TeachingResult({self.teacher!r}, {len(self.tasks)} tasks, {self.learning!r})"
+        learning = repr(self.learning)
+        return f"TeachingResult({brief_value(self.teacher)}, {len(self.tasks)} tasks, {learning})"
+
+    def _repr_html_(self) -> str:
+        episodes, steps = self.counts[:, -1].mean(axis=0), self.steps_per_task.mean(axis=0)
+        head = ["task", "episodes a seed", "steps a seed", "probability in the end"]
+        last = self.probabilities[:, -1].mean(axis=0)
+        rows = zip(self.tasks, episodes, steps, (f"{one:.0%}" for one in last), strict=True)
+        title = f"Taught by {brief_value(self.teacher)}"
+        learnt = learnt_table({"target": self.learning}, {})
+        return block(title, learnt_curve(self.learning), learnt, table(head, rows))
 
 
 def teaching_result(

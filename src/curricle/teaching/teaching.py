@@ -9,11 +9,10 @@ from curricle.learning.learners import Learner, QLearning
 from curricle.learning.optimistic_learners import OptimisticLearner
 from curricle.learning.result import learning_result
 from curricle.learning.seeds import seed_settings, threads_for
-from curricle.learning.stopping import NEVER_STOPS, StoppingRule, stopping_level
 from curricle.learning.storage import Storage
-from curricle.learning.training import given_or_default, train_all
+from curricle.learning.training import given_or_default, stopping_kernel, train_all
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.tasks.draws import stream_start
+from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.start_states import Goal
 from curricle.tasks.task import Task
 from curricle.teaching.result import TeachingResult, teaching_result
@@ -36,6 +35,7 @@ def teach(
     goal: Goal = None,
     stream: str = "",
     workers: int | None = None,
+    progress: Progress = None,
 ) -> TeachingResult:
     """Return the result of learning a target by episodes in several tasks of one space.
 
@@ -60,7 +60,7 @@ def teach(
         in the target is good enough.
     target : str
         The name of the task in which the greedy policy is evaluated; the teacher may draw it too.
-    seeds, eval_freq, evaluation, stream, workers
+    seeds, eval_freq, evaluation, stream, workers, progress
         As in :func:`learn`.
     goal : optional
         What an episode has to end in to be a success, as in :func:`goal_distance`. By default the
@@ -87,6 +87,7 @@ def teach(
     >>> found.counts[0, -1] / found.counts[0, -1].sum() > 0.3
     array([ True,  True])
     """
+    check_progress(progress)
     teacher = Uniform() if teacher is None else teacher
     check_teacher(teacher)
     text("stream", stream or "-", SettingError)
@@ -103,9 +104,9 @@ def teach(
     each = seed_settings(
         seeds, run.learner, run.limits, lambda one: one, shaping=None, warm_up=None, charged=None
     )
-    starts = [stream_start(one.seed, stream) for one in each]
     threads = threads_for(task_set.target, workers, len(each))
-    values, outcomes = train_all(run, each, starts, 0, threads)
+    with shown(progress) as bars:
+        values, outcomes = train_all(run, each, stream, 0, threads, bars)
     values[:, task_set.target.terminal] = 0.0  # other tasks may go on where the target ends
     numbers = tuple(one.seed for one in each)
     learning = learning_result(tasks[target], learner, numbers, values, outcomes, run.eval_freq)
@@ -124,9 +125,6 @@ def _run(
 ) -> TaughtRun:
     """Return the run that all seeds share, its arguments checked."""
     most, eval_freq = limits(budget), spacing(eval_freq, budget)
-    stopping = NEVER_STOPS
-    if isinstance(budget, StoppingRule):
-        stopping = budget.kernel(stopping_level(budget, target, evaluation))
     return TaughtRun(
         task=task_set.target,
         learner=learner.for_task(target),
@@ -134,7 +132,7 @@ def _run(
         eval_freq=eval_freq,
         longest=longest_run(task_set.limit, budget, eval_freq),
         evaluation=evaluation.kernel(task_set.target),
-        stopping=stopping,
+        stopping=stopping_kernel(budget, target, evaluation),
         storage=Storage(),
         rows=0,
         task_set=task_set,

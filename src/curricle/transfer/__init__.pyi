@@ -9,6 +9,7 @@ from .component_search import (
     by_name as by_name,
 )
 from .component_warping import by_component_warping as by_component_warping
+from .coverage import Coverage as Coverage
 from .edges import Calibrate as Calibrate, Transfer as Transfer
 from .factored_homomorphisms import by_component_values as by_component_values
 from .family_mapping import family_mappings as family_mappings
@@ -23,7 +24,6 @@ from .legs import by_legs as by_legs
 from .mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,
-    Coverage as Coverage,
     StateActionMapping as StateActionMapping,
     compose as compose,
     from_function as from_function,

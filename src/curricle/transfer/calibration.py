@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from curricle.display import brief_repr, printed
 from curricle.errors import CalibrationError, PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
@@ -92,6 +93,9 @@ class Calibration:
     refusal: str = ""
     stopped: bool = False
     evidence: ScaleEvidence | None = None
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     @property
     def steps(self) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 
 from curricle.tasks.task import generative_model
 from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
+from curricle.transfer.coverage import LARGEST_COVERAGE
 from curricle.transfer.edges import Transfer
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.proposal import SearchedMapping
@@ -15,8 +16,6 @@ from curricle.transfer.proposal import SearchedMapping
 DIGEST_BYTES = 16
 SIGNIFICANT = 6
 """Digits of values in a digest: the last ones may differ between machines."""
-LARGEST_COVERAGE = 5_000_000
-"""Target pairs up to which a mapping's coverage is counted."""
 
 UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
 """What becomes of values that the source lacks, in words."""

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatArray
 from curricle.checks import instance, number, whole_number
+from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import LARGEST_POTENTIAL
 from curricle.transfer.mapping import StateActionMapping
@@ -137,6 +138,12 @@ class Transfer:
     scale: float = 1.0
     shift: float = 0.0
     calibrate: bool | Calibrate = False
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        title = f"{self.source} -> {self.target}, scale {self.scale:g}, shift {self.shift:g}"
+        return block(title) + ("" if self.mapping is None else self.mapping._repr_html_())
 
     def __post_init__(self) -> None:
         edge = f"{self.source} -> {self.target}"

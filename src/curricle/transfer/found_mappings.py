@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from curricle.checks import brief, whole_number
+from curricle.display import block, brief_repr, printed, shortened, table
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.tasks.task import Task, same_task
 from curricle.transfer.common_part import by_common_part
@@ -81,13 +82,16 @@ class FoundMapping:
     bound: float = NOT_PROVEN
     unmapped_value: float | None = None
 
+    __repr__ = brief_repr
+    _repr_html_ = printed
+
     def __str__(self) -> str:
         proven = "" if np.isnan(self.bound) else f", Q* proven within {self.bound:.3g}"
         fits = "" if self.unmapped_value is None else f", {self.unmapped_value:.3g} fits elsewhere"
         return f"{self.how}: {self.scores}{proven}{fits}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FoundMappings:
     """The mappings that were found, best first, and what the other searches said.
 
@@ -123,6 +127,25 @@ class FoundMappings:
     def __str__(self) -> str:
         lines = [f"{i + 1}. {one}" for i, one in enumerate(self.candidates)]
         return "\n".join([*lines, *(f"{name}: {why}" for name, why in self.refused.items())])
+
+    def __repr__(self) -> str:
+        best = self.candidates[0].how if self.candidates else "none"
+        return shortened(f"FoundMappings({len(self)} mappings, the best: {best})")
+
+    def _repr_html_(self) -> str:
+        head = ["mapping", "coverage", "regained", "dynamics error", "Bellman inconsistency"]
+        rows = [
+            (
+                one.how,
+                f"{one.scores.coverage:.0%}",
+                f"{one.scores.regained:.0%}",
+                one.scores.dynamics_error,
+                one.scores.bellman_inconsistency,
+            )
+            for one in self.candidates
+        ]
+        refused = [f"{name}: {why}" for name, why in self.refused.items()]
+        return block("Mappings found, best first", table(head, rows, wide=head[:1]), *refused)
 
 
 def find_mappings(

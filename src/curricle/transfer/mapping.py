@@ -9,11 +9,13 @@ import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, number, numbers
+from curricle.display import block
 from curricle.errors import MappingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.spaces import MISSING, Decoded
 from curricle.tasks.task import Task, generative_model, same_task
+from curricle.transfer.coverage import LARGEST_COVERAGE, Coverage, coverage_table
 
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
@@ -23,50 +25,6 @@ MOST_LISTED = 1_000_000_000
 """Pairs of a target that a mapping by a function may list: its array takes 8 GB."""
 ENDED = -2
 """Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """Coverage of a mapping between tasks with numbered states.
-
-    Attributes
-    ----------
-    target_pairs : int
-        Pairs (s, a) of the target, s not terminal.
-    mapped, ended, unmapped : float
-        Shares of them that read a source pair, that fall on a terminal state of the source (value
-        0), and that have no counterpart. They sum to 1.
-    source_pairs : int
-        Pairs of the source, s not terminal.
-    never_used : int
-        Source pairs that no target pair reads.
-    most_readers : int
-        The largest number of target pairs that read one source pair.
-    mean_readers : float
-        The mean of that number over the source pairs that are read.
-
-    Examples
-    --------
-    >>> same_position(GridWorld("S.T"), GridWorld("S.T")).coverage().mapped
-    1.0
-    """
-
-    target_pairs: int
-    mapped: float
-    ended: float
-    unmapped: float
-    source_pairs: int
-    never_used: int
-    most_readers: int
-    mean_readers: float
-
-    def __str__(self) -> str:
-        return (
-            f"{self.mapped:.1%} of {self.target_pairs:,} target pairs mapped, {self.ended:.1%} at "
-            f"the source's end, {self.unmapped:.1%} unmapped; {self.never_used:,} of "
-            f"{self.source_pairs:,} source pairs never used, the others read by "
-            f"{self.mean_readers:.1f} target pairs on average, {self.most_readers:,} at most"
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +115,15 @@ class StateActionMapping(Frozen):
             )
         values = q.reshape(*q.shape[:-2], -1)[..., np.maximum(self.index, 0)]
         return transferred(values, self.index, self.unmapped_value, scale, shift)
+
+    def __repr__(self) -> str:
+        mapped = int((self.index >= 0).sum())
+        return f"{type(self).__name__}({mapped:,} of {self.index.size:,} pairs mapped)"
+
+    def _repr_html_(self) -> str:
+        target = generative_model(self.target)
+        few = target.states.size * target.actions.size <= LARGEST_COVERAGE
+        return block(repr(self), few and coverage_table({"": self.coverage()}))
 
     def coverage(self) -> Coverage:
         """Return how much of the target is reached, and of the source used."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.display import brief_repr, printed
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
 from curricle.transfer.task_pair import TaskPair
@@ -66,6 +67,9 @@ class MappingScores:
     start_value: float
     regained: float
     regained_where_known: float
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
 
     @property
     def worth(self) -> float:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from curricle.array_types import IntArray
+from curricle.display import brief_repr
 from curricle.errors import MappingError, SettingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING
@@ -50,6 +51,8 @@ class Projection:
     actions: dict[str, str]
     error: float
     mapping: StateActionMapping
+
+    __repr__ = brief_repr
 
 
 def find_projections(

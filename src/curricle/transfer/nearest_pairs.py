@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.display import brief_repr
 from curricle.errors import MappingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.task import Task
@@ -68,6 +69,8 @@ class LaxBisimulation(Frozen):
     nearest: IntArray
     pairs: FloatArray
     error: float
+
+    __repr__ = brief_repr
 
 
 def lax_bisimulation(

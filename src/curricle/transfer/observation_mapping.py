@@ -11,8 +11,10 @@ from gymnasium.vector.utils import batch_space, iterate
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.checks import instance, numbers
+from curricle.display import block, brief_repr
 from curricle.errors import MappingError
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
+from curricle.transfer.coverage import coverage_table
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,
@@ -59,6 +61,9 @@ class ObservationCoverage:
         if math.isnan(self.outside):
             return text
         return f"{text}; {self.outside:.1%} of the counterparts outside the source's space"
+
+    def _repr_html_(self) -> str:
+        return block("Coverage", coverage_table({"": self}))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +114,8 @@ class ObservationMapping:
     status: Callable[[Any], Any] | None = None
     unmapped_value: float | None = None
     description: str = ""
+
+    __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         if not self.description:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.checks import instance
+from curricle.display import brief_repr
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import frozen
 from curricle.learning.potential import MappedPotential, StateActionPotential, finite_scale
@@ -194,6 +195,8 @@ class ObservationPotential:
     scale: float = 1.0
     shift: float = 0.0
     unknown_value: float = 0.0
+
+    __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "edges", tuple(self.edges))

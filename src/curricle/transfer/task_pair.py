@@ -7,6 +7,7 @@ import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, whole_number
+from curricle.display import brief_repr
 from curricle.errors import SettingError, TaskError
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.mdp import FiniteMDP
@@ -52,6 +53,8 @@ class TaskPair:
     source: Task
     samples: int | None = None
     seed: int = 0
+
+    __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         if self.samples is not None:

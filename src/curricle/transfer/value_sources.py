@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatArray
 from curricle.checks import numbers
+from curricle.display import brief_repr
 from curricle.errors import PotentialError
 from curricle.tasks.observation_task import batch_size
 
@@ -53,6 +54,8 @@ class TableValues:
     """
 
     table: FloatArray
+
+    __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         table = numbers("a table of values", self.table, PotentialError)

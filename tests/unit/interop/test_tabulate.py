@@ -349,7 +349,7 @@ def test_refusals_are_one_sentence(case):
         ({"max_states": 0}, "max_states must"),
         ({"max_seconds": -1}, "max_seconds must"),
         ({"seeds": []}, "seeds must"),
-        ({"progress": 3}, "progress must be True, False or a function of a Progress: got 3"),
+        ({"progress": 3}, "progress must be True, False, None or a function: got 3"),
     ],
 )
 def test_settings_are_checked(settings, said):

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, IntArray
+from curricle.display import brief_repr
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted
 from curricle.tasks.observation_task import batch_size
@@ -44,6 +45,8 @@ class ObservationTable(Frozen):
 
     parts: Mapping[str, Leaf]
     terminal: BoolArray
+
+    __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(

@@ -4,8 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rich.console import Console
-
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulation.assembling import Tables, assembled
@@ -23,6 +21,7 @@ from curricle.interop.tabulation.table_cache import TableCache, name_of
 from curricle.interop.tabulation.tabulated_task import TabulationRecord
 from curricle.interop.tabulation.world import World, core_and_views
 from curricle.interop.toy_text import has_table, names_of
+from curricle.progress import check_progress, shown
 from curricle.tasks.labels import values_of
 
 MOST_SAMPLES = 1_000_000
@@ -38,7 +37,7 @@ class Plan:
     outcomes: Listed | None
     samples: int | None
     budget: Budget
-    progress: bool | Callable[[Progress], Any]
+    progress: bool | Callable[[Progress], Any] | None
     cache: TableCache | None = None
 
     def check(self) -> None:
@@ -50,10 +49,7 @@ class Plan:
                 "state must be DeepCopy(...), MiniGridState(...) or two functions, (save, "
                 f"restore): got {self.state!r}"
             )
-        if not isinstance(self.progress, bool) and not callable(self.progress):
-            raise SettingError(
-                f"progress must be True, False or a function of a Progress: got {self.progress!r}"
-            )
+        check_progress(self.progress)
         if self.outcomes is not None and not callable(self.outcomes):
             raise SettingError(f"outcomes must be a function: got {self.outcomes!r}")
         if self.samples is not None:
@@ -152,14 +148,16 @@ class Plan:
 
     def _explored(self, source: Any) -> Explored:
         """Return all states, and show the progress if asked to."""
-        if self.progress is not True:
-            show = self.progress if callable(self.progress) else None
+        words = f"tabulating {source.name}"
+        with shown(self.progress, lambda: words) as bars:
+
+            def show(now: Progress) -> None:
+                nonlocal words
+                words = now.in_words(source.name)
+                bars.at(source.name, now.expanded, now.states)
+                bars.tell(now)
+
             return explore(source, self.budget._replace(show=show))
-        with Console(stderr=True).status(f"tabulating {source.name}") as status:
-            return explore(
-                source,
-                self.budget._replace(show=lambda now: status.update(now.in_words(source.name))),
-            )
 
 
 def words_of(world: Any) -> Callable[[Any], Words] | None:

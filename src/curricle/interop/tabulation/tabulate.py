@@ -48,7 +48,7 @@ def tabulate(
     samples: int | None = None,
     max_states: int = MOST_STATES,
     max_seconds: float = MOST_SECONDS,
-    progress: bool | Callable[[Progress], Any] = False,
+    progress: bool | Callable[[Progress], Any] | None = False,
     cache: str | Path | None = None,
     **make_arguments: Any,
 ) -> TabulatedTask:
@@ -92,8 +92,8 @@ def tabulate(
         Estimate outcomes from so many steps of each pair.
     max_states, max_seconds : int, float
         What the tabulation may need at most.
-    progress : bool or callable
-        Whether to show how far it is, or a function that is called with a :class:`Progress`.
+    progress : bool or callable, optional
+        True shows how far it is; a function is called with a :class:`Progress`.
     cache : str or Path, optional
         A folder in which tables are kept and found again by a hash of what they are made from: what
         the environment holds after each reset, the code of its classes and all that this names, the

@@ -6,6 +6,7 @@ from typing import Any, Self
 import numpy as np
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.display import brief_repr
 from curricle.errors import SettingError, TaskError
 from curricle.frozen_arrays import Frozen
 from curricle.interop.tabulation.observation_table import ObservationTable
@@ -60,6 +61,8 @@ class TabulationRecord:
     observing: float = 0.0
     note: str = ""
     cached: bool = False
+
+    __repr__ = brief_repr
 
     @property
     def transitions_per_second(self) -> float:

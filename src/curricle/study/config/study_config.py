@@ -19,6 +19,7 @@ from curricle.study.config.study_tables import ArmTables, RunTable
 from curricle.study.config.tables import Count, Flag, Table, unknown, wrong_at
 from curricle.study.config.task_names import table
 from curricle.study.config.tuning_tables import Tuning
+from curricle.study.study_table import config_html, config_in_brief
 
 
 class VariantTable(Table):
@@ -125,6 +126,12 @@ class StudyConfig(RunTable):
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, StudyConfig) and self.to_data() == other.to_data()
+
+    def __repr__(self) -> str:
+        return config_in_brief(self)
+
+    def _repr_html_(self) -> str:
+        return config_html(self)
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -14,6 +14,7 @@ from curricle.comparison.comparing import FRACTION
 from curricle.curriculum.defaults import DEFAULT_STEPS
 from curricle.design.problem import Problem
 from curricle.design.recipe_design import RecipeDesign
+from curricle.display import brief_repr
 from curricle.errors import ConfigError, CurricleError
 from curricle.frozen_arrays import Frozen
 from curricle.learning.learners import Learner
@@ -118,6 +119,8 @@ class DesignPlan(Frozen):
     learner: Mapping[str, Any]
     file: Path
     on: str
+
+    __repr__ = brief_repr
 
     def stored(self, found: RecipeDesign) -> StoredRecipe:
         """Return what is kept of a design: its draws compact, its ledger without seconds."""

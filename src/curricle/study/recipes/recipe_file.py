@@ -13,6 +13,7 @@ from curricle.design.judgement import RECIPE
 from curricle.design.ledger import Ledger
 from curricle.design.recipe import Recipe
 from curricle.design.recipe_design import BEST, RecipeDesign
+from curricle.display import brief_repr
 from curricle.errors import ConfigError
 from curricle.frozen_arrays import Frozen
 from curricle.learning.learners import Learner
@@ -73,6 +74,8 @@ class StoredRecipe(Frozen):
     judgement: Mapping[str, Any] = field(default_factory=dict)
     ledger: Ledger | None = None
     folder: Path = Path()
+
+    __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         instance("the recipe of a file", self.recipe, Recipe, ConfigError)

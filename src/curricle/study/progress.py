@@ -1,11 +1,16 @@
-"""How fast the units of a run are stored, and how long the others will take."""
+"""How far a run is, how fast its units are stored, and how long the others will take."""
 
-from collections import deque
-from collections.abc import Callable
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import timedelta
 from time import monotonic
+from typing import Any
 
-from curricle.study.running import Progress
+from curricle.display import brief_repr
+from curricle.progress import shown
+from curricle.study.units import Unit
 
 WINDOW = 60.0
 """Seconds that the rate is measured over."""
@@ -13,6 +18,43 @@ FEWEST = 10
 """Marks that it is measured over at least: units of an hour end less than once a minute."""
 BETWEEN = 1.0
 """Seconds between two marks at least."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is.
+
+    Attributes
+    ----------
+    units : tuple of Unit
+        All that the run trains; the same tuple each time.
+    stored : Unit or None
+        The unit that has just been stored; None at the beginning.
+    workers : int
+        How many there are now: those of a cluster come and go.
+    repeated : int
+        Units that a cluster has begun again so far, as a worker died.
+    link : str or None
+        To the cluster's own page, if it has one.
+    tuning : str
+        Which trials the units are of, in words; empty for those of the study itself.
+
+    Examples
+    --------
+    >>> unit = Unit("0f", "scratch", "maze", (0, 1), {}, {}, 0)
+    >>> progress = Progress((unit,), stored=unit, workers=2)
+    >>> progress.stored.label, progress.workers
+    ('scratch: maze, seeds 0-1', 2)
+    """
+
+    units: tuple[Unit, ...]
+    stored: Unit | None = None
+    workers: int = 1
+    repeated: int = 0
+    link: str | None = None
+    tuning: str = ""
+
+    __repr__ = brief_repr
 
 
 class Pace:
@@ -97,6 +139,44 @@ class Pace:
         """Return how many units were begun again, in words; nothing if none were."""
         number = self._repeated
         return f"{number:,} unit{'s' * (number != 1)} begun again" if number else ""
+
+
+@contextmanager
+def shown_units(
+    progress: bool | Callable[[Progress], Any] | None,
+    pace: Pace | None = None,
+    line: Callable[[], str] | None = None,
+) -> Iterator[Callable[[Progress], None]]:
+    """Yield what takes each :class:`Progress` of a run and shows it as ``progress`` asks for.
+
+    Bars are of all seeds of a task in an arm, or of all trials of a tuning that are made at once;
+    below them stands a `line`, by default how fast the whole run goes, its `pace`.
+    """
+    pace = pace or Pace()
+    grow: dict[str, Callable[[], None]] = {}
+    with shown(progress, line or pace.line) as bars:
+
+        def show(now: Progress) -> None:
+            pace.note(now)
+            if now.stored is None:
+                seeds = Counter[str]()
+                for unit in now.units:
+                    seeds[_row(now, unit)] += len(unit.seeds)
+                for row, total in seeds.items():
+                    grow[row] = bars.bar(row, total)
+            else:
+                for _ in now.stored.seeds:
+                    grow[_row(now, now.stored)]()
+                if pace.stored == len(now.units) and not now.tuning:
+                    bars.bar("forecasts and certificates")
+            bars.tell(now)
+
+        yield show
+
+
+def _row(progress: Progress, unit: Unit) -> str:
+    """Return the name of a unit's bar."""
+    return progress.tuning or f"{unit.arm}: {unit.task}"
 
 
 def _in_words(rate: float) -> str:

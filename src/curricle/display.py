@@ -1,0 +1,310 @@
+"""Results as HTML for a notebook, and in a few words: tables, sentences, curves.
+
+Names are the user's own text and are escaped; a part made here is :class:`markupsafe.Markup`, which
+is not escaped again. Nothing refers to anything outside of the notebook.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from curricle.array_types import FloatArray
+
+COLOURS = {
+    "black": "#000000",
+    "orange": "#E69F00",
+    "sky": "#56B4E9",
+    "green": "#009E73",
+    "blue": "#0072B2",
+    "vermillion": "#D55E00",
+    "purple": "#CC79A7",
+    "grey": "#777777",
+}
+"""The palette of Okabe and Ito, which colour-blind readers can tell apart."""
+OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
+"""Of the curricula of a comparison, in order."""
+MOST_POINTS, MOST_ROWS = 60, 30
+"""Points of a line and rows of a table that are shown, at most."""
+LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5
+"""Characters of a result and of one value in it, and elements of an array, in a few words."""
+WIDTH, HEIGHT = 460, 190
+"""Of the picture of some curves; it is made smaller where there is less room."""
+LEFT, RIGHT, TOP, BOTTOM = 58, 8, 10, 30
+"""Room around the curves."""
+STYLE = Markup(
+    "<style>.curricle{font-size:13px;line-height:1.45}"
+    ".curricle>*{margin:.4em 0}.curricle>div:not(.wide):not(.row){max-width:62em}"
+    ".curricle .wide{overflow-x:auto}"
+    ".curricle table{border-collapse:collapse;margin:0;font-size:inherit}"
+    ".curricle th,.curricle td{text-align:left;vertical-align:top;padding:.2em .7em .2em 0;"
+    "border:0;border-bottom:1px solid rgba(128,128,128,.35);background:none;white-space:nowrap}"
+    ".curricle th{font-weight:600}.curricle .n{text-align:right;font-variant-numeric:tabular-nums}"
+    ".curricle .w{white-space:normal;min-width:14em}"
+    ".curricle .row{display:flex;flex-wrap:wrap;gap:.4em 1.5em}"
+    ".curricle .row>*{flex:1 1 280px;max-width:460px}.curricle pre{white-space:pre-wrap;margin:0}"
+    ".curricle svg{display:block;width:100%;max-width:460px}"
+    ".curricle .key span{white-space:nowrap;margin-right:1em}</style>"
+)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of some curves: T steps and heights, and a band around them."""
+
+    name: str
+    steps: Any
+    values: FloatArray
+    low: FloatArray
+    high: FloatArray
+    colour: str = "currentColor"
+    dashed: bool = False
+
+
+def block(title: str, *parts: Any) -> str:
+    """Return the HTML of a result: its title, and its parts below each other.
+
+    Texts among the parts are paragraphs, escaped; empty ones are left out.
+
+    Examples
+    --------
+    >>> block("a <b>", "1 < 2", "").removeprefix(STYLE)
+    '<div class="curricle"><div><strong>a &lt;b&gt;</strong></div><div>1 &lt; 2</div></div>'
+    """
+    shown = [part if isinstance(part, Markup) else _paragraph(part) for part in parts if part]
+    head = Markup("<div><strong>{}</strong></div>").format(title)
+    return str(
+        STYLE + Markup('<div class="curricle">{}</div>').format(Markup("").join([head, *shown]))
+    )
+
+
+def _paragraph(text: Any) -> Markup:
+    return Markup("<div>{}</div>").format(text)
+
+
+def beside(parts: Mapping[str, Markup]) -> Markup:
+    """Return parts with their names above them, beside each other where there is room."""
+    one = Markup("<div><div>{}</div>{}</div>")
+    each = [one.format(name, part) for name, part in parts.items()]
+    return Markup('<div class="row">{}</div>').format(Markup("").join(each))
+
+
+def printed(result: Any) -> str:
+    """Return what a result prints as HTML, line by line; to be a class's ``_repr_html_``."""
+    return block(type(result).__name__, Markup("<pre>{}</pre>").format(str(result)))
+
+
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[Any]], *, wide: Sequence[str] = ()
+) -> Markup:
+    """Return a table; cells that are numbers are to the right, columns in `wide` wrap their text.
+
+    Examples
+    --------
+    >>> table(["task", "steps"], [["<maze>", 5000]])
+    Markup('...<tr><td>&lt;maze&gt;</td><td class="n">5,000</td></tr>...')
+    """
+    rows = [*rows]
+    shown, left = rows[:MOST_ROWS], len(rows) - MOST_ROWS
+    right = [
+        name not in wide and bool(shown) and all(_is_number(row[i]) for row in shown)
+        for i, name in enumerate(head)
+    ]
+    kinds = [
+        "n" if is_right else "w" * (name in wide)
+        for name, is_right in zip(head, right, strict=True)
+    ]
+
+    def line(cell: str, values: Sequence[Any]) -> Markup:
+        cells = [
+            Markup("<{0}{1}>{2}</{0}>").format(
+                Markup(cell), Markup(f' class="{kind}"' if kind else ""), value
+            )
+            for kind, value in zip(kinds, map(_cell, values), strict=True)
+        ]
+        return Markup("<tr>{}</tr>").format(Markup("").join(cells))
+
+    body = Markup("").join([line("td", row) for row in shown])
+    made = Markup('<div class="wide"><table><thead>{}</thead><tbody>{}</tbody></table></div>')
+    more = _paragraph(f"and {left:,} more") if left > 0 else Markup()
+    return made.format(line("th", head), body) + more
+
+
+def _is_number(value: Any) -> bool:
+    """Return whether a cell is a number, or a text that begins as one."""
+    text = _cell(value).lstrip("> +-−")
+    return text == "" or text[0].isdigit() or text == "none"
+
+
+def _cell(value: Any) -> str:
+    """Return the text of a cell; a dash where there is no number."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return str(value)
+    if isinstance(value, int | np.integer):
+        return f"{value:,}"
+    number = float(value)
+    return "-" if np.isnan(number) else f"{number:,.4g}" if abs(number) < 1e4 else f"{number:,.0f}"
+
+
+def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
+    """Return lines with their bands over steps, and the names of the lines below if several.
+
+    Examples
+    --------
+    >>> flat = np.zeros(2)
+    >>> picture = curves([Line("<a>", np.array([0, 9]), flat, flat, flat)], "steps", "return")
+    >>> picture.count("<polyline"), "<a>" in picture
+    (1, False)
+    """
+    lines = [line for line in map(_thinned, lines) if len(line.steps)]
+    if not lines:
+        return Markup()
+    low, high = _range(lines)
+    last = max(float(line.steps[-1]) for line in lines) or 1.0
+
+    def x(steps: Any) -> Any:
+        return LEFT + np.asarray(steps) / last * (WIDTH - LEFT - RIGHT)
+
+    def y(values: Any) -> Any:
+        inside = np.clip(values, low, high)
+        return TOP + (high - inside) / (high - low) * (HEIGHT - TOP - BOTTOM)
+
+    drawn = [_drawn(line, x, y) for line in lines]
+    texts = [
+        *[(LEFT - 5, float(y(v)) + 4, "end", _cell(v)) for v in (low, high)],
+        (LEFT, HEIGHT - BOTTOM + 14, "middle", "0"),
+        (WIDTH - RIGHT, HEIGHT - BOTTOM + 14, "end", _cell(last)),
+        ((LEFT + WIDTH) / 2, HEIGHT - 4, "middle", across),
+    ]
+    written = [
+        Markup('<text x="{:.0f}" y="{:.0f}" text-anchor="{}">{}</text>').format(*text)
+        for text in texts
+    ]
+    axes = Markup('<path d="M{0} {1}V{2}H{3}" fill="none" stroke="currentColor" opacity=".5"/>')
+    up_text = Markup(
+        '<text transform="translate(11 {:.0f}) rotate(-90)" text-anchor="middle">{}</text>'
+    )
+    parts = [
+        axes.format(LEFT, TOP, HEIGHT - BOTTOM, WIDTH - RIGHT),
+        *drawn,
+        *written,
+        up_text.format((HEIGHT - BOTTOM + TOP) / 2, up),
+    ]
+    picture = Markup(
+        '<svg viewBox="0 0 {} {}" role="img" aria-label="{}" font-size="11" fill="currentColor">'
+        "{}</svg>"
+    ).format(WIDTH, HEIGHT, f"{up} over {across}", Markup("").join(parts))
+    return picture + (_key(lines) if len(lines) > 1 else Markup())
+
+
+def _range(lines: Sequence[Line]) -> tuple[float, float]:
+    """Return the lowest and the highest return that is drawn.
+
+    Bands of few seeds may be many times as high as all lines, so they are cut off where they would
+    take more than a third of the picture.
+    """
+    least = min(float(np.min(line.values)) for line in lines)
+    most = max(float(np.max(line.values)) for line in lines)
+    room = (most - least) / 4 or max(abs(most), 1.0) / 2
+    low = max(least - room, min(float(np.min(line.low)) for line in lines))
+    high = min(most + room, max(float(np.max(line.high)) for line in lines))
+    return (low, high) if high > low else (low - room, high + room)
+
+
+def _thinned(line: Line) -> Line:
+    """Return a line without points that are not finite, and with few enough of the others."""
+    known = np.flatnonzero(np.isfinite(line.values))
+    if len(known) > MOST_POINTS:
+        known = known[np.linspace(0, len(known) - 1, MOST_POINTS).round().astype(int)]
+    values = line.values[known]
+    low, high = (
+        np.where(np.isfinite(edge[known]), edge[known], values) for edge in (line.low, line.high)
+    )
+    steps = np.asarray(line.steps)[known]
+    return Line(line.name, steps, values, low, high, line.colour, line.dashed)
+
+
+def _drawn(line: Line, x: Any, y: Any) -> Markup:
+    across = x(line.steps)
+
+    def points(values: Any, along: Any) -> str:
+        pairs = zip(along.tolist(), y(values).tolist(), strict=True)
+        return " ".join(f"{a:.0f},{b:.1f}" for a, b in pairs)
+
+    band = Markup()
+    if np.any(line.high > line.low):
+        edge = f"{points(line.high, across)} {points(line.low[::-1], across[::-1])}"
+        band = Markup('<polygon points="{}" fill="{}" opacity=".16"/>').format(edge, line.colour)
+    dashes = Markup(' stroke-dasharray="4 3"' if line.dashed else "")
+    return band + Markup(
+        '<polyline points="{}" fill="none" stroke="{}" stroke-width="1.5"{}/>'
+    ).format(points(line.values, across), line.colour, dashes)
+
+
+def _key(lines: Sequence[Line]) -> Markup:
+    one = Markup(
+        '<span><svg viewBox="0 0 22 8" style="display:inline-block;width:22px;height:8px">'
+        '<path d="M0 4H22" stroke="{}" stroke-width="2"{}/></svg> {}</span> '
+    )
+    dashes = Markup(' stroke-dasharray="4 3"')
+    each = [
+        one.format(line.colour, dashes if line.dashed else Markup(), line.name) for line in lines
+    ]
+    return Markup('<div class="key">{}</div>').format(Markup("").join(each))
+
+
+def brief_repr(result: Any) -> str:
+    """Return a dataclass in a few words: arrays by their shape, long values by their type.
+
+    To be a class's ``__repr__``.
+
+    Examples
+    --------
+    >>> @dataclass(frozen=True)
+    ... class Found:
+    ...     name: str
+    ...     values: FloatArray
+    ...     __repr__ = brief_repr
+    >>> Found("maze", np.zeros((30, 4)))
+    Found(name='maze', values=float64 (30, 4))
+    """
+    shown = [one for one in fields(result) if one.repr]
+    parts = [f"{one.name}={brief_value(getattr(result, one.name))}" for one in shown]
+    return shortened(f"{type(result).__name__}({', '.join(parts)})")
+
+
+def brief_value(value: Any) -> str:
+    """Return a value in at most `LONGEST_VALUE` characters, about.
+
+    Examples
+    --------
+    >>> brief_value(np.arange(3)), brief_value(["a"] * 99), brief_value({"chase": "x" * 99})
+    ('array([0, 1, 2])', 'list of 99', '{chase}')
+    """
+    if isinstance(value, np.ndarray):
+        small = value.size <= MOST_ELEMENTS
+        return " ".join(repr(value).split()) if small else f"{value.dtype} {value.shape}"
+    text = " ".join(repr(value).split())
+    if len(text) <= LONGEST_VALUE:
+        return text
+    own: Any = type(value).__str__
+    if own not in (object.__str__, str.__str__) and "\n" not in str(value):
+        text = str(value)
+        return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
+    if isinstance(value, Mapping):
+        names = ", ".join(map(str, value))
+        return f"{{{names}}}" if len(names) <= LONGEST_VALUE else f"dict of {len(value)}"
+    if isinstance(value, tuple | list | set | frozenset):
+        return f"{type(value).__name__} of {len(value)}"
+    return (
+        f"'{text[1:LONGEST_VALUE]}...'"
+        if isinstance(value, str)
+        else f"{type(value).__name__}(...)"
+    )
+
+
+def shortened(text: str) -> str:
+    """Return a text of at most `LONGEST` characters."""
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."

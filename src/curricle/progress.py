@@ -1,0 +1,226 @@
+"""How far a function is that takes long: bars on a terminal or in a notebook, or a function told.
+
+Each such function takes ``progress``: True shows bars, a function is called with each part that is
+done, False and None do neither. Where stderr is neither terminal nor notebook, a line is printed
+for each bar that is full.
+"""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import import_module
+from time import monotonic
+from typing import Any, Union
+
+from rich.console import Console, RenderableType
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress as RichProgress,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+from curricle.checks import brief
+from curricle.errors import SettingError
+
+BETWEEN = 0.2
+"""Seconds between two pictures of the bars in a notebook, at least."""
+
+Progress = Union[bool, Callable[[Any], Any], "Bars", None]
+"""What ``progress`` may be. The last is for a function that is called by another which shows it."""
+
+
+class Count(MofNCompleteColumn):
+    """How much of the work is done; nothing where nobody knows how much it is."""
+
+    def render(self, task: Task) -> Text:
+        """Return it."""
+        return Text() if task.total is None else super().render(task)
+
+
+class Screen(RichProgress):
+    """Rich's bars, and a line below them if there is one to say.
+
+    On a terminal they move by themselves. A notebook shows them in one place, which is written anew
+    and empty in the end; that needs no widgets, and leaves no times in the notebook's file.
+    """
+
+    def __init__(self, console: Console | None = None, line: Callable[[], str] | None = None):
+        self.line = line
+        console = Console(stderr=True) if console is None else console
+        super().__init__(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            Count(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self.in_notebook = console.is_jupyter
+        self._place: Any = None
+        self._shown = -BETWEEN
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        """Yield the bars and the line."""
+        yield from super().get_renderables()
+        if self.line is not None:
+            yield Text(self.line())
+
+    def start(self) -> None:
+        """Begin to show the bars; a notebook does with the first of them."""
+        if not self.in_notebook:
+            super().start()
+
+    def stop(self) -> None:
+        """Take the bars away."""
+        if self._place is not None:
+            self._place.update({"text/plain": "", "text/html": ""}, raw=True)
+        elif not self.in_notebook:
+            super().stop()
+
+    def changed(self, task: TaskID) -> None:
+        """Show that a bar has grown."""
+        row = self.tasks[task]  # none is ever taken away
+        if self.in_notebook:
+            self._show_in_notebook()
+        elif not self.console.is_terminal and row.finished:
+            print(f"{row.description}: {row.completed:,.0f} done", file=sys.stderr, flush=True)
+
+    def _show_in_notebook(self) -> None:
+        now = monotonic()
+        if self._place is None:
+            display: Any = import_module("IPython.display")
+            self._place = display.display(self, display_id=True)
+        elif now - self._shown >= BETWEEN:
+            self._place.update(self)
+        else:
+            return
+        self._shown = now
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Where a function shows how far it is: one bar for each part of its work.
+
+    Attributes
+    ----------
+    screen : Screen or None
+        What shows the bars; None where nothing does.
+    told : callable or None
+        The user's own function.
+    prefix : str
+        What the names of bars begin with.
+
+    Examples
+    --------
+    >>> parts = []
+    >>> with shown(parts.append) as bars:
+    ...     grow = bars.bar("maze", 2)
+    ...     grow()
+    ...     bars.tell("maze")
+    >>> parts
+    ['maze']
+    """
+
+    screen: Screen | None = None
+    told: Callable[[Any], Any] | None = None
+    prefix: str = ""
+    rows: dict[str, TaskID] = field(default_factory=dict)
+
+    def bar(self, name: str, total: int | None = None) -> Callable[[], None]:
+        """Return the function that makes the bar of some work one longer, of `total`.
+
+        Work of a name that has a bar already is added to it. Without a total it only moves.
+        """
+        screen, label = self.screen, f"{self.prefix}{name}"
+        if screen is None:
+            return nothing
+        if label not in self.rows:
+            self.rows[label] = screen.add_task(label, total=total)
+        elif total is not None:
+            row = screen.tasks[self.rows[label]]
+            screen.update(row.id, total=(row.total or 0) + total)
+        task = self.rows[label]
+        screen.changed(task)
+
+        def grow() -> None:
+            screen.advance(task)
+            screen.changed(task)
+
+        return grow
+
+    def at(self, name: str, done: int, total: int) -> None:
+        """Set the bar of some work whose size changes."""
+        grow = self.bar(name)
+        if self.screen is not None:
+            task = self.rows[f"{self.prefix}{name}"]
+            self.screen.update(task, completed=done - 1, total=total)
+        grow()
+
+    def tell(self, part: Any) -> None:
+        """Call the user's function, if there is one, with a part that is done."""
+        if self.told is not None:
+            self.told(part)
+
+    def within(self, name: str = "") -> "Bars":
+        """Return what a function that is called in between shows its own bars on.
+
+        Their names begin with `name`, and the user's function is not called with their parts.
+        """
+        prefix = f"{self.prefix}{name}: " if name else self.prefix
+        return Bars(self.screen, None, prefix, self.rows)
+
+
+def nothing() -> None:
+    """Show nothing."""
+
+
+SILENT = Bars()
+"""Where nothing is shown."""
+
+
+@contextmanager
+def shown(progress: Progress, line: Callable[[], str] | None = None) -> Iterator[Bars]:
+    """Yield the bars that ``progress`` asks for, which end with the block.
+
+    Parameters
+    ----------
+    progress : bool, callable, Bars or None
+    line : callable, optional
+        Returns what is to be read below the bars.
+
+    Raises
+    ------
+    SettingError
+        When it is none of these.
+
+    Examples
+    --------
+    >>> with shown(3):
+    ...     pass
+    Traceback (most recent call last):
+    curricle.errors.SettingError: progress must be True, False, None or a function: got 3
+    """
+    check_progress(progress)
+    if isinstance(progress, Bars):
+        yield progress
+    elif progress is True:
+        with Screen(line=line) as screen:
+            yield Bars(screen)
+    else:
+        yield Bars(told=progress or None)
+
+
+def check_progress(progress: Any) -> None:
+    """Raise SettingError unless ``progress`` is one of what it may be."""
+    if not (progress is None or isinstance(progress, bool | Bars) or callable(progress)):
+        raise SettingError(
+            f"progress must be True, False, None or a function: got {brief(progress)}"
+        )

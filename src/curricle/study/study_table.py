@@ -1,0 +1,54 @@
+"""A study and its results: in a few words, and as HTML for a notebook."""
+
+from typing import Any
+
+from curricle.comparison.comparison_table import as_html
+from curricle.display import block, shortened, table
+from curricle.errors import CurricleError
+
+
+class ShownStudy:
+    """How the results of a study show themselves."""
+
+    def __repr__(self: Any) -> str:
+        return shortened(f"StudyResults({self.record.name!r}, {_so_far(self)})")
+
+    def _repr_html_(self: Any) -> str:
+        """Return the comparison of the arms, or why there is none yet, and what failed."""
+        failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
+        title = f"Study {self.record.name!r}: {_so_far(self)}"
+        try:
+            compared = as_html(self.comparison)
+        except CurricleError as error:
+            return block(title, str(error), *failed)
+        return block(title, *failed) + compared
+
+
+def _so_far(results: Any) -> str:
+    whole, arms = len(results.record.seeds), len(results.record.arms)
+    return f"{arms} arms, {len(results.seeds)} of {whole} seeds complete"
+
+
+def config_in_brief(study: Any) -> str:
+    """Return a study in a few words: its seeds and arms."""
+    arms = ", ".join(study.arms)
+    return shortened(f"StudyConfig({study.name!r}, {len(study.seeds)} seeds; arms: {arms})")
+
+
+def config_html(study: Any) -> str:
+    """Return a study as a table of the tasks of each arm, and one of the transfers."""
+    tasks = [
+        (arm, name, one.type, "" if one.budget is None else str(one.budget))
+        for arm, tables in study.arms.items()
+        for name, one in tables.tasks.items()
+    ]
+    transfers = [
+        (arm, one.source, one.target, str(one.mapping))
+        for arm, tables in study.arms.items()
+        for one in tables.transfers
+    ]
+    return block(
+        f"Study {study.name!r}, {len(study.seeds)} seeds",
+        table(["arm", "task", "type", "budget"], tasks, wide=["budget"]),
+        transfers and table(["arm", "source", "target", "mapping"], transfers, wide=["mapping"]),
+    )

@@ -1,0 +1,76 @@
+"""How much of a target a mapping covers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from markupsafe import Markup
+
+from curricle.display import block, table
+
+LARGEST_COVERAGE = 5_000_000
+"""Target pairs up to which a mapping's coverage is counted."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Coverage of a mapping between tasks with numbered states.
+
+    Attributes
+    ----------
+    target_pairs : int
+        Pairs (s, a) of the target, s not terminal.
+    mapped, ended, unmapped : float
+        Shares of them that read a source pair, that fall on a terminal state of the source (value
+        0), and that have no counterpart. They sum to 1.
+    source_pairs : int
+        Pairs of the source, s not terminal.
+    never_used : int
+        Source pairs that no target pair reads.
+    most_readers : int
+        The largest number of target pairs that read one source pair.
+    mean_readers : float
+        The mean of that number over the source pairs that are read.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.transfer import identity
+    >>> identity(GridWorld("S.T")).coverage().mapped
+    1.0
+    """
+
+    target_pairs: int
+    mapped: float
+    ended: float
+    unmapped: float
+    source_pairs: int
+    never_used: int
+    most_readers: int
+    mean_readers: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.mapped:.1%} of {self.target_pairs:,} target pairs mapped, {self.ended:.1%} at "
+            f"the source's end, {self.unmapped:.1%} unmapped; {self.never_used:,} of "
+            f"{self.source_pairs:,} source pairs never used, the others read by "
+            f"{self.mean_readers:.1f} target pairs on average, {self.most_readers:,} at most"
+        )
+
+    def _repr_html_(self) -> str:
+        readers = ["source pairs", "never used", "read on average by", "at most by"]
+        used = (self.source_pairs, self.never_used, self.mean_readers, self.most_readers)
+        return block("Coverage", coverage_table({"": self}), table(readers, [used]))
+
+
+def coverage_table(covers: Mapping[str, Any]) -> Markup:
+    """Return the coverage of mappings as a table, name -> Coverage or ObservationCoverage."""
+    rows = []
+    for name, cover in covers.items():
+        pairs = cover.target_pairs if isinstance(cover, Coverage) else cover.observations
+        parts = (cover.mapped, cover.ended, cover.unmapped)
+        rows.append((name, pairs, *(f"{part:.1%}" for part in parts)))
+    pairs = "pairs" if all(isinstance(one, Coverage) for one in covers.values()) else "observations"
+    head = ["mapping", pairs, "mapped", "at the source's end", "unmapped"]
+    named = int(not any(covers))  # the first column is left out where the names are empty
+    return table(head[named:], [row[named:] for row in rows])

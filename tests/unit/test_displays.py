@@ -1,0 +1,167 @@
+"""Public results have a short repr, and an HTML display: small, well-formed, escaped."""
+
+import inspect
+import io
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import curricle as cr
+from curricle.display import Line, block, curves, table
+
+EVIL = "<b>&\"'"
+LONGEST, LARGEST = 1_000, 60_000
+"""Characters of a repr and of a display."""
+HUNT, CHASE = cr.Pursuit(size=3, predators=2, time_limit=50), cr.Pursuit(3, 1, time_limit=50)
+
+
+def plan(calibrate=False):
+    return cr.Curriculum(
+        tasks={EVIL: CHASE, "hunt": HUNT},
+        transfers=[
+            cr.Transfer(EVIL, "hunt", cr.project(HUNT, CHASE, predator=name), calibrate=calibrate)
+            for name in HUNT.predator_names
+        ],
+        aggregate=cr.minimum,
+        budget=3_000,
+    )
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Results of all kinds, by name."""
+    maze = cr.GridWorld(["S..", ".PT"])
+    found = {"curriculum": plan()}
+    found["training"] = trained = plan(calibrate=True).train(seeds=2, snapshots=2)
+    found["learning"] = learnt = trained["hunt"]
+    found["without evaluation"] = cr.learn(
+        maze, budget=500, evaluation=cr.GreedyEvaluation(method="off")
+    )
+    found["decisions"] = trained.decisions(EVIL)
+    found["no decisions"] = trained.decisions("hunt")
+    found["snapshots"], found["source"] = learnt.snapshots, trained.sources[EVIL]
+    found["calibration"] = trained.calibrations["hunt"][0]
+    found["potential"] = trained.potentials["hunt"][0]
+    found["transfer"] = plan().transfers[0]
+    found["mapping"] = plan().transfers[0].mapping
+    found["index mapping"] = cr.same_position(maze, maze.crop(rows=(0, 2), columns=(1, 3)))
+    found["coverage"] = found["mapping"].coverage()
+    found["comparison"] = compared = cr.compare(
+        {EVIL: plan()}, seeds=7, controls=["constant", "placebo"]
+    )
+    found["arm"], found["curve"] = compared[EVIL], compared[EVIL].curve
+    found["contrast"], found["verdict"] = compared.contrasts[EVIL], compared.verdicts[EVIL]
+    found["reason"], found["times"] = compared.reasons[EVIL], compared.times(EVIL)
+    found["forecast"] = forecast = cr.forecast(plan(), seeds=2, trial=True)
+    found["row"], found["trial"] = forecast.rows[0], forecast.trial
+    found["source learning"] = forecast.sources[EVIL]
+    found["attribution"] = cr.comparison.attribute(plan(), steps=200, seeds=3)
+    found["solution"] = cr.solve(HUNT)
+    found["values"] = cr.evaluate(maze, np.zeros(maze.states.size, int))
+    found["episode"] = cr.planning.rollout(maze, np.zeros(maze.states.size, int))
+    found["certificate"] = cr.certify(maze, cr.StateShaping(np.zeros(maze.states.size)))
+    unsafe = cr.certificate.ShapingReward(lambda s, a, after: 500.0 * (after == s))
+    found["refutation"] = cr.certify(maze, unsafe)
+    found["sample"] = cr.certify(maze, unsafe, method="sampled")
+    found["teaching"] = cr.teaching.teach({EVIL: maze}, target=EVIL, budget=500, seeds=2)
+    found["mappings"] = cr.transfer.find_mappings(HUNT, CHASE)
+    found["found mapping"] = found["mappings"][0]
+    found["candidates"] = cr.design.source_candidates(maze)
+    arm = {
+        "tasks": {
+            "near": {"type": "maze", "map": ".ST", "budget": 500},
+            "far": {"type": "maze", "map": "S.T", "budget": 500},
+        },
+        "transfers": [{"source": "near", "target": "far", "mapping": "same_position"}],
+    }
+    data = {"name": "line", "seeds": [0, 1], "arms": {EVIL: arm}}
+    found["study"] = cr.study.StudyConfig.from_data(data, Path())
+    folder = tmp_path_factory.mktemp("study") / "out"
+    found["study results"] = cr.run_study(found["study"], folder, progress=False)
+    found["stored result"] = found["study results"].result(EVIL, "far")
+    found["policy"] = cr.learn(cr.GridWorld("S" + 2_000 * "." + "T"), budget=500).policy
+    found["store"] = found["study results"].store
+    return found
+
+
+NAMED = (
+    *["curriculum", "training", "transfer", "comparison", "forecast"],
+    *["attribution", "teaching", "study", "study results", "trial", "source learning"],
+)
+"""Results that show the user's names."""
+SHOWN_ALONE = {"snapshots", "source", "potential", "reason", "store", "policy"}
+"""Results that have no display: they are read through others."""
+
+
+def test_a_repr_is_short_and_says_what_it_is(results):
+    long = {name: len(repr(one)) for name, one in results.items() if len(repr(one)) >= LONGEST}
+    assert long == {}
+    for one in results.values():
+        assert repr(one).startswith(type(one).__name__)
+        assert "0x" not in repr(one)
+        assert "\n" not in repr(one)
+
+
+def test_every_class_of_a_package_of_results_has_a_repr_of_its_own():
+    packages = (cr.comparison, cr.curriculum, cr.certificate, cr.learning, cr.planning)
+    kinds = {getattr(one, name) for one in packages for name in one.__all__}
+    bare = [k.__name__ for k in kinds if inspect.isclass(k) and k.__repr__ is object.__repr__]
+    assert set(bare) <= {"Shaping", "ShapingReward", "Learner"}
+
+
+def test_displays_are_well_formed_small_and_self_contained(results):
+    for name, one in results.items():
+        if name in SHOWN_ALONE:
+            continue
+        html = one._repr_html_()
+        ElementTree.fromstring(f"<div>{html}</div>")
+        assert len(html) <= LARGEST, name
+        assert "http" not in html, name
+        assert "<script" not in html, name
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_names_are_escaped(results, name):
+    html = results[name]._repr_html_()
+    assert "<b>" not in html
+    assert "&lt;b&gt;&amp;" in html
+
+
+def test_a_result_says_what_it_found(results):
+    assert "settled return reached" in results["training"]._repr_html_()
+    assert results["forecast"].answer in results["forecast"]._repr_html_()
+    assert "Certificate of StateShaping: Safe" in results["certificate"]._repr_html_()
+    assert "Not the same" in results["refutation"]._repr_html_()
+    for words in ("steps to threshold", "constant mean", "<svg"):
+        assert words in results["comparison"]._repr_html_()
+    assert results["coverage"]._repr_html_().count("<td") == 8
+    stored = results["stored result"]
+    assert "NoneType" not in repr(stored) + stored._repr_html_()
+    assert "training return" in results["without evaluation"]._repr_html_()
+
+
+def test_a_table_shows_a_dash_for_no_number_and_leaves_out_what_is_too_much():
+    shown = table(["steps"], [[float("nan")], *[[number] for number in range(99)]])
+    assert ">-<" in shown
+    assert "and 70 more" in shown
+    assert "<td" not in table(["steps"], [])
+
+
+@pytest.mark.parametrize("values", [[], [np.nan], [5.0], [5.0, 5.0], [np.nan, -3.0, 9e9]])
+def test_any_curve_can_be_drawn(values):
+    array = np.array(values, float)
+    drawn = curves([Line("", np.arange(len(array)), array, array, array)], "steps", "return")
+    assert "nan" not in drawn
+    assert ("<polyline" in drawn) == bool(np.isfinite(array).any())
+    ElementTree.fromstring(block("", drawn).partition("</style>")[2])
+
+
+def test_a_figure_is_one_picture_in_a_notebook(results):
+    figure = cr.plot(results["comparison"])
+    png, size = figure._repr_png_()
+    picture = Image.open(io.BytesIO(png))
+    assert picture.size == (2 * size["width"], 2 * size["height"])
+    assert not hasattr(figure, "_repr_html_") or figure._repr_html_() is None
