@@ -139,8 +139,8 @@ MUTATIONS = [
     Mutation(
         "a stream shared between seeds",
         "learning/training.py",
-        "[stream_start(one.seed, stream) for one in each]",
-        "[stream_start(each[0].seed, stream) for _ in each]",
+        "stream_start(each[k].seed, stream)",
+        "stream_start(each[0].seed, stream)",
         (
             "tests/unit/test_published_mistakes.py::test_equal_seeds_agree_and_different_seeds_differ",
         ),

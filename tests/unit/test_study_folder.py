@@ -316,6 +316,7 @@ def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
     for unit in stored:
         wanted = StudyStore(whole).result(complete[unit.key][unit.seeds[0]], unit.seeds).arrays
         for name, array in StudyStore(out).result(unit, unit.seeds).arrays.items():
-            np.testing.assert_array_equal(array, wanted[name], name)
+            there = wanted[name][..., : array.shape[-1]]  # longer where others of its file are
+            np.testing.assert_array_equal(array, there, name)
     run_study(read_study(file), out, resume=True, workers=2)
     assert contents(out) == contents(whole)

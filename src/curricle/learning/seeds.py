@@ -1,7 +1,7 @@
 """The seeds of a training: their numbers, what each is trained with, threads over them."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import repeat
 from typing import Any, NamedTuple, TypeVar
@@ -147,13 +147,14 @@ def over_seeds(
 
     A single thread is the caller's, so that an interrupt from the keyboard reaches an environment.
     """
+    found = list[Result]()
     if threads == 1:
-        return list(_one_by_one(map(work, range(seeds)), ended))
+        for k in range(seeds):  # no iterator does the work: an environment may raise StopIteration
+            found.append(work(k))
+            ended(k)
+        return found
     with ThreadPoolExecutor(threads) as pool:
-        return list(_one_by_one(pool.map(work, range(seeds)), ended))
-
-
-def _one_by_one(results: Iterable[Result], ended: Callable[[int], Any]) -> Iterator[Result]:
-    for k, result in enumerate(results):
-        ended(k)
-        yield result
+        for k, result in enumerate(pool.map(work, range(seeds))):
+            found.append(result)
+            ended(k)
+    return found
