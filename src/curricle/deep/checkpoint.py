@@ -13,7 +13,7 @@ import cloudpickle
 import numpy as np
 import torch
 
-from curricle.errors import StoreError
+from curricle.errors import LostStoreError, StoreError, reason
 from curricle.files import opened_regular, write_whole
 from curricle.remote_path import Place, RemotePath
 
@@ -46,9 +46,15 @@ def save(path: Place, run: str, model: Any, progress: Any) -> None:
         content = cloudpickle.dumps(saved)
     except Exception:  # whatever an environment's own code raises
         content = cloudpickle.dumps(saved._replace(model=_held(model, env=None, _last_obs=None)))
-    if isinstance(path, Path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, content)
+    try:
+        if isinstance(path, Path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content)
+    except OSError as error:
+        raise LostStoreError(
+            f"a checkpoint cannot be written to {path} ({reason(error)}): a run with --resume goes "
+            "on from the last one"
+        ) from error
 
 
 def _held(model: Any, **changed: Any) -> tuple[type, dict[str, Any]]:
@@ -70,6 +76,8 @@ def load(path: Place, run: str) -> Saved | None:
             content = file.read()
     except FileNotFoundError:
         return None
+    except OSError as error:
+        raise LostStoreError(f"a checkpoint cannot be read: {path} ({reason(error)})") from error
     saved: Any = None
     with suppress(Exception):
         saved = cloudpickle.loads(content)

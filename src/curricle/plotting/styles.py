@@ -12,9 +12,11 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 from curricle.comparison.comparison import Comparison
-from curricle.display import COLOURS as COLOURS, OWN_COLOURS as OWN_COLOURS
+from curricle.display import COLOURS as PALETTE, OWN_COLOURS as OWN_COLOURS
 from curricle.statistics.curves import SCRATCH
 
+COLOURS = PALETTE
+"""The palette of Okabe and Ito, which colour-blind readers can tell apart: name -> colour."""
 STYLE: Any = {
     "font.size": 9,
     "axes.titlesize": 9.5,

@@ -212,7 +212,7 @@ class Training:
 def _tuned(study: StudyConfig, arms: Arms, training: Training, *, resume: bool) -> StudyConfig:
     """Return a study with the settings that are found for each arm, and note how."""
     path = training.store.path / TRIALS
-    with StudyStore.opened(path, {"tuning": study.name}, resume=resume) as store:
+    with StudyStore.opened(path, {"tuning": True}, resume=resume) as store:
         for file in store.damaged_units():
             file.unlink()
         trials = replace(training, store=store)

@@ -6,7 +6,7 @@ from pydantic import Field, JsonValue, model_validator
 
 from curricle.archives.sealed_json import sealed
 from curricle.remote_path import Place
-from curricle.study.folders import STUDY
+from curricle.study.folders import STUDY, read_errors
 from curricle.study.plain_data import Count, Plain
 from curricle.study.record import plain, read_record
 from curricle.study.store import StudyStore
@@ -91,7 +91,9 @@ def read_tuning(store: StudyStore) -> TuningRecord | None:
 
 def tuning_at(path: Place) -> TuningRecord | None:
     """Return the tuning in a folder that may not be there."""
-    return read_tuning(StudyStore(path)) if (path / STUDY).exists() else None
+    with read_errors(path):
+        there = (path / STUDY).exists()
+    return read_tuning(StudyStore(path)) if there else None
 
 
 def write_tuning(store: StudyStore, record: TuningRecord) -> None:

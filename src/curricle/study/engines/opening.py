@@ -74,6 +74,9 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
         check_versions(on, engine.each(versions_here))
         yield engine
         whole = True
+    except Exception:  # of the study, say: Dask has nothing to tell of that
+        whole = True
+        raise
     finally:
         engine.close(whole)
 
