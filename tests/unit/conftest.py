@@ -2,9 +2,11 @@
 
 import os
 import shutil
+import sys
 
 import pytest
 
+from curricle.cli.app import main
 from curricle.study import read_study, run_study
 from tests.comparisons import calls  # noqa: F401  a fixture
 from tests.sent_folders import sent, sent_folder  # noqa: F401  fixtures
@@ -60,6 +62,22 @@ calibrate = { episodes = 5, cautious = false }
 """
 OF_RUNS = {"runs.json", ".lock"}
 """Files that tell of a run and not of its results."""
+
+
+@pytest.fixture
+def curricle(monkeypatch, capfd, tmp_path):
+    """A function: arguments -> the exit code, what was printed and what was complained of."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["curricle", *map(str, arguments)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        told = capfd.readouterr()
+        return ended.value.code or 0, told.out, told.err
+
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -12,26 +12,9 @@ from urllib.request import urlopen
 import pytest
 
 from curricle.cli import live_page
-from curricle.cli.app import main
 from curricle.study import StudyResults
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-
-
-@pytest.fixture
-def curricle(monkeypatch, capfd, tmp_path):
-    """A function: arguments -> the exit code, what was printed and what was complained of."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["curricle", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        told = capfd.readouterr()
-        return ended.value.code or 0, told.out, told.err
-
-    return run
 
 
 @pytest.fixture

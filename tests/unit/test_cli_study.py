@@ -10,28 +10,11 @@ from itertools import islice
 import pytest
 
 import curricle as cr
-from curricle.cli.app import main
 from curricle.cli.commands import KINDS as COMPLETED
 from curricle.study import StudyResults, StudyStore, read_study
 from curricle.study.config.templates import KINDS
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-
-
-@pytest.fixture
-def curricle(monkeypatch, capfd, tmp_path):
-    """A function: arguments -> the exit code, what was printed and what was complained of."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["curricle", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        told = capfd.readouterr()
-        return ended.value.code or 0, told.out, told.err
-
-    return run
 
 
 @pytest.fixture

@@ -69,13 +69,12 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
         raise SettingError(
             f"{on} cannot be reached or started: {type(error).__name__}: {reason}"
         ) from None
-    whole = False
+    whole = True
     try:
         check_versions(on, engine.each(versions_here))
         yield engine
-        whole = True
-    except Exception:  # of the study, say: Dask has nothing to tell of that
-        whole = True
+    except BaseException as error:
+        whole = isinstance(error, Exception)  # and no interrupt
         raise
     finally:
         engine.close(whole)
