@@ -311,7 +311,7 @@ def test_an_unasked_trial_that_fails_leaves_the_rest(monkeypatch):
     def fails(*_, **__):
         raise SettingError("a rule: a value")
 
-    monkeypatch.setattr("curricle.comparison.trial.compare", fails)
+    monkeypatch.setattr("curricle.comparison.trial.ComparisonPlan.of", fails)
     found = cr.forecast(corner(target=300), seeds=1)
     assert found.basis == "no trial: it failed: a rule: a value"
     with pytest.raises(SettingError, match="a rule: a value"):

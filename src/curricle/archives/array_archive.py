@@ -24,6 +24,8 @@ SEAL = 2 * DIGEST
 """Bytes of a checksum, and of both."""
 ENCRYPTED = 1
 """The flag of such a member."""
+QUICK = 1
+"""Level of compression: a third of the time of the default for a tenth more bytes."""
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError)
 
 
@@ -52,7 +54,10 @@ def archive_content(
         for name, array in arrays.items():
             member = zipfile.ZipInfo(f"{name}.npy")
             if name in compressed:
-                member.compress_type = zipfile.ZIP_DEFLATED
+                content = io.BytesIO()
+                np.lib.format.write_array(content, np.asarray(array), allow_pickle=False)
+                archive.writestr(member, content.getbuffer(), zipfile.ZIP_DEFLATED, QUICK)
+                continue
             with archive.open(member, "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, np.asarray(array), allow_pickle=False)
         for name, content in others.items():

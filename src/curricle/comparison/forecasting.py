@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from curricle.comparison.candidates import Candidate, candidates_of
+from curricle.comparison.comparing import threshold_of_optimum
 from curricle.comparison.distilled_sources import distilled_sources
 from curricle.comparison.forecasts import Forecast, ForecastRow
 from curricle.comparison.judged_potentials import JudgedPotentials, Judgement
@@ -174,7 +175,10 @@ def forecast_once(
         judge = partial(_judgement if reads_values else _judgement_of_networks, workers=workers)
         rows = _rows(made, len(shown_rows), any_target, judged, judge, bars)
         if not perfect:
-            found, no_trial = _trial(each, trial, threshold, workers, bars.within())
+            level = threshold_of_optimum(any_target) if threshold is None else threshold
+            found, no_trial = _trial(
+                each, trial, level, alone=judged.alone, workers=workers, progress=bars.within()
+            )
             if found is not None:
                 bars.tell("trial")
             learnt = _judged_sources(curriculum, sources, workers, bars.within())
@@ -287,14 +291,12 @@ def _trial(
     candidates: Sequence[Candidate],
     trial: bool | Curriculum | None,
     threshold: float | None,
-    workers: int | None,
-    bars: Bars,
+    **how: Any,
 ) -> tuple[Trial | None, str]:
     """Return the trial of the candidates, or of the used one, or None and why there is none."""
     if trial is False:
         return None, "none was asked for"
     (used,) = (one for one in candidates if one.used)
-    how: Any = {"workers": workers, "progress": bars}
     if isinstance(trial, Curriculum):
         return rehearse(trial, used, **how), ""
     if trial is True:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from curricle.comparison.learnt_alone import LearntAlone
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import Target
@@ -28,7 +29,7 @@ class Judgement(NamedTuple):
 
 @dataclass(frozen=True)
 class JudgedPotentials:
-    """Targets and judgements of their potentials, computed once.
+    """Targets, judgements of their potentials and what trials learn alone, computed once.
 
     Examples
     --------
@@ -38,6 +39,7 @@ class JudgedPotentials:
     True
     """
 
+    alone: LearntAlone = field(default_factory=LearntAlone)
     _targets: list[tuple[Any, Any, Target | ObservationTarget]] = field(default_factory=list)
     _found: dict[Any, Judgement] = field(default_factory=dict)
 

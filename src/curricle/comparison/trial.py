@@ -13,21 +13,25 @@ from dataclasses import dataclass, field, replace
 
 from curricle.comparison.candidates import Candidate, part_of
 from curricle.comparison.comparable import most_source_steps
-from curricle.comparison.comparing import compare
+from curricle.comparison.comparing import check_any_left, default_threshold
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison_plan import ComparisonPlan
 from curricle.comparison.comparison_table import as_html
+from curricle.comparison.learnt_alone import LearntAlone
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError, in_words
-from curricle.learning.budget import Episodes, limits, spacing
+from curricle.learning.budget import Episodes, limits
+from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import StoppingRule
 from curricle.planning.policy_evaluation import ExactEvaluation, RolloutEvaluation
-from curricle.progress import Progress
+from curricle.progress import Progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
+from curricle.transfer.observation_rollouts import target_of
 
 STREAM = "/trial"
 """What the names of a trial's random streams end with."""
@@ -161,6 +165,7 @@ def run_trial(
     *,
     seeds: int = SEEDS,
     threshold: float | None = None,
+    alone: LearntAlone | None = None,
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
@@ -173,6 +178,8 @@ def run_trial(
         Of random streams that no other training has.
     threshold : float, optional
         As in :func:`compare`.
+    alone : LearntAlone, optional
+        What other trials with as many seeds have learnt without sources.
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
@@ -187,7 +194,7 @@ def run_trial(
         if why := hindrance(one.curriculum):
             raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
     arms = {one.name: apart(one.curriculum) for one in candidates}
-    comparison = _compared(arms, seeds, threshold, workers, progress)
+    comparison = _compared(arms, alone, seeds, threshold, workers, progress)
     assumes = (
         f"a trial in the model: {seeds} seeds, random streams apart from those of an experiment; "
         "assumes the tasks, budgets and settings of the curriculum, its sources trained anew"
@@ -200,6 +207,7 @@ def rehearse(
     candidate: Candidate,
     *,
     seeds: int = SEEDS,
+    alone: LearntAlone | None = None,
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
@@ -212,7 +220,7 @@ def rehearse(
     """
     if why := hindrance(relative):
         raise CurriculumError(f"a smaller relative needs models and a budget in steps: {why}")
-    comparison = _compared({candidate.name: apart(relative)}, seeds, None, workers, progress)
+    comparison = _compared({candidate.name: apart(relative)}, alone, seeds, None, workers, progress)
     assumes = (
         f"a rehearsal on the smaller relative {relative.target!r}, {seeds} seeds; its steps and "
         f"returns are the relative's own; assumes that what pays there pays in "
@@ -223,25 +231,26 @@ def rehearse(
 
 def _compared(
     arms: Mapping[str, Curriculum],
+    alone: LearntAlone | None,
     seeds: int,
     threshold: float | None,
     workers: int | None,
     progress: Progress,
 ) -> Comparison:
-    first = next(iter(arms.values()))
-    budget = first.setting("budget", first.target)
-    checkpoints = budget // spacing(first.setting("eval_freq", first.target), budget) + 1
-    with warnings.catch_warnings():
+    """Return the comparison of arms; the window is cut where there are fewer checkpoints."""
+    plan, failed = ComparisonPlan.of(arms, workers=workers), dict[str, Exception]()
+    with warnings.catch_warnings(), shown(progress) as bars:
         # A calibration that is refused here will be refused in the experiment too, and said there.
         warnings.simplefilter("ignore", UserWarning)
-        return compare(
-            arms,
-            seeds=seeds,
-            threshold=threshold,
-            window=min(WINDOW, checkpoints),
-            workers=workers,
-            progress=progress,
-        )
+        plan = replace(plan, bars=bars, alone=LearntAlone() if alone is None else alone)
+        found = plan.run(seed_tuple(seeds), failed)
+    check_any_left(found, failed)
+    if threshold is None:
+        evaluation = plan.first.setting("evaluation", plan.target)
+        target = target_of(plan.first.tasks[plan.target], evaluation)
+        threshold = default_threshold(target, found[SCRATCH])
+    window = min(WINDOW, plan.budget // plan.eval_freq + 1)
+    return Comparison(plan.target, found, plan.budget, plan.total, threshold, window, failed)
 
 
 def apart(curriculum: Curriculum) -> Curriculum:

@@ -15,7 +15,14 @@ from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.value_lookup import ValueLookup, read_row
-from curricle.planning.greedy import Values, acting_row, acting_rows, best_of, greedy_actions
+from curricle.planning.greedy import (
+    Values,
+    acting_row,
+    acting_rows,
+    best_of,
+    greedy_actions,
+    highest,
+)
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.simulator import EpisodeEnds, GreedyPolicy, StepRecord, simulate
 from curricle.tasks.draws import stream_start
@@ -211,7 +218,7 @@ def _predict(view, discount, steps, ends, predicted, following):
         total, weight, value = 0.0, 0.0, 0.0
         if not ends.terminated[episode]:
             acting_row(view, np.uint64(ends.last_states[episode]), row)
-            weight, value = 1.0, row.max()
+            weight, value = 1.0, highest(row, np.uint64(0))
         for t in range(last - 1, first - 1, -1):
             acting_row(view, np.uint64(steps.states[t]), row)
             predicted[t] = row[0, np.uint64(steps.actions[t])]

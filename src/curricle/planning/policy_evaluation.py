@@ -30,7 +30,7 @@ from curricle.tasks.generative_models import (
 from curricle.tasks.live import is_live, open_model
 from curricle.tasks.mdp import NO_LIMIT
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.overloads import Overloaded, compiled
+from curricle.tasks.overloads import Overloaded, compiled, inlined
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 Method = Literal["auto", "exact", "rollouts", "off"]
@@ -67,6 +67,28 @@ class RolloutEvaluation(NamedTuple):
         return self._replace(stream=stream, total=np.zeros(2), taken=np.zeros(1, np.int64))
 
 
+class GreedyChain(NamedTuple):
+    """The Markov chain that a greedy policy makes of a task, of the states that it reaches."""
+
+    first: IntArray  # (S,) where a state's transitions begin; -1 where it is not reached
+    end: IntArray  # (S,) where they end
+    reward: FloatArray  # (S,) expected reward of a step
+    goes_on: FloatArray  # (S,) probability that a step does not terminate
+    next_state: npt.NDArray[np.integer[Any]]  # (P,) int32, each at most once a state, none terminal
+    probability: FloatArray  # (P,)
+    place: IntArray  # (S,) work space: where a next state was written last
+    values: FloatArray  # (1, A) work space
+
+    @classmethod
+    def empty(cls, n_states: int, n_actions: int, outcomes: int) -> "GreedyChain":
+        """Return room for the chain of any policy; memory that no state reaches is never used."""
+        most = n_states * min(n_actions * outcomes, n_states)
+        first, end, place = np.zeros((3, n_states), np.int64)
+        reward, goes_on = np.zeros((2, n_states))
+        transitions = np.empty(most, np.int32), np.empty(most)
+        return cls(first, end, reward, goes_on, *transitions, place, np.zeros((1, n_actions)))
+
+
 class ExactEvaluation(NamedTuple):
     """The expected return, by the distribution over states at each step."""
 
@@ -76,8 +98,7 @@ class ExactEvaluation(NamedTuple):
     negligible: float  # probability of not having ended below which to stop
     mass: FloatArray  # (2, S) work space: probability of each state, now and next
     alive: IntArray  # (2, S) work space: the states where that is not 0
-    greedy: IntArray  # (S,) work space
-    values: FloatArray  # (1, A) work space
+    chain: GreedyChain  # work space
 
     @property
     def steps(self) -> int:
@@ -86,7 +107,8 @@ class ExactEvaluation(NamedTuple):
 
     def for_run(self, start: int) -> "ExactEvaluation":
         """Return this with work space of its own for a run."""
-        return ExactEvaluation(*self[:4], *_work_space(*self.tables.outcome_row.shape))
+        sizes = *self.tables.outcome_row.shape, self.tables.probability.shape[1]
+        return ExactEvaluation(*self[:4], *_work_space(*sizes))
 
 
 class NoEvaluation(NamedTuple):
@@ -105,10 +127,10 @@ class NoEvaluation(NamedTuple):
 EvaluationKernel = ExactEvaluation | RolloutEvaluation | NoEvaluation
 
 
-def _work_space(n_states: int, n_actions: int) -> tuple[Any, Any, Any, Any]:
+def _work_space(n_states: int, n_actions: int, outcomes: int) -> tuple[Any, Any, GreedyChain]:
     """Return the arrays that an exact evaluation works in."""
-    alive, greedy = np.zeros((2, n_states), np.int64), np.zeros(n_states, np.int64)
-    return np.zeros((2, n_states)), alive, greedy, np.zeros((1, n_actions))
+    chain = GreedyChain.empty(n_states, n_actions, outcomes)
+    return np.zeros((2, n_states)), np.zeros((2, n_states), np.int64), chain
 
 
 @dataclass(frozen=True)
@@ -169,7 +191,7 @@ class GreedyEvaluation:
         discount = self.discount(generative_model(task))
         if self.method == "exact" or (self.method == "auto" and _small(task)):
             rows = table_model(tables(task))
-            return ExactEvaluation(rows, discount, horizon, NEGLIGIBLE, *_work_space(0, 0))
+            return ExactEvaluation(rows, discount, horizon, NEGLIGIBLE, *_work_space(0, 0, 0))
         none = np.zeros(0, np.uint64), np.zeros(0), np.zeros(0, np.int64)
         return RolloutEvaluation(self.rollouts(task), discount, horizon, *none)
 
@@ -272,13 +294,76 @@ def _rollout_return(evaluation, model, view):
 
 @evaluations.body(ExactEvaluation)
 def _exact_return(evaluation, model, view):
-    tables, mass, alive = evaluation.tables, evaluation.mass, evaluation.alive
-    greedy, values = evaluation.greedy, evaluation.values
-    n_actions, n_outcomes = tables.outcome_row.shape[1], tables.probability.shape[1]
-    for state in range(greedy.shape[0]):
-        greedy[state] = -1  # not computed yet
-    before = 0.0
-    now, n_alive = 0, tables.start_states.shape[0]
+    write_chain(evaluation, view)
+    return chain_return(evaluation)
+
+
+@inlined
+def write_chain(evaluation, view):
+    """Write the chain of the greedy policy, from the start states to all that it reaches."""
+    tables, chain, reached = evaluation.tables, evaluation.chain, evaluation.alive[0]
+    chain.first[:] = -1
+    n_reached, end = tables.start_states.shape[0], np.int64(0)
+    for i in range(n_reached):
+        reached[i] = tables.start_states[i]
+        chain.first[reached[i]] = 0
+    i = 0
+    while i < n_reached:
+        state = reached[i]
+        action = greedy_action(view, np.uint64(state), np.uint64(0))
+        if action >= TIED:
+            acting_row(view, np.uint64(state), chain.values)
+        begin, end = end, write_transitions(chain, tables, state, action, end)
+        for k in range(begin, end):
+            after = chain.next_state[k]
+            if chain.first[after] < 0:
+                chain.first[after] = 0
+                reached[n_reached] = after
+                n_reached += 1
+        i += 1
+
+
+@inlined
+def write_transitions(chain, tables, state, action, end):
+    """Write the transitions from a state at `end`; return where they end.
+
+    They are those of an action; where it is flagged, of all with the same of `chain.values`.
+    """
+    first, last, ties, best = action, action + np.uint64(1), 1, 0.0
+    if action >= TIED:
+        best = chain.values[0, action & ACTION]
+        first, last, ties = np.uint64(0), np.uint64(chain.values.shape[1]), 0
+        for i in range(last):
+            ties += chain.values[0, i] == best
+    begin, reward, goes_on = end, 0.0, 0.0
+    for i in range(first, last):
+        if ties > 1 and chain.values[0, i] != best:
+            continue
+        row = tables.outcome_row[state, i]
+        for outcome in range(tables.probability.shape[1]):
+            part = tables.probability[row, outcome] / ties
+            if part > 0.0:
+                reward += part * tables.reward[row, outcome]
+                after = tables.next_state[row, outcome]
+                if not tables.terminal[after]:
+                    goes_on += part
+                    k = chain.place[after]
+                    if k < begin or k >= end or chain.next_state[k] != after:
+                        k, chain.place[after] = end, end
+                        chain.next_state[k], chain.probability[k] = after, 0.0
+                        end += 1
+                    chain.probability[k] += part
+    chain.first[state], chain.end[state] = begin, end
+    chain.reward[state], chain.goes_on[state] = reward, goes_on
+    return end
+
+
+@inlined
+def chain_return(evaluation):
+    """Return the expected return from the start to the horizon in a chain that is written."""
+    tables, chain = evaluation.tables, evaluation.chain
+    mass, alive = evaluation.mass, evaluation.alive
+    now, n_alive, before = 0, tables.start_states.shape[0], 0.0
     for i in range(n_alive):
         state = tables.start_states[i]
         alive[now, i] = state
@@ -290,32 +375,17 @@ def _exact_return(evaluation, model, view):
         n_next, in_play = 0, 0.0
         for i in range(n_alive):
             state = alive[now, i]
-            if greedy[state] < 0:
-                greedy[state] = greedy_action(view, np.uint64(state), np.uint64(0))
-            first, last, ties = greedy[state], greedy[state] + 1, 1
-            if first >= TIED:
-                acting_row(view, np.uint64(state), values)
-                best = values[0, np.uint64(first) & ACTION]
-                first, last, ties = 0, n_actions, 0
-                for action in range(n_actions):
-                    ties += values[0, action] == best
-            share = mass[now, state] / ties
+            here = mass[now, state]
             mass[now, state] = 0.0
-            for action in range(first, last):
-                if ties > 1 and values[0, action] != best:
-                    continue
-                row = tables.outcome_row[state, action]
-                for outcome in range(n_outcomes):
-                    part = share * tables.probability[row, outcome]
-                    if part > 0.0:
-                        total += weight * part * tables.reward[row, outcome]
-                        after = tables.next_state[row, outcome]
-                        if not tables.terminal[after]:
-                            if mass[1 - now, after] == 0.0:
-                                alive[1 - now, n_next] = after
-                                n_next += 1
-                            mass[1 - now, after] += part
-                            in_play += part
+            total += weight * here * chain.reward[state]
+            in_play += here * chain.goes_on[state]
+            for k in range(chain.first[state], chain.end[state]):
+                after, part = chain.next_state[k], here * chain.probability[k]
+                if part > 0.0:
+                    if mass[1 - now, after] == 0.0:
+                        alive[1 - now, n_next] = after
+                        n_next += 1
+                    mass[1 - now, after] += part
         now, n_alive = 1 - now, n_next
         weight *= evaluation.discount
         if in_play * weight < evaluation.negligible or step == evaluation.horizon - 1:

@@ -18,7 +18,7 @@ from curricle.planning.simulator import (
     TablePolicy,
     UniformPolicy,
     simulate,
-    table_policy,
+    simulated_policy,
 )
 from curricle.planning.solution import checked_policy
 from curricle.tasks.draws import stream_start
@@ -112,8 +112,8 @@ def rollout(
     n_states, n_actions = generative.states.size, generative.actions.size
     terminal = generative.terminal
     known = np.zeros(n_states, dtype=bool) if terminal is None else terminal
-    table = table_policy(checked_policy(policy, known, n_actions), n_actions)
-    return _trajectory(generative, table, seed=seed, start=start, steps=steps)
+    simulated = simulated_policy(checked_policy(policy, known, n_actions), n_actions)
+    return _trajectory(generative, simulated, seed=seed, start=start, steps=steps)
 
 
 def greedy_rollout(task: Task, view: Any, *, seed: int = 0, steps: int | None = None) -> Trajectory:

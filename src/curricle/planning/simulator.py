@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.planning.greedy import ACTION, greedy_action
+from curricle.frozen_arrays import frozen
+from curricle.planning.greedy import ACTION, Values, greedy_action
 from curricle.planning.models import Policy
 from curricle.tasks.draws import draw, integers, splitmix64, uniform
 from curricle.tasks.generative_models import (
@@ -70,10 +71,16 @@ def _greedy_policy_action(policy, state, bits):
     return greedy_action(policy.values, state, bits) & ACTION
 
 
-def table_policy(policy: Policy, n_actions: int) -> TablePolicy:
-    """Return a checked policy, (S,) actions or (S, A) probabilities, for the simulator."""
-    chances = np.eye(n_actions)[policy] if policy.ndim == 1 else policy
-    return TablePolicy(cumulated(chances.astype(np.float64, copy=False)))
+def simulated_policy(policy: Policy, n_actions: int) -> TablePolicy | GreedyPolicy:
+    """Return a checked policy, (S,) actions or (S, A) probabilities, for the simulator.
+
+    One of actions is greedy on values of 1, as most policies are: they share a compiled loop.
+    """
+    if policy.ndim == 2:
+        return TablePolicy(cumulated(policy.astype(np.float64, copy=False)))
+    values = np.zeros((len(policy), n_actions))
+    values[np.arange(len(policy)), policy] = 1.0
+    return GreedyPolicy(Values(frozen(values)))
 
 
 # -- the simulator -------------------------------------------------------------------------------
@@ -141,7 +148,7 @@ class EpisodeEnds(NamedTuple):
 
 
 def _simulate(model, policy, starts, stream, limit, record, ends):
-    n = 0
+    n = np.int64(0)
     for episode in range(ends.lengths.shape[0]):
         if has_failed(model):
             break

@@ -11,6 +11,7 @@ from curricle.errors import SettingError
 from curricle.planning.greedy import EqualValues, Values
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.solution import Solution, solve
+from curricle.statistics.thresholds import fraction_of_optimum
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 LARGEST_SOLVED = 5_000_000
@@ -98,9 +99,6 @@ class Target:
         """
         if self.solution is None:
             raise not_solved(fraction, self.task)
-        # Imported here, as it imports scipy.stats: half a second that learning can do without.
-        from curricle.statistics.thresholds import fraction_of_optimum
-
         return fraction_of_optimum(self.optimum, self.random_return, fraction)
 
 

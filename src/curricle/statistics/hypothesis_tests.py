@@ -16,8 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from curricle.array_types import FloatArray
 from curricle.checks import whole_number
@@ -87,7 +86,7 @@ def performance_profile(
     share = np.mean(runs[:, np.newaxis] > tau, axis=0)
     if np.isnan(runs).any():
         share = np.full(tau.size, np.nan)
-    n, z = runs.size, norm.ppf((1 + confidence) / 2)
+    n, z = runs.size, ndtri((1 + confidence) / 2)
     middle = (share + z**2 / (2 * n)) / (1 + z**2 / n)
     half = z * np.sqrt(share * (1 - share) / n + (z / (2 * n)) ** 2) / (1 + z**2 / n)
     if n == 1:
@@ -146,13 +145,14 @@ def probability_of_improvement(
     share, n = float(wins.mean()), min(wins.shape)
     if n == 1 or math.isnan(share):
         return Interval(share, math.nan, math.nan, confidence, n)
-    z = float(norm.ppf((1 + confidence) / 2))
+    z = float(ndtri((1 + confidence) / 2))
     low, other = (_lower_probability(p, first.size, second.size, z) for p in (share, 1 - share))
     return Interval(share, low, 1 - other, confidence, n)
 
 
 def _lower_probability(share: float, n_a: int, n_b: int, z: float) -> float:
     """Return the smallest p from which a share is z standard errors away (Newcombe 2006)."""
+    from scipy.optimize import brentq  # takes time, and few need it
 
     def excess(p: float) -> float:
         between = (1 - p) / (2 - p) + p / (1 + p)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t, trim_mean
+from scipy.special import stdtrit
 
 from curricle import frozen_arrays
 from curricle.array_types import BoolArray, FloatArray
@@ -80,8 +80,8 @@ class Interval(Frozen):
 def interquartile_mean(values: npt.ArrayLike, axis: int = 0) -> float | FloatArray:
     """Return the mean of the middle half of the values over an axis, that of the seeds.
 
-    The floor(K / 4) smallest and the floor(K / 4) largest of K values are left out
-    (``scipy.stats.trim_mean(values, 0.25)``, as in rliable). NaN where any value is NaN.
+    The floor(K / 4) smallest and the floor(K / 4) largest of K values are left out, as by
+    ``scipy.stats.trim_mean(values, 0.25)``, which rliable takes. NaN where any value is NaN.
 
     Raises
     ------
@@ -100,7 +100,10 @@ def interquartile_mean(values: npt.ArrayLike, axis: int = 0) -> float | FloatArr
     array = np.asarray(values, dtype=np.float64)
     if array.shape[axis] == 0:
         raise SettingError(f"an interquartile mean needs at least 1 seed: got shape {array.shape}")
-    mean = np.asarray(trim_mean(array, 0.25, axis=axis))
+    cut = array.shape[axis] // 4
+    middle = np.partition(array, (cut, array.shape[axis] - cut - 1), axis=axis)
+    mean = np.take(middle, np.arange(cut, array.shape[axis] - cut), axis=axis).mean(axis=axis)
+    mean = np.where(np.isnan(array).any(axis=axis), np.nan, mean)  # sorted last, and left out
     return float(mean) if mean.ndim == 0 else mean
 
 
@@ -279,7 +282,7 @@ def _student(
 ) -> Interval:
     """Return estimate +- t spread / sqrt(n), without bounds where `array` has one value."""
     check_confidence(confidence)
-    half = t.ppf((1 + confidence) / 2, max(n - 1, 1)) * spread / math.sqrt(n)
+    half = stdtrit(max(n - 1, 1), (1 + confidence) / 2) * spread / math.sqrt(n)
     equal = np.ptp(array, axis=0) <= ROUNDING * abs(array).max(axis=0)
     half = np.where(equal, np.nan, half)
     low, high = frozen(estimate - half), frozen(estimate + half)

@@ -21,8 +21,7 @@ from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from curricle.array_types import FloatArray
 from curricle.checks import number, numbers, whole_number
@@ -93,10 +92,12 @@ def _pointwise(seeds: tuple[int, ...], overall: float) -> float:
     """Return the confidence of each look with which all hold at `overall`."""
     if len(seeds) == 1:
         return overall
-    alone = float(norm.isf((1 - overall) / 2))  # the bound of one look, and of Bonferroni's rule
-    bonferroni = float(norm.isf((1 - overall) / 2 / len(seeds)))
+    from scipy.optimize import brentq  # takes time, and few need it
+
+    alone = -float(ndtri((1 - overall) / 2))  # the bound of one look, and of Bonferroni's rule
+    bonferroni = -float(ndtri((1 - overall) / 2 / len(seeds)))
     bound = brentq(lambda z: _within(seeds, z) - overall, alone, bonferroni, xtol=1e-12)
-    return 1 - 2 * float(norm.sf(bound))
+    return 1 - 2 * float(ndtr(-bound))
 
 
 @cache

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import CensoredData, ecdf, quantile_test
 
 from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import number
@@ -96,6 +95,8 @@ class Times(Frozen):
         >>> curve.quantiles, curve.probabilities
         (array([100., 200., 300.]), array([0.75, 0.75, 0.  ]))
         """
+        from scipy.stats import CensoredData, ecdf  # half a second that few need
+
         return ecdf(CensoredData.right_censored(self.steps, ~self.reached)).sf
 
     def median(self, *, confidence: float = CONFIDENCE) -> Interval:
@@ -122,6 +123,8 @@ class Times(Frozen):
         >>> print(Times(np.arange(1.0, 9.0) * 100, reached).median())
         400 [100, inf], 8 seeds
         """
+        from scipy.stats import quantile_test  # half a second that few need
+
         check_confidence(confidence)
         k = self.steps.size
         if k == 1:

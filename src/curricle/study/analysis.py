@@ -17,10 +17,11 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import calibrated
 from curricle.errors import CurricleError
+from curricle.frozen_arrays import frozen
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.record import Snapshots
-from curricle.planning.rollouts import rollout
-from curricle.planning.solution import greedy_policy
+from curricle.planning.greedy import Values
+from curricle.planning.rollouts import greedy_rollout
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.record import (
@@ -142,8 +143,8 @@ def before_and_after(
     steps = min(generative.time_limit or LONGEST_EPISODE, LONGEST_EPISODE)
     episodes = list[EpisodeRecord]()
     for place in (0, -1):
-        policy = greedy_policy(snapshots.values[place])
-        path = rollout(task, policy, seed=seed, steps=steps)
+        values = Values(frozen(snapshots.values[place].astype(np.float64)))
+        path = greedy_rollout(task, values, seed=seed, steps=steps)
         cells = np.stack([marker.cells[path.states] for marker in view.markers], axis=1)
         if (cells < 0).any():
             return None

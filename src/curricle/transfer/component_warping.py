@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.errors import MappingError
@@ -151,6 +150,8 @@ def _check_paths(tasks: TaskPair, own: list[Path], other: list[Path]) -> None:
 
 def _assignments(tasks: TaskPair, own: list[Path], other: list[Path]) -> Iterator[Assigned]:
     """Yield every assignment of components, with the moves that agree best."""
+    from scipy.optimize import linear_sum_assignment  # takes time, and few need it
+
     mine, theirs = (
         [_shares(some, actions, c) for c in range(len(actions.components))]
         for some, actions in ((own, tasks.target_mdp.actions), (other, tasks.source_mdp.actions))

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from curricle.array_types import FloatArray
 from curricle.learning.potential_rollouts import (
@@ -163,4 +162,10 @@ def _rank_correlation(one: FloatArray, other: FloatArray, seed: int) -> float:
         drawn = np.random.default_rng(seed).choice(one.size, MAX_RANKED, False, shuffle=False)
         one, other = one[drawn], other[drawn]
     varies = np.ptp(one) > 0 and np.ptp(other) > 0
-    return float(spearmanr(one, other).statistic) if varies else NAN
+    return float(np.corrcoef(_ranks(one), _ranks(other))[0, 1]) if varies else NAN
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    """Return the rank of each value, the mean one where several are equal."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(counts) - (counts - 1) / 2)[place]
