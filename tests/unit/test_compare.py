@@ -49,6 +49,18 @@ def test_every_arm_has_the_same_total(calls):
         assert_held(arm, [(4500 - spent) // 100] * 2)
 
 
+def test_arms_share_their_sources(calls):
+    """Each arm has what it has alone, but sources with the same settings are trained once."""
+    advised = {"corner": cr.QInitialisation(), "maze": cr.LookAheadAdvice()}
+    arms = {"one": corner(), "advised": corner(shaping=advised), "longer": corner(source=600)}
+    together = compare(arms, seeds=2)
+    trained = [(call["stream"], call["budget"]) for call in calls]
+    assert [one for one in trained if one[0] == "corner"] == [("corner", 500), ("corner", 600)]
+    for name in ("one", "advised"):
+        alone = compare({name: arms[name], "longer": arms["longer"]}, seeds=2)
+        assert_same(together.arms[name], alone.arms[name])
+
+
 def test_the_total_is_a_whole_number_of_checkpoints():
     found = compare(corner(source=300, target=1000, eval_freq=70), seeds=1, window=1)
     assert found.total == 1330

@@ -11,6 +11,8 @@ from curricle.comparison import trial as trials
 from curricle.comparison.arms import Arm
 from curricle.comparison.candidates import candidates_of, part_of
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.forecasting import forecast_once
+from curricle.comparison.judged_potentials import JudgedPotentials
 from curricle.comparison.trial import Trial, affordable, apart, hindrance, rehearse, run_trial
 from curricle.errors import CurriculumError, SettingError
 from curricle.statistics.curves import Curve
@@ -305,6 +307,18 @@ def test_the_used_candidate_alone_is_tried_where_all_would_take_long(monkeypatch
     some, seeds = affordable(each)
     assert [one.name for one in some] == ["minimum"]
     assert seeds == int(1.5 * trials.FEWEST)
+
+
+def test_trials_share_what_is_learnt_without_sources(calls):  # noqa: F811
+    judged, arms = (
+        JudgedPotentials(),
+        [corner(target=300), corner(target=300, aggregate=cr.maximum)],
+    )
+    first, second = (forecast_once(judged, one, seeds=1).trial.comparison for one in arms)
+    streams = [one["stream"] for one in calls]
+    assert [streams.count(name) for name in ("maze/trial", "corner/trial")] == [3, 1]
+    assert_same(first.arms["scratch"], second.arms["scratch"])
+    assert_same(second.arms["maximum"], cr.forecast(arms[1], seeds=1).trial.comparison["maximum"])
 
 
 def test_an_unasked_trial_that_fails_leaves_the_rest(monkeypatch):

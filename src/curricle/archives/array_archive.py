@@ -54,9 +54,9 @@ def archive_content(
         for name, array in arrays.items():
             member = zipfile.ZipInfo(f"{name}.npy")
             if name in compressed:
-                content = io.BytesIO()
-                np.lib.format.write_array(content, np.asarray(array), allow_pickle=False)
-                archive.writestr(member, content.getbuffer(), zipfile.ZIP_DEFLATED, QUICK)
+                unpacked = io.BytesIO()
+                np.lib.format.write_array(unpacked, np.asarray(array), allow_pickle=False)
+                archive.writestr(member, unpacked.getbuffer(), zipfile.ZIP_DEFLATED, QUICK)
                 continue
             with archive.open(member, "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, np.asarray(array), allow_pickle=False)
