@@ -9,9 +9,11 @@ import pytest
 
 import curricle as cr
 from curricle.archives.sealed_json import sealed
-from curricle.errors import ConfigError, SettingError, StoreError, StudyError
-from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
+from curricle.errors import ConfigError, LostStoreError, SettingError, StoreError, StudyError
+from curricle.remote_path import RemotePath
+from curricle.study import StudyResults, StudyStore, merge, read_study, run_study, running
 from curricle.study.effects import sweep_effects, tuning_effects
+from curricle.study.folders import STUDY
 from curricle.study.record import plain
 from curricle.study.results import RESULTS
 from curricle.study.tuning_record import TRIALS, TUNING, read_tuning
@@ -115,6 +117,24 @@ def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
         run_study(study, tmp_path / f"{part}", shard=(part, 2), workers=1)
     merge(tmp_path / "all", [tmp_path / "1", tmp_path / "2"])
     assert_same(tmp_path / "all", tuned)
+
+
+def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, tmp_path, monkeypatch):
+    study = read_study(tuned_file, set=["tune.trials=2", "tune.seeds=1"])
+    exists, write = RemotePath.exists, running.write_tuning
+
+    def failing(path):
+        if path.name == STUDY:
+            raise OSError("nothing answers")
+        return exists(path)
+
+    def last(*given):
+        write(*given)
+        monkeypatch.setattr(RemotePath, "exists", failing)
+
+    monkeypatch.setattr(running, "write_tuning", last)
+    with pytest.raises(LostStoreError, match="cannot be read: nothing answers"):
+        run_study(study, (tmp_path / "out").as_uri(), workers=1)
 
 
 # -- what it is --------------------------------------------------------------------------------

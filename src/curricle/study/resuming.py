@@ -6,7 +6,7 @@ from curricle.remote_path import Place, place_at
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys
-from curricle.study.folders import STUDY, read_errors
+from curricle.study.folders import STUDY, read_errors, write_errors
 from curricle.study.record import RunRecord
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.tuning import digest_of, tuned_study
@@ -50,8 +50,9 @@ def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tupl
     damaged = store.damaged_units()
     remarks = [f"{file} is damaged: its units are trained again" for file in damaged]
     if remove_damaged:
-        for file in damaged:
-            file.unlink()
+        with write_errors(store.path):
+            for file in damaged:
+                file.unlink()
     done = store.finished(without=damaged)
     return done, [*remarks, *_stale(arms, done)]
 
