@@ -178,9 +178,7 @@ def test_a_place_that_is_lost_during_a_run_has_an_error_of_its_own(
     assert run_study(study, url, resume=True).seeds == study.seeds
 
 
-def test_a_file_that_cannot_be_removed_any_more_is_a_lost_place(
-    study_file, tmp_path, monkeypatch
-):
+def test_a_file_that_cannot_be_removed_any_more_is_a_lost_place(study_file, tmp_path, monkeypatch):
     def failing(path, missing_ok=False):
         raise OSError("nothing answers")
 
