@@ -6,6 +6,7 @@ from curricle.cli.forecast_preview import print_forecasts
 from curricle.cli.terminal_tables import print_table, print_text, wrapped
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
+from curricle.errors import SettingError
 from curricle.remote_path import Place, place_at
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
@@ -51,8 +52,8 @@ def print_preview(study: StudyConfig) -> None:
         print_text(_tuning(study, arms, each))
     try:
         study.check_networks()
-    except ImportError as error:
-        print_text(f"a task is learnt by a network: {error}")
+    except SettingError as error:
+        print_text(str(error))
     print_forecasts(study, arms, each)
 
 

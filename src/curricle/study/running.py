@@ -36,7 +36,7 @@ from curricle.study.scheduling import Scheduler
 from curricle.study.serialization import UnitResult
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.study_arguments import Study, study_of
-from curricle.study.tuning import check_tuning, digest_of, tune, tuned_study
+from curricle.study.tuning import check_tuning, digest_of, tune, tuned_study, with_trials
 from curricle.study.tuning_record import TRIALS, write_tuning
 from curricle.study.units import Unit, given_to_all, units_of
 
@@ -130,7 +130,7 @@ def run_study(
         workers = whole_number("workers", workers, 1, SettingError)
     _check_shard(*shard)
     arms = arms_in(study, path, keep_stale=keep_stale)
-    _check_networks(study)
+    study.check_networks()
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
     report = report or to_stderr
     study, arms = tuned_before(study, arms, path, keep_stale=keep_stale)
@@ -260,13 +260,6 @@ def _tracking(
     return open_trackers(trackers, study.name, _settings(study, arms), beside, report)
 
 
-def _check_networks(study: StudyConfig) -> None:
-    try:
-        study.check_networks()
-    except ImportError as error:
-        raise SettingError(f"a task is learnt by a network: {error}") from None
-
-
 def _workers(
     study: StudyConfig,
     arms: Arms,
@@ -279,14 +272,15 @@ def _workers(
     """Return what trains the units of a run; what was started for it ends with it."""
     if on is not None and executor is not None:
         raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
+    each = with_trials(study, arms)
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))
         link = f", {engine.link}" if engine.link else ""
         report(f"{on}: {engine.workers()} workers{link}")
-        return workers_of(engine, on, arms, study.folder)
+        return workers_of(engine, on, each, study.folder)
     number = workers or os.cpu_count() or 1
     if executor is None:  # do not wait for units whose results would be thrown away
-        executor = ThreadPoolExecutor(1 if arms.live else number)
+        executor = ThreadPoolExecutor(1 if any(arms.live for arms in each) else number)
         ending.callback(executor.shutdown, wait=False, cancel_futures=True)
     return ExecutorWorkers(executor, number)
 

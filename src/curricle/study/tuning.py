@@ -66,17 +66,12 @@ def check_tuning(study: StudyConfig) -> int:
     ConfigError
         Naming each setting whose smallest, largest or listed value makes no sense.
     SettingError
-        When Optuna is not installed, the target has no budget in steps, or too many combinations of
-        budgets are listed.
+        When Optuna is not installed, or Stable-Baselines3 where a network learns; when the target
+        has no budget in steps, or too many combinations of budgets are listed.
     """
     _optuna()
     tune = tuning_of(study)
-    ends = dict[str, tuple[str, Settings]]()
-    for name, space in tune.space.items():
-        arm = next(arm for arm in tune.places if tune.places[arm][name])
-        for value in ends_of(space):
-            ends[f"{name} = {value_text(value)}"] = arm, {name: value}
-    _ = trial_study(study, ends).curricula
+    extreme_trials(study).check_networks()
     arms = Arms.of(study)
     if arms.total is None or arms.budget is None:
         raise SettingError(
@@ -101,6 +96,25 @@ def _largest(tune: Tuning) -> Iterator[Settings]:
         )
     for values in product(*of_steps.values()):
         yield dict(zip(of_steps, values, strict=True))
+
+
+def extreme_trials(study: StudyConfig) -> StudyConfig:
+    """Return the study of trials that tell whether every value in the space is allowed.
+
+    Each has the smallest, largest or a listed value of one setting, in the first arm with it.
+    """
+    tune = tuning_of(study)
+    ends = dict[str, tuple[str, Settings]]()
+    for name, space in tune.space.items():
+        arm = next(arm for arm in tune.places if tune.places[arm][name])
+        for value in ends_of(space):
+            ends[f"{name} = {value_text(value)}"] = arm, {name: value}
+    return trial_study(study, ends)
+
+
+def with_trials(study: StudyConfig, arms: Arms) -> tuple[Arms, ...]:
+    """Return a study's arms and, where it is tuned first, those of trials of all that is tried."""
+    return (arms,) if study.tune is None else (arms, Arms.of(extreme_trials(study)))
 
 
 def trial_study(study: StudyConfig, chosen: Chosen, total: int | None = None) -> StudyConfig:
