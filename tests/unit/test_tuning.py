@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,15 @@ import curricle as cr
 from curricle.archives.sealed_json import sealed
 from curricle.errors import ConfigError, LostStoreError, SettingError, StoreError, StudyError
 from curricle.remote_path import RemotePath
-from curricle.study import StudyResults, StudyStore, merge, read_study, run_study, running
+from curricle.study import (
+    StudyResults,
+    StudyStore,
+    dependencies,
+    merge,
+    read_study,
+    run_study,
+    running,
+)
 from curricle.study.effects import sweep_effects, tuning_effects
 from curricle.study.folders import STUDY
 from curricle.study.record import plain
@@ -102,6 +111,58 @@ def test_settings_that_changed_are_tuned_again(tuned_file, tmp_path):
     run_study(changed, tmp_path / "out", resume=True, workers=1)
     run_study(changed, tmp_path / "new", workers=1)
     assert_same(tmp_path / "out", tmp_path / "new")
+
+
+@pytest.fixture
+def of_another_version(tuned, tmp_path, monkeypatch):
+    """A copy of the tuned folder, which another version of Curricle made."""
+    folder = shutil.copytree(tuned, tmp_path / "out")
+    monkeypatch.setattr(dependencies, "metadata", SimpleNamespace(version=lambda _: "9.9"))
+    return folder
+
+
+def test_a_stale_tuning_is_kept_if_asked_for(tuned_file, tuned, of_another_version):
+    told, folder = [], of_another_version
+    kept = {"resume": True, "keep_stale": True, "report": told.append}
+    run_study(read_study(tuned_file), folder, executor=Inline(0), **kept)
+    assert (folder / TUNING).read_bytes() == (tuned / TUNING).read_bytes()
+    assert (folder / RESULTS).read_bytes() == (tuned / RESULTS).read_bytes()
+    first, *others = told
+    assert first.startswith("the tuning is stale and kept: its trials are of other code, or of ")
+    assert all("is stale and kept: Curricle was" in one for one in others)
+    assert others
+
+
+def test_stale_trials_are_kept_by_a_longer_tuning(tuned_file, of_another_version, pool):
+    longer, told = read_study(tuned_file, set=["tune.trials=14"]), []
+    trained = Inline()
+    run_study(
+        longer,
+        of_another_version,
+        resume=True,
+        keep_stale=True,
+        executor=trained,
+        report=told.append,
+    )
+    assert told[0] == "the tuning is stale and made again: what it depends on has changed"
+    found = read_tuning(StudyStore(of_another_version))
+    assert {len(one.trials) for one in found.arms.values()} == {14}
+    assert trained.trained < pool.trained / 2
+    assert found.of == ""  # a run that keeps nothing stale makes it again
+
+
+def test_a_stale_tuning_is_made_again_otherwise(tuned_file, tuned, of_another_version, pool):
+    again, told = Inline(), []
+    run_study(
+        read_study(tuned_file), of_another_version, resume=True, executor=again, report=told.append
+    )
+    assert again.trained == pool.trained
+    assert told[0] == "the tuning is stale and made again: what it depends on has changed"
+    assert (of_another_version / RESULTS).read_bytes() == (tuned / RESULTS).read_bytes()
+    wanted = read_tuning(StudyStore(tuned))
+    found = read_tuning(StudyStore(of_another_version))
+    assert found.of != wanted.of
+    assert plain(found) | {"of": wanted.of} == plain(wanted)
 
 
 def test_fewer_seeds_are_tuned_as_if_there_had_never_been_more(tuned_file, tmp_path):

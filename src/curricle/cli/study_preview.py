@@ -152,7 +152,9 @@ def units_left(
 ) -> Iterator[str]:
     """Yield what is damaged or stale in a folder, what a run would train, and how much is done."""
     arms = arms_in(study, path, keep_stale=keep_stale)
-    study, arms = tuned_before(study, arms, path, keep_stale=keep_stale)
+    study, arms, remark = tuned_before(study, arms, path, keep_stale=keep_stale)
+    if remark:
+        yield remark
     if study.tune is not None:
         check_tuning(study)
         yield (

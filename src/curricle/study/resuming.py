@@ -1,11 +1,12 @@
 """What a run finds in its folder: the units that it uses, and why it does not use others."""
 
 from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 from curricle.remote_path import Place, place_at
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys
+from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of
 from curricle.study.folders import STUDY, read_errors, write_errors
 from curricle.study.record import RunRecord
 from curricle.study.store import StoredUnit, StudyStore
@@ -27,18 +28,33 @@ def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
     return Arms.of(study, key_in(store.finished(without=store.damaged_units())))
 
 
-def tuned_before(
-    study: StudyConfig, arms: Arms, path: str | Place, *, keep_stale: bool
-) -> tuple[StudyConfig, Arms]:
+class Tuned(NamedTuple):
+    """A study and its arms, tuned or not."""
+
+    study: StudyConfig
+    arms: Arms
+    remark: str = ""
+    """A sentence about a tuning that is stale."""
+
+
+def tuned_before(study: StudyConfig, arms: Arms, path: str | Place, *, keep_stale: bool) -> Tuned:
     """Return a study and its arms as a folder says that it was tuned; as they are if it does not.
 
-    A tuning counts if it is complete and depended on what it depends on now.
+    A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
+    version aside where stale units are kept.
     """
     there = None if study.tune is None else tuning_at(place_at(path))
-    if there is None or there.of != digest_of(study, arms):
-        return study, arms
+    if there is None:
+        return Tuned(study, arms)
+    remark = ""
+    if there.of != digest_of(study):
+        kept = keep_stale and there.of_settings == digest_of(study, settings_key_of)
+        remark = f"the tuning is stale and {'kept' if kept else 'made again'}"
+        if not kept:
+            return Tuned(study, arms, f"{remark}: what it depends on has changed")
+        remark += ": its trials are of other code, or of another version of Curricle"
     tuned = tuned_study(study, there)
-    return tuned, arms_in(tuned, path, keep_stale=keep_stale)
+    return Tuned(tuned, arms_in(tuned, path, keep_stale=keep_stale), remark)
 
 
 def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:

@@ -22,10 +22,11 @@ from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.dependencies import key_in, key_of
 from curricle.study.engines.engine import ExecutorWorkers, Workers
 from curricle.study.engines.opening import opened_engine, workers_of
 from curricle.study.failures import Failures, write_failures
-from curricle.study.folders import lost_errors
+from curricle.study.folders import lost_errors, write_errors
 from curricle.study.packing import Packing, Taken, files_of, pack
 from curricle.study.progress import Progress, shown_units
 from curricle.study.record import RunRecord, StudyRecord, plain
@@ -36,7 +37,7 @@ from curricle.study.scheduling import Scheduler
 from curricle.study.serialization import UnitResult
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.study_arguments import Study, study_of
-from curricle.study.tuning import check_tuning, digest_of, tune, tuned_study, with_trials
+from curricle.study.tuning import check_tuning, tune, tuned_study, with_trials
 from curricle.study.tuning_record import TRIALS, write_tuning
 from curricle.study.units import Unit, given_to_all, units_of
 
@@ -133,7 +134,7 @@ def run_study(
     study.check_networks()
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
     report = report or to_stderr
-    study, arms = tuned_before(study, arms, path, keep_stale=keep_stale)
+    study, arms, remark = tuned_before(study, arms, path, keep_stale=keep_stale)
     if study.tune is not None:
         check_tuning(study)
     with ExitStack() as ending:
@@ -144,10 +145,12 @@ def run_study(
         opened = StudyStore.opened(path, described, resume=resume, check=False)
         store = ending.enter_context(opened)
         ending.enter_context(lost_errors())
+        if remark:
+            report(remark)
         show = ending.enter_context(shown_units(progress))
         training = Training(store, places, show)
         if study.tune is not None:
-            study = _tuned(study, arms, training, resume=resume)
+            study = _tuned(study, training, resume=resume, keep_stale=keep_stale)
             arms = arms_in(study, path, keep_stale=keep_stale)
             record = study_record(study, arms)
             store = store.redescribed(_description(study, arms, record))
@@ -209,12 +212,16 @@ class Training:
             report(unit)
 
 
-def _tuned(study: StudyConfig, arms: Arms, training: Training, *, resume: bool) -> StudyConfig:
+def _tuned(
+    study: StudyConfig, training: Training, *, resume: bool, keep_stale: bool
+) -> StudyConfig:
     """Return a study with the settings that are found for each arm, and note how."""
     path = training.store.path / TRIALS
     with StudyStore.opened(path, {"tuning": True}, resume=resume) as store:
-        for file in store.damaged_units():
-            file.unlink()
+        with write_errors(path):
+            for file in store.damaged_units():
+                file.unlink()
+        choose = key_in(store.finished()) if keep_stale else key_of
         trials = replace(training, store=store)
 
         def train(config: StudyConfig, of_trials: Arms, words: str) -> StudyStore:
@@ -228,7 +235,7 @@ def _tuned(study: StudyConfig, arms: Arms, training: Training, *, resume: bool) 
                 raise failures.error()
             return store
 
-        found = tune(study, train, digest_of(study, arms))
+        found = tune(study, train, choose)
         store.remove_checkpoints()
     write_tuning(training.store, found)
     return tuned_study(study, found)

@@ -25,6 +25,7 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.tuning_tables import RangeTable, Tuning, ends_of
 from curricle.study.config.varied_settings import value_text, with_values
+from curricle.study.dependencies import Dependencies, key_of, settings_key_of
 from curricle.study.serialization import RUN, of_seeds
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.tuning_record import SpaceRecord, TrialRecord, TunedArm, TuningRecord
@@ -46,6 +47,8 @@ Chosen = Mapping[str, tuple[str, Settings]]
 """Name of a trial -> its arm and settings."""
 Train = Callable[[StudyConfig, Arms, str], StudyStore]
 """Trains the units of a study that are missing, called by some words; returns where they are."""
+Choose = Callable[[Dependencies], str]
+"""Gives what depends on something its key."""
 
 
 def tuning_of(study: StudyConfig) -> Tuning:
@@ -150,13 +153,17 @@ def tuned_study(study: StudyConfig, found: TuningRecord) -> StudyConfig:
     return study.varied(arms=arms, scratches=scratches, variants=variants, **own)
 
 
-def digest_of(study: StudyConfig, arms: Arms) -> str:
-    """Return a digest of all that a study's tuning depends on, but Optuna's version."""
-    depends = (sorted(arms.keys.items()), tuning_of(study).model_dump_json())
+def digest_of(study: StudyConfig, choose: Choose = key_of) -> str:
+    """Return a digest of all that a study's tuning depends on, but Optuna's version.
+
+    `choose` may leave out code and Curricle's version (:func:`settings_key_of`).
+    """
+    keys = Arms.of(study, choose).keys
+    depends = (sorted(keys.items()), tuning_of(study).model_dump_json())
     return blake2b(repr(depends).encode(), digest_size=DIGEST_BYTES).hexdigest()
 
 
-def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
+def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRecord:
     """Return the tuning of a study.
 
     It depends on the study and on Optuna's version alone: trials that were trained before are read.
@@ -165,8 +172,8 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
     ----------
     study : StudyConfig
     train : callable
-    of : str
-        Its digest.
+    choose : callable
+        Gives trials their keys: those of stale units, where these are kept.
 
     Raises
     ------
@@ -176,7 +183,7 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
     total, tuning = check_tuning(study), tuning_of(study)
     searches = {name: Search(tuning, name) for name in (*(study.scratches or {}), *study.arms)}
     reference: Arm | None = None
-    done = 0
+    done, stale = 0, False
     while done < tuning.trials:
         number = min(AT_RANDOM if not done else AT_ONCE, tuning.trials - done)
         chosen = {
@@ -185,7 +192,8 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
             for n, values in search.ask(number)
         }
         config = trial_study(study, chosen, total)
-        arms = Arms.of(config)
+        arms = Arms.of(config, choose)
+        stale |= any(key != key_of(arms.dependencies[place]) for place, key in arms.keys.items())
         store = train(config, arms, f"tuning, {done + number} of {tuning.trials} trials")
         stored = store.finished()
         curves = {
@@ -198,7 +206,8 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
             searches[name].tell(score)
         done += number
     return TuningRecord(
-        of=of,
+        of="" if stale else digest_of(study),
+        of_settings=digest_of(study, settings_key_of),
         optuna=_optuna().__version__,
         seeds=tuning.seeds,
         total=total,

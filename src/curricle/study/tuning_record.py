@@ -59,7 +59,10 @@ class TuningRecord(Plain):
     """A tuning that is complete."""
 
     of: str
-    """A digest of all that it depends on, but Optuna's version."""
+    """A digest of all that it depends on, but Optuna's version; empty where stale trials were
+    kept."""
+    of_settings: str
+    """A digest of that but for code and Curricle's version."""
     optuna: str
     """The version of Optuna that searched."""
     seeds: tuple[Count, ...] = Field(min_length=1)
