@@ -1,6 +1,7 @@
 """Tuning: as many trials for every arm, one outcome however it is run, and seeds kept apart."""
 
 import json
+import re
 import shutil
 import sys
 from types import SimpleNamespace
@@ -196,6 +197,26 @@ def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, tmp_pat
     monkeypatch.setattr(running, "write_tuning", last)
     with pytest.raises(LostStoreError, match="cannot be read: nothing answers"):
         run_study(study, (tmp_path / "out").as_uri(), workers=1)
+
+
+@pytest.mark.parametrize("finished_before", [False, True])
+def test_show_says_how_far_a_tuning_is(tuned_file, tuned, tmp_path, curricle, finished_before):
+    study, out = read_study(tuned_file), tmp_path / "out"
+    if finished_before:
+        shutil.copytree(tuned, out)
+        assert "trials are stored" not in curricle("show", out)[1]
+        study = read_study(tuned_file, set=["tune.seeds=3"])
+    with pytest.raises(StudyError):
+        run_study(study, out, resume=True, executor=Inline(7))
+    code, shown, _ = curricle("show", out)
+    assert code == 0
+    how = "the tuning has changed" if finished_before else "it is tuned first"
+    words = rf"every arm {how}: (\d+) of 24 trials are stored; its seeds come after them"
+    assert shown.startswith("mazes: 0 of 2 seeds finished in every arm")
+    done = int(re.search(words, " ".join(shown.split()))[1])
+    assert 0 < done < 24
+    run_study(study, out, resume=True, workers=1)
+    assert "trials are stored" not in curricle("show", out)[1]
 
 
 # -- what it is --------------------------------------------------------------------------------

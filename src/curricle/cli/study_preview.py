@@ -17,7 +17,7 @@ from curricle.study.folders import STUDY
 from curricle.study.packing import bytes_a_seed, seeds_per_file
 from curricle.study.resuming import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore
-from curricle.study.tuning import check_tuning, tuning_of
+from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
 from curricle.study.units import seed_ranges, units_of
 from curricle.text_tables import counted
 from curricle.transfer.descriptions import countable, mapping_words
@@ -95,7 +95,7 @@ def _swept(study: StudyConfig) -> Iterator[str]:
 def _tuning(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
     """Return what tuning every arm takes at most, in words."""
     tune, total = tuning_of(study), check_tuning(study)
-    number = sum(tune.trials if tune.keys(arm) else 1 for arm in arms.curricula)
+    number = number_of_trials(study)
     runs = number * len(tune.seeds)
     one = sum(one.seconds / one.seeds for one in each) / len(arms.curricula)
     return (
@@ -152,9 +152,9 @@ def units_left(
 ) -> Iterator[str]:
     """Yield what is damaged or stale in a folder, what a run would train, and how much is done."""
     arms = arms_in(study, path, keep_stale=keep_stale)
-    study, arms, remark = tuned_before(study, arms, path, keep_stale=keep_stale)
-    if remark:
-        yield remark
+    remarks = list[str]()
+    study, arms = tuned_before(study, arms, path, remarks.append, keep_stale=keep_stale)
+    yield from remarks
     if study.tune is not None:
         check_tuning(study)
         yield (

@@ -1,7 +1,7 @@
 """What a run finds in its folder: the units that it uses, and why it does not use others."""
 
-from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 from curricle.remote_path import Place, place_at
 from curricle.study.arms import Arms
@@ -28,33 +28,32 @@ def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
     return Arms.of(study, key_in(store.finished(without=store.damaged_units())))
 
 
-class Tuned(NamedTuple):
-    """A study and its arms, tuned or not."""
-
-    study: StudyConfig
-    arms: Arms
-    remark: str = ""
-    """A sentence about a tuning that is stale."""
-
-
-def tuned_before(study: StudyConfig, arms: Arms, path: str | Place, *, keep_stale: bool) -> Tuned:
+def tuned_before(
+    study: StudyConfig,
+    arms: Arms,
+    path: str | Place,
+    report: Callable[[str], Any],
+    *,
+    keep_stale: bool,
+) -> tuple[StudyConfig, Arms]:
     """Return a study and its arms as a folder says that it was tuned; as they are if it does not.
 
     A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
-    version aside where stale units are kept.
+    version aside where stale units are kept. `report` is called with a sentence about a stale one.
     """
     there = None if study.tune is None else tuning_at(place_at(path))
     if there is None:
-        return Tuned(study, arms)
-    remark = ""
+        return study, arms
     if there.of != digest_of(study):
-        kept = keep_stale and there.of_settings == digest_of(study, settings_key_of)
-        remark = f"the tuning is stale and {'kept' if kept else 'made again'}"
-        if not kept:
-            return Tuned(study, arms, f"{remark}: what it depends on has changed")
-        remark += ": its trials are of other code, or of another version of Curricle"
+        if not keep_stale or there.of_settings != digest_of(study, settings_key_of):
+            report("the tuning is stale and made again: what it depends on has changed")
+            return study, arms
+        report(
+            "the tuning is stale and kept: its trials are of other code, or of another version of "
+            "Curricle"
+        )
     tuned = tuned_study(study, there)
-    return Tuned(tuned, arms_in(tuned, path, keep_stale=keep_stale), remark)
+    return tuned, arms_in(tuned, path, keep_stale=keep_stale)
 
 
 def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:

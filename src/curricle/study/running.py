@@ -37,8 +37,14 @@ from curricle.study.scheduling import Scheduler
 from curricle.study.serialization import UnitResult
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.study_arguments import Study, study_of
-from curricle.study.tuning import check_tuning, tune, tuned_study, with_trials
-from curricle.study.tuning_record import TRIALS, write_tuning
+from curricle.study.tuning import (
+    check_tuning,
+    number_of_trials,
+    tune,
+    tuned_study,
+    with_trials,
+)
+from curricle.study.tuning_record import TRIALS, BegunTrials, write_begun, write_tuning
 from curricle.study.units import Unit, given_to_all, units_of
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
@@ -134,7 +140,7 @@ def run_study(
     study.check_networks()
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
     report = report or to_stderr
-    study, arms, remark = tuned_before(study, arms, path, keep_stale=keep_stale)
+    study, arms = tuned_before(study, arms, path, report, keep_stale=keep_stale)
     if study.tune is not None:
         check_tuning(study)
     with ExitStack() as ending:
@@ -145,8 +151,6 @@ def run_study(
         opened = StudyStore.opened(path, described, resume=resume, check=False)
         store = ending.enter_context(opened)
         ending.enter_context(lost_errors())
-        if remark:
-            report(remark)
         show = ending.enter_context(shown_units(progress))
         training = Training(store, places, show)
         if study.tune is not None:
@@ -216,15 +220,17 @@ def _tuned(
     study: StudyConfig, training: Training, *, resume: bool, keep_stale: bool
 ) -> StudyConfig:
     """Return a study with the settings that are found for each arm, and note how."""
-    path = training.store.path / TRIALS
+    path, number = training.store.path / TRIALS, number_of_trials(study)
     with StudyStore.opened(path, {"tuning": True}, resume=resume) as store:
         with write_errors(path):
             for file in store.damaged_units():
                 file.unlink()
         choose = key_in(store.finished()) if keep_stale else key_of
-        trials = replace(training, store=store)
+        trials, begun = replace(training, store=store), list[str]()
 
         def train(config: StudyConfig, of_trials: Arms, words: str) -> StudyStore:
+            begun.extend(of_trials.keys[one, of_trials.target] for one in of_trials.curricula)
+            write_begun(store, BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun)))
             failures = Failures(of_trials.keys)
             per_file = files_of(curricula_record(of_trials.curricula, of_trials.keys))
             done = store.finished()

@@ -153,6 +153,13 @@ def tuned_study(study: StudyConfig, found: TuningRecord) -> StudyConfig:
     return study.varied(arms=arms, scratches=scratches, variants=variants, **own)
 
 
+def number_of_trials(study: StudyConfig) -> int:
+    """Return how many trials all arms have together: one where an arm has nothing to tune."""
+    tune = tuning_of(study)
+    arms = (*(study.scratches or {}), *study.arms)
+    return sum(tune.trials if tune.keys(arm) else 1 for arm in arms)
+
+
 def digest_of(study: StudyConfig, choose: Choose = key_of) -> str:
     """Return a digest of all that a study's tuning depends on, but Optuna's version.
 
