@@ -63,7 +63,10 @@ class LostStoreError(StoreError):
 
 
 class StudyError(CurricleError):
-    """A unit of a study failed; its cause is the exception that the study's own code raised."""
+    """A unit of a study failed; its cause is the exception that the study's own code raised.
+
+    It is a ForeignError where another process raised one that cannot be sent.
+    """
 
 
 class EngineError(StudyError, BrokenExecutor):
