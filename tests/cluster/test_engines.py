@@ -43,6 +43,16 @@ def test_own_modules_reach_workers_in_another_folder(study, dask, tmp_path):
     assert not list(dask.folder.rglob("rules.py"))
 
 
+def test_modules_of_trials_alone_reach_them_too(study, dask, tmp_path):
+    pytest.importorskip("optuna")
+    file = study()
+    (file.parent / "pooling.py").write_text("def largest(values):\n    return values.max(axis=0)\n")
+    tune = '[tune]\ntrials = 2\nseeds = 1\nspace.aggregate = ["mean", "pooling:largest"]\n'
+    file.write_text(f"{file.read_text()}{tune}")
+    wanted = whole(file, tmp_path / "threads")
+    assert whole(file, tmp_path / "dask", "--on", dask.on) == wanted
+
+
 UNMET = """
 class Unmet(LookupError):
     def __init__(self, rule, value):
