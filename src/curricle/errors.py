@@ -15,7 +15,8 @@
     └── StudyError       a study's own code, or an executor, that failed
         └── EngineError  a cluster that was lost, or has other versions (also BrokenExecutor)
 
-Every message is one sentence: the rule, the value that broke it, and the place.
+Every message is one sentence: the rule, the value that broke it, and the place. ForeignError stands
+apart: it is what a study's own code raised in another process, where its own class cannot be sent.
 """
 
 from concurrent.futures import BrokenExecutor
@@ -62,11 +63,18 @@ class LostStoreError(StoreError):
 
 
 class StudyError(CurricleError):
-    """A unit of a study failed; its cause is the exception that the study's own code raised."""
+    """A unit of a study failed; its cause is the exception that the study's own code raised.
+
+    It is a ForeignError where another process raised one that cannot be sent.
+    """
 
 
 class EngineError(StudyError, BrokenExecutor):
     """A cluster that trains a study's units was lost, or a worker of it has other versions."""
+
+
+class ForeignError(RuntimeError):
+    """What a study's own code raised in another process, in words; a note has the traceback."""
 
 
 def reason(error: OSError) -> str:
@@ -88,4 +96,6 @@ def in_words(error: BaseException) -> str:
     >>> in_words(KeyError("phi")), in_words(StoreError("a rule: a value"))
     ("KeyError: 'phi'", 'a rule: a value')
     """
-    return str(error) if isinstance(error, CurricleError) else f"{type(error).__name__}: {error}"
+    if isinstance(error, CurricleError | ForeignError):
+        return str(error)
+    return f"{type(error).__name__}: {error}"

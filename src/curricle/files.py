@@ -12,6 +12,7 @@ from secrets import token_hex
 from typing import IO
 from urllib.parse import quote
 
+from curricle.errors import StoreError
 from curricle.remote_path import Place, RemotePath
 
 LONGEST_NAME = 100
@@ -60,6 +61,20 @@ def read_bounded(path: Place, most: int) -> bytes:
         if size > most:
             raise OSError(errno.EFBIG, f"it has more than {most:,} bytes", str(path))
         return file.read(most)
+
+
+def local_file(path: str | Path) -> Path:
+    """Return the path of a file on this machine; StoreError where a URL is given.
+
+    Examples
+    --------
+    >>> local_file("s3://maze.npz")
+    Traceback (most recent call last):
+    curricle.errors.StoreError: a file is saved on this machine, not at a URL: got 's3://maze.npz'
+    """
+    if "://" in str(path):
+        raise StoreError(f"a file is saved on this machine, not at a URL: got {str(path)!r}")
+    return Path(path)
 
 
 def remove_folder(path: Place) -> None:

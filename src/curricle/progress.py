@@ -66,6 +66,8 @@ class Screen(RichProgress):
         self.in_notebook = console.is_jupyter
         self._place: Any = None
         self._shown = -BETWEEN
+        self._told = dict[TaskID, float | None]()
+        """The size of each bar when it was last told to be full."""
 
     def get_renderables(self) -> Iterator[RenderableType]:
         """Yield the bars and the line."""
@@ -90,7 +92,8 @@ class Screen(RichProgress):
         row = self.tasks[task]  # none is ever taken away
         if self.in_notebook:
             self._show_in_notebook()
-        elif not self.console.is_terminal and row.finished:
+        elif not self.console.is_terminal and row.finished and self._told.get(task) != row.total:
+            self._told[task] = row.total
             print(f"{row.description}: {row.completed:,.0f} done", file=sys.stderr, flush=True)
 
     def _show_in_notebook(self) -> None:

@@ -18,14 +18,18 @@ def copied(url, folder):
 
 
 @pytest.mark.parametrize("large", [False, True], ids=["small units", "large units"])
-def test_workers_of_dask_at_a_server_that_fails(study, s3_server, s3_proxy, dask, tmp_path, large):
+@pytest.mark.parametrize("engine", ["dask", "ray_nodes"])
+def test_workers_at_a_server_that_fails(
+    study, s3_server, s3_proxy, request, tmp_path, engine, large
+):
     file, url = study(), s3_proxy("--every", "50") + "/study"
+    on = request.getfixturevalue(engine).on  # its processes take the environment that they find
     if large:
         (file.parent / "maps.py").write_text(f"ROWS = {ROWS!r}\n")
     settings = ("--set", "seeds=10", "--set", "seeds_per_unit=5") if large else ()
     wanted = whole(file, tmp_path / "threads", *settings)
     before = len(s3_server.refused())
-    finished(file, url, "--on", dask.on, *settings)
+    finished(file, url, "--on", on, *settings)
     assert len(s3_server.refused()) > before
     assert copied(url, tmp_path / "copied") == wanted
     assert finished(file, url, "--resume", *settings)[1] == 0

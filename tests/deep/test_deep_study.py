@@ -20,6 +20,7 @@ from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.arms import Arms
 from curricle.study.serialization import RUN
+from tests.studies import VECTOR_HUNT
 
 # A table, then a calibrated network, then two others: the last potential needs the network before
 # it, which needs the table.
@@ -330,3 +331,13 @@ def test_a_comparison_of_two_ways_refuses_other_problems(plan):
         cr.errors.CurriculumError, match=r"differ in time_limit \(20 against 21\); env"
     ):
         compare({"a": plan, "b": alone}, seeds=2)
+
+
+def test_settings_of_a_tuning_that_no_network_takes_are_refused_beforehand(tmp_path):
+    pytest.importorskip("optuna")
+    file = tmp_path / "hunt.toml"
+    space = "tasks.hunt.learner.settings.n_step = [1, 2]"
+    file.write_text(f"{VECTOR_HUNT}[tune]\ntrials = 2\n[tune.space]\n{space}\n")
+    with pytest.raises(ConfigError, match="got 'n_step', did you mean 'n_steps'"):
+        run_study(read_study(file), tmp_path / "out")
+    assert not (tmp_path / "out").exists()

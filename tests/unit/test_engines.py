@@ -1,11 +1,13 @@
 """The words for engines, the window of units, and what is sent to a worker; no engine is needed."""
 
 import pickle
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
 
+from curricle.cli import progress_bars
+from curricle.cli.progress_bars import run_with_bars
 from curricle.errors import (
     ConfigError,
     EngineError,
@@ -23,6 +25,7 @@ from curricle.study.engines.engine import EngineWorkers
 from curricle.study.engines.opening import check_versions, opened_engine, parsed, workers_of
 from curricle.study.engines.sending import SentUnit, train_sent, versions_here
 from curricle.study.store import StoredUnit
+from curricle.study.tuning import with_trials
 from tests.sent_folders import RULES, STUDY
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -64,7 +67,7 @@ def own(tmp_path):
 
 def sent_units(engine, monkeypatch, study, out, **settings):
     monkeypatch.setattr(scheduling, "wait", engine.wait)
-    given = workers_of(engine, "fake", Arms.of(study), study.folder)
+    given = workers_of(engine, "fake", with_trials(study, Arms.of(study)), study.folder)
     monkeypatch.setattr(running, "_workers", lambda *_: given)
     return run_study(study, out, **settings)
 
@@ -135,7 +138,7 @@ def test_units_that_an_engine_cancels_say_that_it_was_lost(study_file, tmp_path,
 def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
     arms, sent = Arms.of(own), []
     engine = SimpleNamespace(submit=lambda function, given: sent.append(given) or Future())
-    given = workers_of(engine, "fake", arms, tmp_path)
+    given = workers_of(engine, "fake", [arms], tmp_path)
     assert given.files == {"rules.py": RULES.encode()}
     whole = FakeEngine([2])
     monkeypatch.setattr(scheduling, "wait", whole.wait)
@@ -153,6 +156,81 @@ def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
     with pytest.raises(ConfigError, match=r"rules\.py is not as it was when the run began"):
         train_sent(other)
+
+
+TUNED_LAKES = """
+name = "lakes"
+seeds = 1
+[tasks.lake]
+type = "factory"
+factory = "lakes:tabled"
+budget = 400
+[tasks.other]
+type = "factory"
+factory = "lakes:tabled"
+budget = 200
+[[transfers]]
+source = "other"
+target = "lake"
+mapping = "identity"
+[tune]
+trials = 2
+seeds = 1
+[tune.space]
+aggregate = ["mean", "pooling:largest"]
+tasks.other.factory = ["lakes:tabled", "living:live"]
+"""
+LAKES = """
+import curricle as cr
+
+def {name}():
+    return cr.from_gymnasium("FrozenLake-v1", discount=0.9, live={live})
+"""
+
+
+@pytest.fixture
+def tuned_lakes(tmp_path):
+    """A study whose trials alone use two of its modules, one of which has a live task."""
+    (tmp_path / "lakes.py").write_text(LAKES.format(name="tabled", live=False))
+    (tmp_path / "living.py").write_text(LAKES.format(name="live", live=True))
+    (tmp_path / "pooling.py").write_text("def largest(values):\n    return values.max(axis=0)\n")
+    (tmp_path / "lakes.toml").write_text(TUNED_LAKES)
+    return read_study(tmp_path / "lakes.toml")
+
+
+def test_modules_of_trials_alone_travel_too(tuned_lakes, tmp_path):
+    each, lakes = with_trials(tuned_lakes, Arms.of(tuned_lakes)), FakeEngine([1])
+    given = workers_of(lakes, "fake", each, tmp_path)
+    assert {*given.files} == {"lakes.py", "living.py", "pooling.py"}
+    assert [arms.live for arms in each] == [False, True]
+    assert given.live
+
+
+def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_path, monkeypatch):
+    threads, pools = [], []
+
+    class Threads(ThreadPoolExecutor):
+        def __init__(self, workers):
+            threads.append(workers)
+            super().__init__(workers)
+
+    class Processes(ThreadPoolExecutor):
+        def __init__(self, workers):
+            pools.append(workers)
+            super().__init__(1)
+
+    monkeypatch.setattr(running, "ThreadPoolExecutor", Threads)
+    monkeypatch.setattr(progress_bars, "WorkerProcesses", Processes)
+    monkeypatch.setattr(running, "tune", stop)
+    for run in (run_study, run_with_bars):
+        how = {"processes": False, "on": None, "resume": True} if run is run_with_bars else {}
+        with pytest.raises(StudyError, match="stopped"):
+            run(tuned_lakes, tmp_path / "out", workers=3, **how)
+    assert (threads, pools) == ([1], [3])
+
+
+def stop(*_, **__):
+    raise StudyError("stopped")
 
 
 def run_study_from(study, arms, out, monkeypatch):

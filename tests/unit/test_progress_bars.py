@@ -176,3 +176,14 @@ def test_the_size_of_work_may_change(capsys):
         bars.at("tabulating", 3, 9)
         bars.at("tabulating", 12, 12)
     assert capsys.readouterr().err == "tabulating: 12 done\n"
+
+
+def test_a_full_bar_has_one_line(capsys):
+    with shown(True) as bars:
+        for done in (11, 12, 12):
+            bars.at("tabulating", done, 12)
+        bars.bar("tabulating")
+        assert capsys.readouterr().err == "tabulating: 12 done\n"
+        bars.at("tabulating", 13, 14)
+        bars.at("tabulating", 14, 14)
+    assert capsys.readouterr().err == "tabulating: 14 done\n"

@@ -92,6 +92,17 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, learnt, monkeypatch):
     assert [one.name for one in tmp_path.iterdir()] == ["maze.npz"]
 
 
+def test_a_url_is_refused_and_nothing_is_written(tmp_path, learnt, trained, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    saves = (learnt, trained, learnt.policy)
+    for save in (*(one.save for one in saves), LearningResult.load):
+        with pytest.raises(StoreError, match=r"on this machine, not at a URL: got 's3://b/maze"):
+            save("s3://b/maze")
+    with pytest.raises(StoreError, match=r"not at a URL: got 'gs://b/maze\.gif'"):
+        learnt.watch(seed=2).save("gs://b/maze.gif")
+    assert not [*tmp_path.iterdir()]
+
+
 class Harm:
     def __reduce__(self):
         return os.mkdir, ("harmed",)

@@ -1,5 +1,6 @@
 """An arm that fails is reported as failed; the other arms are trained, stored and compared."""
 
+import pickle
 import sys
 from concurrent.futures import Executor, Future
 
@@ -7,10 +8,12 @@ import numpy as np
 import pytest
 
 from curricle.cli.app import main
-from curricle.errors import StoreError, StudyError
+from curricle.errors import EngineError, ForeignError, StoreError, StudyError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
+from curricle.study.engines.sending import SentUnit, called, train_sent, versions_here
 from curricle.study.failures import FAILURES
+from curricle.study.workers import WorkerProcesses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 FAILING = """
@@ -70,6 +73,110 @@ def test_what_failed_is_trained_again(study, finished, tmp_path, contents):
     wanted = StudyResults(finished).comparison
     assert str(found.comparison) == str(wanted)
     assert not (tmp_path / "out" / FAILURES).exists()
+
+
+OWN_ERRORS = """
+from curricle.errors import TaskError
+
+
+class Unmet(LookupError):
+    def __init__(self, rule, value):
+        super().__init__(f"{rule}: got {value}")
+
+
+class Ours(TaskError):
+    def __init__(self, rule, value):
+        super().__init__(f"{rule}: got {value}")
+
+
+def mean(values):
+    raise ERROR("a rule of the thesis is not met", 3)
+"""
+
+
+class Copies(Executor):
+    """Hands on what is raised as another process does: pickled here and unpickled there."""
+
+    def submit(self, function, given):
+        future = Future()
+        try:
+            future.set_result(function(given))
+        except Exception as error:
+            try:
+                future.set_exception(pickle.loads(pickle.dumps(error)))
+            except Exception as broken:
+                future.set_exception(broken)
+        return future
+
+
+class CopiesOfSent(Copies):
+    """Trains units as the workers of an engine do."""
+
+    def __init__(self, rules):
+        self.files = {"rules.py": rules.read_bytes()}
+
+    def submit(self, function, given):
+        sent = SentUnit(given, self.files, versions_here(), False)
+        return super().submit(lambda _: train_sent(sent), given)
+
+
+@pytest.fixture
+def own_errors(study, tmp_path):
+    """Return a function: name of an error -> a study of one unit a task, which raises it."""
+
+    def write(error):
+        (tmp_path / "rules.py").write_text(OWN_ERRORS.replace("ERROR", error))
+        return read_study(tmp_path / "chain.toml", set=["seeds=2"])
+
+    return write
+
+
+def told_of(study, out, pool):
+    """The sentence of a run that fails, whether its own code is to blame, and what is stored."""
+    with pytest.raises(StudyError) as caught:
+        run_study(study, out, workers=1, executor=pool)
+    return str(caught.value), caught.value.__cause__ is None, (out / FAILURES).read_bytes()
+
+
+@pytest.mark.parametrize(("error", "words"), [("Unmet", "Unmet: "), ("Ours", "")])
+def test_errors_of_ones_own_read_the_same_wherever_units_are_trained(
+    own_errors, tmp_path, error, words
+):
+    wanted = told_of(own_errors(error), tmp_path / "threads", None)
+    assert f"whole: {words}a rule of the thesis is not met: got 3" in wanted[0]
+    for pool in (Copies(), CopiesOfSent(tmp_path / "rules.py")):
+        out = tmp_path / type(pool).__name__
+        assert told_of(own_errors(error), out, pool) == wanted
+
+
+@pytest.mark.slow
+def test_so_they_do_in_processes(own_errors, tmp_path):
+    wanted = told_of(own_errors("Unmet"), tmp_path / "threads", None)
+    with WorkerProcesses(1) as pool:
+        assert told_of(own_errors("Unmet"), tmp_path / "processes", pool) == wanted
+
+
+def test_a_note_has_the_traceback_of_what_is_sent():
+    class Here(Exception):
+        pass
+
+    def fails(error):
+        try:
+            raise Here("on line 3")
+        except Here:
+            raise error from None
+
+    for error, words in (
+        (Here("too"), "Here: too"),
+        (LookupError("a"), "a"),
+        (EngineError("a"), "a"),
+    ):
+        with pytest.raises(ForeignError if words != "a" else type(error)) as caught:
+            called(fails, error)
+        found = caught.value
+        assert str(found) == words
+        assert "in fails" in found.__notes__[0]
+        assert (found.__cause__, found.__context__) == (None, None)
 
 
 class FailsScratch(Executor):

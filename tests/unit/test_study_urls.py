@@ -178,6 +178,16 @@ def test_a_place_that_is_lost_during_a_run_has_an_error_of_its_own(
     assert run_study(study, url, resume=True).seeds == study.seeds
 
 
+def test_a_file_that_cannot_be_removed_any_more_is_a_lost_place(study_file, tmp_path, monkeypatch):
+    def failing(path, missing_ok=False):
+        raise OSError("nothing answers")
+
+    monkeypatch.setattr(RemotePath, "unlink", failing)
+    study, url = read_study(study_file, set=["seeds=1"]), url_of(tmp_path / "out")
+    with pytest.raises(LostStoreError, match=r"results cannot be written to .*nothing answers"):
+        run_study(study, url)
+
+
 def test_parts_at_urls_are_merged(study_file, finished, tmp_path):
     study = read_study(study_file)
     parts = [tmp_path / f"part-{i}" for i in (1, 2)]

@@ -1,17 +1,29 @@
 """Tuning: as many trials for every arm, one outcome however it is run, and seeds kept apart."""
 
 import json
+import re
 import shutil
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import curricle as cr
 from curricle.archives.sealed_json import sealed
-from curricle.errors import ConfigError, SettingError, StoreError, StudyError
-from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
+from curricle.errors import ConfigError, LostStoreError, SettingError, StoreError, StudyError
+from curricle.remote_path import RemotePath
+from curricle.study import (
+    StudyResults,
+    StudyStore,
+    dependencies,
+    merge,
+    read_study,
+    run_study,
+    running,
+)
 from curricle.study.effects import sweep_effects, tuning_effects
+from curricle.study.folders import STUDY
 from curricle.study.record import plain
 from curricle.study.results import RESULTS
 from curricle.study.tuning_record import TRIALS, TUNING, read_tuning
@@ -102,6 +114,58 @@ def test_settings_that_changed_are_tuned_again(tuned_file, tmp_path):
     assert_same(tmp_path / "out", tmp_path / "new")
 
 
+@pytest.fixture
+def of_another_version(tuned, tmp_path, monkeypatch):
+    """A copy of the tuned folder, which another version of Curricle made."""
+    folder = shutil.copytree(tuned, tmp_path / "out")
+    monkeypatch.setattr(dependencies, "metadata", SimpleNamespace(version=lambda _: "9.9"))
+    return folder
+
+
+def test_a_stale_tuning_is_kept_if_asked_for(tuned_file, tuned, of_another_version):
+    told, folder = [], of_another_version
+    kept = {"resume": True, "keep_stale": True, "report": told.append}
+    run_study(read_study(tuned_file), folder, executor=Inline(0), **kept)
+    assert (folder / TUNING).read_bytes() == (tuned / TUNING).read_bytes()
+    assert (folder / RESULTS).read_bytes() == (tuned / RESULTS).read_bytes()
+    first, *others = told
+    assert first.startswith("the tuning is stale and kept: its trials are of other code, or of ")
+    assert all("is stale and kept: Curricle was" in one for one in others)
+    assert others
+
+
+def test_stale_trials_are_kept_by_a_longer_tuning(tuned_file, of_another_version, pool):
+    longer, told = read_study(tuned_file, set=["tune.trials=14"]), []
+    trained = Inline()
+    run_study(
+        longer,
+        of_another_version,
+        resume=True,
+        keep_stale=True,
+        executor=trained,
+        report=told.append,
+    )
+    assert told[0] == "the tuning is stale and made again: what it depends on has changed"
+    found = read_tuning(StudyStore(of_another_version))
+    assert {len(one.trials) for one in found.arms.values()} == {14}
+    assert trained.trained < pool.trained / 2
+    assert found.of == ""  # a run that keeps nothing stale makes it again
+
+
+def test_a_stale_tuning_is_made_again_otherwise(tuned_file, tuned, of_another_version, pool):
+    again, told = Inline(), []
+    run_study(
+        read_study(tuned_file), of_another_version, resume=True, executor=again, report=told.append
+    )
+    assert again.trained == pool.trained
+    assert told[0] == "the tuning is stale and made again: what it depends on has changed"
+    assert (of_another_version / RESULTS).read_bytes() == (tuned / RESULTS).read_bytes()
+    wanted = read_tuning(StudyStore(tuned))
+    found = read_tuning(StudyStore(of_another_version))
+    assert found.of != wanted.of
+    assert plain(found) | {"of": wanted.of} == plain(wanted)
+
+
 def test_fewer_seeds_are_tuned_as_if_there_had_never_been_more(tuned_file, tmp_path):
     for seeds, folder in ((3, "out"), (2, "out"), (2, "new")):
         study = read_study(tuned_file, set=["tune.trials=2", f"tune.seeds={seeds}"])
@@ -115,6 +179,44 @@ def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
         run_study(study, tmp_path / f"{part}", shard=(part, 2), workers=1)
     merge(tmp_path / "all", [tmp_path / "1", tmp_path / "2"])
     assert_same(tmp_path / "all", tuned)
+
+
+def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, tmp_path, monkeypatch):
+    study = read_study(tuned_file, set=["tune.trials=2", "tune.seeds=1"])
+    exists, write = RemotePath.exists, running.write_tuning
+
+    def failing(path):
+        if path.name == STUDY:
+            raise OSError("nothing answers")
+        return exists(path)
+
+    def last(*given):
+        write(*given)
+        monkeypatch.setattr(RemotePath, "exists", failing)
+
+    monkeypatch.setattr(running, "write_tuning", last)
+    with pytest.raises(LostStoreError, match="cannot be read: nothing answers"):
+        run_study(study, (tmp_path / "out").as_uri(), workers=1)
+
+
+@pytest.mark.parametrize("finished_before", [False, True])
+def test_show_says_how_far_a_tuning_is(tuned_file, tuned, tmp_path, curricle, finished_before):
+    study, out = read_study(tuned_file), tmp_path / "out"
+    if finished_before:
+        shutil.copytree(tuned, out)
+        assert "trials are stored" not in curricle("show", out)[1]
+        study = read_study(tuned_file, set=["tune.seeds=3"])
+    with pytest.raises(StudyError):
+        run_study(study, out, resume=True, executor=Inline(7))
+    code, shown, _ = curricle("show", out)
+    assert code == 0
+    how = "the tuning has changed" if finished_before else "it is tuned first"
+    words = rf"every arm {how}: (\d+) of 24 trials are stored; its seeds come after them"
+    assert shown.startswith("mazes: 0 of 2 seeds finished in every arm")
+    done = int(re.search(words, " ".join(shown.split()))[1])
+    assert 0 < done < 24
+    run_study(study, out, resume=True, workers=1)
+    assert "trials are stored" not in curricle("show", out)[1]
 
 
 # -- what it is --------------------------------------------------------------------------------

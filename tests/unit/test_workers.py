@@ -65,6 +65,23 @@ def test_workers_end_with_their_parent_in_silence(tmp_path):
     assert found == dict.fromkeys(ENDS, b"")
 
 
+WHOLE = """
+from curricle.study.workers import WorkerProcesses
+
+if __name__ == "__main__":
+    with WorkerProcesses(1) as pool:
+        print(pool.submit(pow, 2, 10).result())
+"""
+
+
+def test_a_run_that_ends_leaves_no_process_and_no_pipe_open(tmp_path):
+    script = tmp_path / "whole.py"
+    script.write_text(WHOLE)
+    command = [sys.executable, "-W", "always::ResourceWarning", script]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert (ended.stdout, ended.stderr) == ("1024\n", "")
+
+
 @pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="the reaper needs Linux")
 def test_a_run_goes_on_without_its_reaper():
     with workers._reaper(os.getpid()) as reaper:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from curricle.archives.array_archive import Damaged, archive_content, opened_whole
 from curricle.archives.sealed_json import as_json, parsed_json
 from curricle.errors import StoreError, reason
-from curricle.files import write_whole
+from curricle.files import local_file, write_whole
 
 ABOUT, FORMAT = "about.json", 1
 ENDING = ".npz"
@@ -43,7 +43,7 @@ def write_saved(
     Raises
     ------
     StoreError
-        When it cannot be written; what was there before stays.
+        When it cannot be written, as at a URL; what was there before stays.
 
     Examples
     --------
@@ -98,5 +98,5 @@ def read_saved(path: str | Path, kind: str) -> SavedFile:
 
 
 def _with_ending(path: str | Path) -> Path:
-    file = Path(path)
+    file = local_file(path)
     return file if file.suffix == ENDING else file.with_name(f"{file.name}{ENDING}")

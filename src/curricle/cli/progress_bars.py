@@ -19,6 +19,7 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.progress import Pace, Progress, shown_units
 from curricle.study.running import run_study
+from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
 
 MANY = 1_000
@@ -75,7 +76,8 @@ def run_with_bars(
         ExitStack() as ending,
     ):
         pool: WorkerProcesses | None = None
-        if on is None and (processes or Arms.of(study).live):
+        live = any(arms.live for arms in with_trials(study, Arms.of(study)))
+        if on is None and (processes or live):
             pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         run_study(study, path, workers=workers, executor=pool, on=on, progress=show, **settings)

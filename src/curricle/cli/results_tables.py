@@ -10,6 +10,7 @@ from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
+from curricle.study.tuning_record import tuning_words
 from curricle.text_tables import counted
 
 
@@ -20,6 +21,8 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     arms = "every arm" + " that has not failed" * bool(results.failed)
     total = counted(len(record.seeds), "seed")
     print_text(f"{record.name}: {len(results.seeds)} of {total} finished in {arms}")
+    if words := tuning_words(results.store):
+        print_text(words)
     rows = list[tuple[str, ...]]()
     for name, found in results.results.items():
         for node, learnt in found.items():

@@ -6,6 +6,7 @@ from curricle.cli.forecast_preview import print_forecasts
 from curricle.cli.terminal_tables import print_table, print_text, wrapped
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
+from curricle.errors import SettingError
 from curricle.remote_path import Place, place_at
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
@@ -16,7 +17,7 @@ from curricle.study.folders import STUDY
 from curricle.study.packing import bytes_a_seed, seeds_per_file
 from curricle.study.resuming import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore
-from curricle.study.tuning import check_tuning, tuning_of
+from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
 from curricle.study.units import seed_ranges, units_of
 from curricle.text_tables import counted
 from curricle.transfer.descriptions import countable, mapping_words
@@ -51,8 +52,8 @@ def print_preview(study: StudyConfig) -> None:
         print_text(_tuning(study, arms, each))
     try:
         study.check_networks()
-    except ImportError as error:
-        print_text(f"a task is learnt by a network: {error}")
+    except SettingError as error:
+        print_text(str(error))
     print_forecasts(study, arms, each)
 
 
@@ -94,7 +95,7 @@ def _swept(study: StudyConfig) -> Iterator[str]:
 def _tuning(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
     """Return what tuning every arm takes at most, in words."""
     tune, total = tuning_of(study), check_tuning(study)
-    number = sum(tune.trials if tune.keys(arm) else 1 for arm in arms.curricula)
+    number = number_of_trials(study)
     runs = number * len(tune.seeds)
     one = sum(one.seconds / one.seeds for one in each) / len(arms.curricula)
     return (
@@ -151,7 +152,9 @@ def units_left(
 ) -> Iterator[str]:
     """Yield what is damaged or stale in a folder, what a run would train, and how much is done."""
     arms = arms_in(study, path, keep_stale=keep_stale)
-    study, arms = tuned_before(study, arms, path, keep_stale=keep_stale)
+    remarks = list[str]()
+    study, arms = tuned_before(study, arms, path, remarks.append, keep_stale=keep_stale)
+    yield from remarks
     if study.tune is not None:
         check_tuning(study)
         yield (

@@ -10,7 +10,7 @@ from curricle.array_types import IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.learner import DeepLearner
 from curricle.errors import SettingError, StoreError, reason
-from curricle.files import write_whole
+from curricle.files import local_file, write_whole
 from curricle.planning.episode import Episode, played
 from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.tasks.rendering import frame_of, with_pictures
@@ -63,7 +63,7 @@ class TrainedPolicy:
         ``PPO.load(path)`` reads it, as does :meth:`load`. It holds pickles, as all its files do:
         load your own alone. StoreError when it cannot be written.
         """
-        file = Path(path) if str(path).endswith(".zip") else Path(f"{path}.zip")
+        file = local_file(path if str(path).endswith(".zip") else f"{path}.zip")
         content = io.BytesIO()
         self.model.save(content)
         try:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from curricle.array_types import FloatArray
 from curricle.checks import number
 from curricle.errors import SettingError, StoreError, reason
-from curricle.files import write_whole
+from curricle.files import local_file, write_whole
 from curricle.frozen_arrays import frozen
 from curricle.planning.rollouts import Trajectory
 from curricle.tasks.labels import action_name, values_of
@@ -129,7 +129,7 @@ class Episode:
 
         `fps` are pictures a second, up to 50; by default the environment's own.
         """
-        file = Path(path)
+        file = local_file(path)
         if file.suffix.lower() != ".gif":
             raise SettingError(f"an episode is saved as a GIF: got the file name {file.name!r}")
         content = self._gif(self.fps if fps is None else fps)

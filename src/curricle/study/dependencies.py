@@ -31,6 +31,11 @@ def key_of(dependencies: Dependencies) -> str:
     return hashlib.blake2b(data.encode(), digest_size=KEY_BYTES).hexdigest()
 
 
+def settings_key_of(dependencies: Dependencies) -> str:
+    """Return :func:`key_of` all but code and Curricle's version, which takes its place."""
+    return key_of(_without_code(dependencies))
+
+
 def dependencies_of(
     arm: Mapping[str, Any],
     curriculum: Curriculum,

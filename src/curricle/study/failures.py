@@ -8,6 +8,7 @@ from typing import Any
 
 from curricle.errors import CurricleError, EngineError, StoreError, StudyError, in_words
 from curricle.statistics.curves import SCRATCH
+from curricle.study.folders import write_errors
 from curricle.study.store import StudyStore
 from curricle.study.units import Unit
 
@@ -137,4 +138,5 @@ def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
     if rows:
         store.write_json(FAILURES, rows)
     else:
-        (store.path / FAILURES).unlink(missing_ok=True)
+        with write_errors(store.path):
+            (store.path / FAILURES).unlink(missing_ok=True)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from curricle.curriculum.node import Node
 from curricle.errors import StoreError
-from curricle.study.folders import read_errors
+from curricle.study.folders import read_errors, write_errors
 from curricle.study.record import CurriculaRecord, UnitRecord
 from curricle.study.serialization import UnitResult, joined_units
 from curricle.study.store import StoredUnit, StudyStore
@@ -184,9 +184,10 @@ def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
             taken |= new
     whole = joined_units(parts)
     found = store.write_unit(about_of(files[0].about, whole), whole)
-    for file in files:
-        if file.path != found.path:
-            file.path.unlink()
+    with write_errors(store.path):
+        for file in files:
+            if file.path != found.path:
+                file.path.unlink()
     return found
 
 

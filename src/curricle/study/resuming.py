@@ -1,12 +1,13 @@
 """What a run finds in its folder: the units that it uses, and why it does not use others."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 from curricle.remote_path import Place, place_at
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys
-from curricle.study.folders import STUDY, read_errors
+from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of
+from curricle.study.folders import STUDY, read_errors, write_errors
 from curricle.study.record import RunRecord
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.tuning import digest_of, tuned_study
@@ -28,15 +29,29 @@ def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
 
 
 def tuned_before(
-    study: StudyConfig, arms: Arms, path: str | Place, *, keep_stale: bool
+    study: StudyConfig,
+    arms: Arms,
+    path: str | Place,
+    report: Callable[[str], Any],
+    *,
+    keep_stale: bool,
 ) -> tuple[StudyConfig, Arms]:
     """Return a study and its arms as a folder says that it was tuned; as they are if it does not.
 
-    A tuning counts if it is complete and depended on what it depends on now.
+    A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
+    version aside where stale units are kept. `report` is called with a sentence about a stale one.
     """
     there = None if study.tune is None else tuning_at(place_at(path))
-    if there is None or there.of != digest_of(study, arms):
+    if there is None:
         return study, arms
+    if there.of != digest_of(study):
+        if not keep_stale or there.of_settings != digest_of(study, settings_key_of):
+            report("the tuning is stale and made again: what it depends on has changed")
+            return study, arms
+        report(
+            "the tuning is stale and kept: its trials are of other code, or of another version of "
+            "Curricle"
+        )
     tuned = tuned_study(study, there)
     return tuned, arms_in(tuned, path, keep_stale=keep_stale)
 
@@ -50,8 +65,9 @@ def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tupl
     damaged = store.damaged_units()
     remarks = [f"{file} is damaged: its units are trained again" for file in damaged]
     if remove_damaged:
-        for file in damaged:
-            file.unlink()
+        with write_errors(store.path):
+            for file in damaged:
+                file.unlink()
     done = store.finished(without=damaged)
     return done, [*remarks, *_stale(arms, done)]
 

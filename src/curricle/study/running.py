@@ -22,10 +22,11 @@ from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.dependencies import key_in, key_of
 from curricle.study.engines.engine import ExecutorWorkers, Workers
 from curricle.study.engines.opening import opened_engine, workers_of
 from curricle.study.failures import Failures, write_failures
-from curricle.study.folders import lost_errors
+from curricle.study.folders import lost_errors, write_errors
 from curricle.study.packing import Packing, Taken, files_of, pack
 from curricle.study.progress import Progress, shown_units
 from curricle.study.record import RunRecord, StudyRecord, plain
@@ -36,8 +37,14 @@ from curricle.study.scheduling import Scheduler
 from curricle.study.serialization import UnitResult
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.study_arguments import Study, study_of
-from curricle.study.tuning import check_tuning, digest_of, tune, tuned_study
-from curricle.study.tuning_record import TRIALS, write_tuning
+from curricle.study.tuning import (
+    check_tuning,
+    number_of_trials,
+    tune,
+    tuned_study,
+    with_trials,
+)
+from curricle.study.tuning_record import TRIALS, BegunTrials, write_begun, write_tuning
 from curricle.study.units import Unit, given_to_all, units_of
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
@@ -130,10 +137,10 @@ def run_study(
         workers = whole_number("workers", workers, 1, SettingError)
     _check_shard(*shard)
     arms = arms_in(study, path, keep_stale=keep_stale)
-    _check_networks(study)
+    study.check_networks()
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
     report = report or to_stderr
-    study, arms = tuned_before(study, arms, path, keep_stale=keep_stale)
+    study, arms = tuned_before(study, arms, path, report, keep_stale=keep_stale)
     if study.tune is not None:
         check_tuning(study)
     with ExitStack() as ending:
@@ -147,7 +154,7 @@ def run_study(
         show = ending.enter_context(shown_units(progress))
         training = Training(store, places, show)
         if study.tune is not None:
-            study = _tuned(study, arms, training, resume=resume)
+            study = _tuned(study, training, resume=resume, keep_stale=keep_stale)
             arms = arms_in(study, path, keep_stale=keep_stale)
             record = study_record(study, arms)
             store = store.redescribed(_description(study, arms, record))
@@ -209,15 +216,21 @@ class Training:
             report(unit)
 
 
-def _tuned(study: StudyConfig, arms: Arms, training: Training, *, resume: bool) -> StudyConfig:
+def _tuned(
+    study: StudyConfig, training: Training, *, resume: bool, keep_stale: bool
+) -> StudyConfig:
     """Return a study with the settings that are found for each arm, and note how."""
-    path = training.store.path / TRIALS
+    path, number = training.store.path / TRIALS, number_of_trials(study)
     with StudyStore.opened(path, {"tuning": True}, resume=resume) as store:
-        for file in store.damaged_units():
-            file.unlink()
-        trials = replace(training, store=store)
+        with write_errors(path):
+            for file in store.damaged_units():
+                file.unlink()
+        choose = key_in(store.finished()) if keep_stale else key_of
+        trials, begun = replace(training, store=store), list[str]()
 
         def train(config: StudyConfig, of_trials: Arms, words: str) -> StudyStore:
+            begun.extend(of_trials.keys[one, of_trials.target] for one in of_trials.curricula)
+            write_begun(store, BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun)))
             failures = Failures(of_trials.keys)
             per_file = files_of(curricula_record(of_trials.curricula, of_trials.keys))
             done = store.finished()
@@ -228,7 +241,7 @@ def _tuned(study: StudyConfig, arms: Arms, training: Training, *, resume: bool) 
                 raise failures.error()
             return store
 
-        found = tune(study, train, digest_of(study, arms))
+        found = tune(study, train, choose)
         store.remove_checkpoints()
     write_tuning(training.store, found)
     return tuned_study(study, found)
@@ -260,13 +273,6 @@ def _tracking(
     return open_trackers(trackers, study.name, _settings(study, arms), beside, report)
 
 
-def _check_networks(study: StudyConfig) -> None:
-    try:
-        study.check_networks()
-    except ImportError as error:
-        raise SettingError(f"a task is learnt by a network: {error}") from None
-
-
 def _workers(
     study: StudyConfig,
     arms: Arms,
@@ -279,14 +285,15 @@ def _workers(
     """Return what trains the units of a run; what was started for it ends with it."""
     if on is not None and executor is not None:
         raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
+    each = with_trials(study, arms)
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))
         link = f", {engine.link}" if engine.link else ""
         report(f"{on}: {engine.workers()} workers{link}")
-        return workers_of(engine, on, arms, study.folder)
+        return workers_of(engine, on, each, study.folder)
     number = workers or os.cpu_count() or 1
     if executor is None:  # do not wait for units whose results would be thrown away
-        executor = ThreadPoolExecutor(1 if arms.live else number)
+        executor = ThreadPoolExecutor(1 if any(arms.live for arms in each) else number)
         ending.callback(executor.shutdown, wait=False, cancel_futures=True)
     return ExecutorWorkers(executor, number)
 

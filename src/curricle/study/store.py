@@ -240,7 +240,9 @@ class StudyStore:
     def _claimed(
         cls, path: Place, description: dict[str, Any], resume: bool, check: bool
     ) -> "StudyStore":
-        if (path / STUDY).exists():
+        with read_errors(path):
+            begun = (path / STUDY).exists()
+        if begun:
             store = cls(path)
             if check or "configuration" not in store.description:
                 store.check(description)
@@ -253,10 +255,10 @@ class StudyStore:
                 there, here = (one["configuration"] for one in (store.description, description))
                 here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
                 description["record"]["seeds"] = here["seeds"]
-        if isinstance(path, Path):
-            for part in [*path.rglob(f".*{PART}")]:  # a killed run left it; it is not complete
-                part.unlink(missing_ok=True)
         with write_errors(path):
+            if isinstance(path, Path):
+                for part in [*path.rglob(f".*{PART}")]:  # a killed run left it, incomplete
+                    part.unlink(missing_ok=True)
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path)
 
@@ -276,7 +278,8 @@ class StudyStore:
 
     def has(self, name: str) -> bool:
         """Return whether a file is there (and so complete)."""
-        return (self.path / name).exists()
+        with read_errors(self.path / name):
+            return (self.path / name).exists()
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file in one move; if that fails (StoreError), what was there stays."""

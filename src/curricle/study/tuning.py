@@ -25,6 +25,7 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.tuning_tables import RangeTable, Tuning, ends_of
 from curricle.study.config.varied_settings import value_text, with_values
+from curricle.study.dependencies import Dependencies, key_of, settings_key_of
 from curricle.study.serialization import RUN, of_seeds
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.tuning_record import SpaceRecord, TrialRecord, TunedArm, TuningRecord
@@ -46,6 +47,8 @@ Chosen = Mapping[str, tuple[str, Settings]]
 """Name of a trial -> its arm and settings."""
 Train = Callable[[StudyConfig, Arms, str], StudyStore]
 """Trains the units of a study that are missing, called by some words; returns where they are."""
+Choose = Callable[[Dependencies], str]
+"""Gives what depends on something its key."""
 
 
 def tuning_of(study: StudyConfig) -> Tuning:
@@ -66,17 +69,12 @@ def check_tuning(study: StudyConfig) -> int:
     ConfigError
         Naming each setting whose smallest, largest or listed value makes no sense.
     SettingError
-        When Optuna is not installed, the target has no budget in steps, or too many combinations of
-        budgets are listed.
+        When Optuna is not installed, or Stable-Baselines3 where a network learns; when the target
+        has no budget in steps, or too many combinations of budgets are listed.
     """
     _optuna()
     tune = tuning_of(study)
-    ends = dict[str, tuple[str, Settings]]()
-    for name, space in tune.space.items():
-        arm = next(arm for arm in tune.places if tune.places[arm][name])
-        for value in ends_of(space):
-            ends[f"{name} = {value_text(value)}"] = arm, {name: value}
-    _ = trial_study(study, ends).curricula
+    extreme_trials(study).check_networks()
     arms = Arms.of(study)
     if arms.total is None or arms.budget is None:
         raise SettingError(
@@ -101,6 +99,25 @@ def _largest(tune: Tuning) -> Iterator[Settings]:
         )
     for values in product(*of_steps.values()):
         yield dict(zip(of_steps, values, strict=True))
+
+
+def extreme_trials(study: StudyConfig) -> StudyConfig:
+    """Return the study of trials that tell whether every value in the space is allowed.
+
+    Each has the smallest, largest or a listed value of one setting, in the first arm with it.
+    """
+    tune = tuning_of(study)
+    ends = dict[str, tuple[str, Settings]]()
+    for name, space in tune.space.items():
+        arm = next(arm for arm in tune.places if tune.places[arm][name])
+        for value in ends_of(space):
+            ends[f"{name} = {value_text(value)}"] = arm, {name: value}
+    return trial_study(study, ends)
+
+
+def with_trials(study: StudyConfig, arms: Arms) -> tuple[Arms, ...]:
+    """Return a study's arms and, where it is tuned first, those of trials of all that is tried."""
+    return (arms,) if study.tune is None else (arms, Arms.of(extreme_trials(study)))
 
 
 def trial_study(study: StudyConfig, chosen: Chosen, total: int | None = None) -> StudyConfig:
@@ -136,13 +153,24 @@ def tuned_study(study: StudyConfig, found: TuningRecord) -> StudyConfig:
     return study.varied(arms=arms, scratches=scratches, variants=variants, **own)
 
 
-def digest_of(study: StudyConfig, arms: Arms) -> str:
-    """Return a digest of all that a study's tuning depends on, but Optuna's version."""
-    depends = (sorted(arms.keys.items()), tuning_of(study).model_dump_json())
+def number_of_trials(study: StudyConfig) -> int:
+    """Return how many trials all arms have together: one where an arm has nothing to tune."""
+    tune = tuning_of(study)
+    arms = (*(study.scratches or {}), *study.arms)
+    return sum(tune.trials if tune.keys(arm) else 1 for arm in arms)
+
+
+def digest_of(study: StudyConfig, choose: Choose = key_of) -> str:
+    """Return a digest of all that a study's tuning depends on, but Optuna's version.
+
+    `choose` may leave out code and Curricle's version (:func:`settings_key_of`).
+    """
+    keys = Arms.of(study, choose).keys
+    depends = (sorted(keys.items()), tuning_of(study).model_dump_json())
     return blake2b(repr(depends).encode(), digest_size=DIGEST_BYTES).hexdigest()
 
 
-def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
+def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRecord:
     """Return the tuning of a study.
 
     It depends on the study and on Optuna's version alone: trials that were trained before are read.
@@ -151,8 +179,8 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
     ----------
     study : StudyConfig
     train : callable
-    of : str
-        Its digest.
+    choose : callable
+        Gives trials their keys: those of stale units, where these are kept.
 
     Raises
     ------
@@ -162,7 +190,7 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
     total, tuning = check_tuning(study), tuning_of(study)
     searches = {name: Search(tuning, name) for name in (*(study.scratches or {}), *study.arms)}
     reference: Arm | None = None
-    done = 0
+    done, stale = 0, False
     while done < tuning.trials:
         number = min(AT_RANDOM if not done else AT_ONCE, tuning.trials - done)
         chosen = {
@@ -171,7 +199,8 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
             for n, values in search.ask(number)
         }
         config = trial_study(study, chosen, total)
-        arms = Arms.of(config)
+        arms = Arms.of(config, choose)
+        stale |= any(key != key_of(arms.dependencies[place]) for place, key in arms.keys.items())
         store = train(config, arms, f"tuning, {done + number} of {tuning.trials} trials")
         stored = store.finished()
         curves = {
@@ -184,7 +213,8 @@ def tune(study: StudyConfig, train: Train, of: str) -> TuningRecord:
             searches[name].tell(score)
         done += number
     return TuningRecord(
-        of=of,
+        of="" if stale else digest_of(study),
+        of_settings=digest_of(study, settings_key_of),
         optuna=_optuna().__version__,
         seeds=tuning.seeds,
         total=total,

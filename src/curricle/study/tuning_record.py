@@ -10,8 +10,11 @@ from curricle.study.folders import STUDY, read_errors
 from curricle.study.plain_data import Count, Plain
 from curricle.study.record import plain, read_record
 from curricle.study.store import StudyStore
+from curricle.text_tables import counted
 
 TUNING = "tuning.json"
+BEGUN = "begun.json"
+"""The trials of a tuning that has not ended, in their folder."""
 TRIALS = "tuning"
 """The folder of the trials' units, in that of the results."""
 
@@ -59,7 +62,10 @@ class TuningRecord(Plain):
     """A tuning that is complete."""
 
     of: str
-    """A digest of all that it depends on, but Optuna's version."""
+    """A digest of all that it depends on, but Optuna's version; empty where stale trials were
+    kept."""
+    of_settings: str
+    """A digest of that but for code and Curricle's version."""
     optuna: str
     """The version of Optuna that searched."""
     seeds: tuple[Count, ...] = Field(min_length=1)
@@ -81,6 +87,16 @@ class TuningRecord(Plain):
         return self
 
 
+class BegunTrials(Plain):
+    """The trials that a tuning has begun so far."""
+
+    number: Count
+    """Of all its trials."""
+    seeds: tuple[Count, ...]
+    keys: tuple[str, ...]
+    """The key of each trial's target."""
+
+
 def read_tuning(store: StudyStore) -> TuningRecord | None:
     """Return the tuning of a study's folder; None if there is none, or it has not ended."""
     if not store.has(TUNING):
@@ -99,3 +115,25 @@ def tuning_at(path: Place) -> TuningRecord | None:
 def write_tuning(store: StudyStore, record: TuningRecord) -> None:
     """Write ``tuning.json``."""
     store.write(TUNING, sealed(plain(record)))
+
+
+def write_begun(trials: StudyStore, begun: BegunTrials) -> None:
+    """Write ``begun.json`` into the folder of the trials."""
+    trials.write(BEGUN, sealed(plain(begun)))
+
+
+def tuning_words(store: StudyStore) -> str:
+    """Return how far the tuning of a study's folder is, in a sentence; empty if none goes on."""
+    configuration = store.description.get("configuration")
+    if not isinstance(configuration, dict) or "tune" not in configuration:
+        return ""
+    words = "the tuning has changed" if store.has(TUNING) else "it is tuned first"
+    if not store.has(f"{TRIALS}/{BEGUN}"):
+        return f"{words}: no trial has begun"
+    trials = StudyStore(store.path / TRIALS)
+    found = trials.read_sealed(BEGUN)
+    begun = trials.checked(BEGUN, lambda: read_record(BegunTrials, found))
+    stored = trials.finished()
+    done = sum({*begun.seeds} <= stored.get(key, {}).keys() for key in begun.keys)
+    number = counted(begun.number, "trial")
+    return f"{words}: {done} of {number} are stored; its seeds come after them"

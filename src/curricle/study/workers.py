@@ -1,5 +1,6 @@
 """Processes that train units, and end when the process that started them does."""
 
+import atexit
 import os
 import signal
 import subprocess
@@ -55,7 +56,7 @@ class _Workers(SpawnContext):
 @cache
 def _reaper(process: int) -> subprocess.Popen[bytes]:
     """Return the reaper of this process, of that number; the first call starts it."""
-    return subprocess.Popen(
+    reaper = subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", REAPER],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -63,6 +64,16 @@ def _reaper(process: int) -> subprocess.Popen[bytes]:
         start_new_session=True,  # signals to the run are not for it
         bufsize=0,
     )
+    atexit.register(_end, reaper)
+    return reaper
+
+
+def _end(reaper: subprocess.Popen[bytes]) -> None:
+    """End a reaper when this process ends by itself; its workers have ended before."""
+    assert reaper.stdin is not None
+    reaper.stdin.close()
+    with suppress(subprocess.TimeoutExpired):  # a process that was forked may have the pipe too
+        reaper.wait(1.0)
 
 
 class WorkerProcesses(ProcessPoolExecutor):

@@ -17,6 +17,7 @@ from curricle.study.tuning_record import SpaceRecord, TrialRecord, TunedArm, Tun
 RATE = "learner.learning_rate"
 TUNED = TuningRecord(
     of="0f",
+    of_settings="1e",
     optuna="4.4.0",
     seeds=(7, 8),
     total=500,

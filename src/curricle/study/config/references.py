@@ -15,6 +15,8 @@ from curricle.errors import ConfigError, CurricleError
 
 IMPORTED = dict[str, tuple[int, int] | None]()
 """The time and size of each module's file when it was imported."""
+PACKAGES = "curricle_study_"
+"""What the names of packages of studies' own modules begin with."""
 LOGGER = logging.getLogger(__name__)
 """It names each module of a study before the module is imported."""
 
@@ -88,7 +90,7 @@ def _package(folder: Path) -> str:
     a file of them has changed since it was imported, they are imported again.
     """
     path = str(folder.resolve())
-    name = f"curricle_study_{hashlib.sha256(path.encode()).hexdigest()[:16]}"
+    name = f"{PACKAGES}{hashlib.sha256(path.encode()).hexdigest()[:16]}"
     imported = _modules_in(name)
     if any(module in IMPORTED and IMPORTED[module] != _stamp(module) for module in imported):
         for module in imported:  # all, since they import each other

@@ -10,7 +10,7 @@ from pydantic import PrivateAttr, ValidationError, model_validator
 from curricle.comparison.scratch import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.deep.learner import DeepLearner
-from curricle.errors import ConfigError, CurricleError
+from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.building import CurriculumBuilder
 from curricle.study.config.derived_tables import built
@@ -192,7 +192,7 @@ class StudyConfig(RunTable):
 
         Raises
         ------
-        ImportError
+        SettingError
             When there is such a learner, and Stable-Baselines3 is not installed.
         ConfigError
             Naming each algorithm, setting and kind of shaping that it does not support.
@@ -203,11 +203,14 @@ class StudyConfig(RunTable):
                 learner, shaping = (curriculum.setting(s, name) for s in ("learner", "shaping"))
                 if not isinstance(learner, DeepLearner):
                     continue
-                with found.at(arm, ("tasks", name, "learner")):
-                    learner.algorithm_class()  # raises ImportError that names what to install
-                    from curricle.deep.models import check_learner
+                try:
+                    with found.at(arm, ("tasks", name, "learner")):
+                        learner.algorithm_class()
+                        from curricle.deep.models import check_learner
 
-                    check_learner(learner, shaping if curriculum.in_edges(name) else None)
+                        check_learner(learner, shaping if curriculum.in_edges(name) else None)
+                except ImportError as error:  # it names what to install
+                    raise SettingError(f"a task is learnt by a network: {error}") from None
         found.raise_any()
 
     def varied(self, **fields: Any) -> Self:

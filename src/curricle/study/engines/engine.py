@@ -1,14 +1,14 @@
 """What trains units: threads, processes, any executor, or an engine on other machines."""
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from socket import create_connection
 from typing import Any, Protocol
 
 from curricle.errors import EngineError
 from curricle.remote_path import Place, RemotePath
-from curricle.study.engines.sending import SentUnit, train_sent
+from curricle.study.engines.sending import SentUnit, train_apart, train_sent
 from curricle.study.stored_values import StoredSource
 from curricle.study.units import UnitInput, train_unit
 
@@ -103,8 +103,10 @@ class ExecutorWorkers:
 
     def train(self, given: UnitInput, stored: Any = None, place: Any = None) -> "Future[Any]":
         """Return the future result of a unit."""
+        # Threads hand on what is raised as it is.
+        train = train_unit if isinstance(self.executor, ThreadPoolExecutor) else train_apart
         try:
-            return self.executor.submit(train_unit, given)
+            return self.executor.submit(train, given)
         except Exception as error:
             broken = BrokenExecutor("the executor took no unit")
             broken.__cause__ = error

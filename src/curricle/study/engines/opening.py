@@ -1,7 +1,7 @@
 """Opening the engine that a word names, and comparing its workers with this machine."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -99,15 +99,15 @@ def check_versions(on: str, found: Mapping[str, Any]) -> None:
             )
 
 
-def workers_of(engine: Engine, on: str, arms: Arms, folder: Path) -> EngineWorkers:
-    """Return the workers of an engine for a study whose own modules are in a folder.
+def workers_of(engine: Engine, on: str, each: Sequence[Arms], folder: Path) -> EngineWorkers:
+    """Return the workers of an engine for all arms of a study whose own modules are in a folder.
 
     Modules elsewhere on Python's path are not sent: workers import their own, which must be the
     same (:func:`arms_from_json`).
     """
-    found = own_files(list(arms.dependencies.values()), folder)
+    found = own_files([list(arms.dependencies.values()) for arms in each], folder)
     root = folder.resolve()
     files = {
         name: file.read_bytes() for name, file in found.items() if root / name == file.resolve()
     }
-    return EngineWorkers(engine, on, files, versions_here(), arms.live)
+    return EngineWorkers(engine, on, files, versions_here(), any(arms.live for arms in each))

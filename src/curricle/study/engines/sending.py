@@ -3,19 +3,22 @@
 import atexit
 import hashlib
 import json
+import pickle
 import platform
 import shutil
-from collections.abc import Mapping
+import traceback
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from importlib import metadata
 from pathlib import Path
 from tempfile import mkdtemp
 from threading import Lock
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-from curricle.errors import EngineError
+from curricle.errors import CurricleError, EngineError, ForeignError, in_words
 from curricle.files import remove_folder
 from curricle.remote_path import Place
+from curricle.study.config.references import PACKAGES
 from curricle.study.folders import lost_errors
 from curricle.study.serialization import UnitResult
 from curricle.study.store import StoredUnit, arrays_in, written_unit
@@ -25,6 +28,7 @@ from curricle.study.units import UnitInput, train_unit
 FOLDERS = dict[str, Path]()
 """The folders of modules that this process has written, by a digest of their files."""
 WRITING, LIVE = Lock(), Lock()
+Result = TypeVar("Result")
 
 
 class SentUnit(NamedTuple):
@@ -43,12 +47,71 @@ class SentUnit(NamedTuple):
     """The study's folder, where the worker writes the result itself."""
 
 
+def called(function: Callable[[Any], Result], argument: Any) -> Result:
+    """Return what a function returns; what it raises can be read in another process.
+
+    Errors of classes in the study's own modules, and those that do not survive pickling, become a
+    ForeignError in the same words. A note has the traceback.
+
+    Examples
+    --------
+    >>> class Slipped(Exception):
+    ...     __module__ = "curricle_study_0f.rules"
+    >>> def slip(place):
+    ...     raise Slipped(f"off the map at {place}")
+    >>> try:
+    ...     called(slip, (3, 4))
+    ... except ForeignError as error:
+    ...     print(error)
+    Slipped: off the map at (3, 4)
+    """
+    try:
+        return function(argument)
+    except Exception as error:
+        found = _sendable(error)
+    raise found  # out here it has no context, which some engines send too
+
+
+def _sendable(error: Exception) -> Exception:
+    """Return an error, or one in the same words that can be sent, without the errors before it."""
+    told = "".join(traceback.format_exception(error))
+    error.__cause__ = error.__context__ = error.__traceback__ = None
+    if not _survives(error):
+        kind: type[Exception] = ForeignError
+        if isinstance(error, CurricleError):  # its class is the user's own, below one of ours
+            ours = CurricleError.__module__
+            kind = next(each for each in type(error).__mro__ if each.__module__ == ours)
+        error = kind(in_words(error))
+    error.add_note(told)
+    return error
+
+
+def _survives(error: Exception) -> bool:
+    """Return whether a process without the study's own modules reads an error as it is."""
+    try:
+        content = pickle.dumps(error)
+        again = pickle.loads(content)
+    except Exception:  # whatever a class's own methods raise
+        return False
+    same = type(again) is type(error) and str(again) == str(error)
+    return same and PACKAGES.encode() not in content
+
+
+def train_apart(given: UnitInput) -> UnitResult:
+    """Return what a unit's seeds learn; what it raises can be sent from this process."""
+    return called(train_unit, given)
+
+
 def train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
     """Return what a unit's seeds learn, or the file that it is written to.
 
     EngineError where versions differ from those of the run; LostStoreError where sources cannot be
     read at the study's URL, or the result cannot be written there.
     """
+    return called(_train_sent, sent)
+
+
+def _train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
     if differ := difference(sent.versions, versions_here()):
         raise EngineError(f"worker {platform.node()} has {differ}")
     folder = written(sent.files)
