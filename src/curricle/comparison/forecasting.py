@@ -175,10 +175,8 @@ def forecast_once(
         judge = partial(_judgement if reads_values else _judgement_of_networks, workers=workers)
         rows = _rows(made, len(shown_rows), any_target, judged, judge, bars)
         if not perfect:
-            level = threshold_of_optimum(any_target) if threshold is None else threshold
-            found, no_trial = _trial(
-                each, trial, level, alone=judged.alone, workers=workers, progress=bars.within()
-            )
+            how = {"alone": judged.alone, "workers": workers, "progress": bars.within()}
+            found, no_trial = _trial(each, trial, threshold, any_target, how)
             if found is not None:
                 bars.tell("trial")
             learnt = _judged_sources(curriculum, sources, workers, bars.within())
@@ -291,7 +289,8 @@ def _trial(
     candidates: Sequence[Candidate],
     trial: bool | Curriculum | None,
     threshold: float | None,
-    **how: Any,
+    any_target: AnyTarget,
+    how: Mapping[str, Any],
 ) -> tuple[Trial | None, str]:
     """Return the trial of the candidates, or of the used one, or None and why there is none."""
     if trial is False:
@@ -299,6 +298,7 @@ def _trial(
     (used,) = (one for one in candidates if one.used)
     if isinstance(trial, Curriculum):
         return rehearse(trial, used, **how), ""
+    threshold = threshold_of_optimum(any_target) if threshold is None else threshold
     if trial is True:
         return run_trial(candidates, threshold=threshold, **how), ""
     why = hindrance(used.curriculum)
