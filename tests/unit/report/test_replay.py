@@ -9,6 +9,8 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.learning.record import Snapshots
+from curricle.planning.greedy import Values
+from curricle.planning.rollouts import greedy_rollout
 from curricle.planning.solution import greedy_policy
 from curricle.report import replay as replay_module
 from curricle.report.replay import LEVELS, greedy_choices, mark_of, replays
@@ -150,7 +152,7 @@ def test_both_episodes_start_alike_and_sum_the_rewards(pursuit):
     pair = before_and_after(shot, hunt, GridView.for_replay(hunt), discounted=True)
     before, after = pair.before, pair.after
     assert (before.cells[0] == after.cells[0]).all()
-    followed = cr.planning.rollout(hunt, greedy_policy(shot.values[-1]), seed=0)
+    followed = greedy_rollout(hunt, Values(shot.values[-1].astype(np.float64)), seed=0)
     assert after.returns[-1] == pytest.approx(followed.discounted_return(0.9))
     decoded = hunt.states.decode(followed.states)
     assert (after.cells[:, 1] == decoded["predator_1"]).all()
