@@ -23,6 +23,7 @@ from curricle.display import brief_repr, printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.task import has_tables
+from curricle.text_tables import counted
 
 FIRST_RUNS, MOST_RUNS = 4, 16
 """Runs of each arm in the first round, and in any; a run is one seed of one problem."""
@@ -141,7 +142,8 @@ class Race:
 
     def __str__(self) -> str:
         lines = [
-            f"round {n}: {len(one.scores)} arms, {one.runs} runs of each, {one.cost:,.0f} steps"
+            f"round {n}: {counted(len(one.scores), 'arm')}, {counted(one.runs, 'run')} of each, "
+            f"{one.cost:,.0f} steps"
             for n, one in enumerate(self.rounds, 1)
         ]
         best = sorted(self.rounds[-1].scores.items(), key=lambda pair: pair[1])

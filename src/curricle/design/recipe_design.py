@@ -23,6 +23,7 @@ from curricle.display import brief_repr, printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.task import has_tables
+from curricle.text_tables import counted
 
 SHARES = {"first": 0.5, "variation": 0.3, "numbers": 0.6}
 """Of what is left of the budget, for the first race, each race of variations, and the numbers; the
@@ -131,7 +132,8 @@ class RecipeDesign:
             for name in self.judgement.steps
             if name not in (SCRATCH, RECIPE, PLACEBO)
         ]
-        lines.append(f"{arms} recipes raced; {trainings} batches of seeds. The search cost:")
+        raced = f"{counted(arms, 'recipe')} raced, {counted(trainings, 'training')} in all"
+        lines.append(f"{raced}. The search cost:")
         return "\n".join([*lines, str(self.ledger)])
 
 

@@ -10,6 +10,7 @@ from curricle.checks import brief, whole_number
 from curricle.display import block, brief_repr, printed, shortened, table
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.tasks.task import Task, same_task
+from curricle.text_tables import counted
 from curricle.transfer.common_part import by_common_part
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.component_search import by_alignment, by_assignment, by_name
@@ -130,7 +131,7 @@ class FoundMappings:
 
     def __repr__(self) -> str:
         best = self.candidates[0].how if self.candidates else "none"
-        return shortened(f"FoundMappings({len(self)} mappings, the best: {best})")
+        return shortened(f"FoundMappings({counted(len(self), 'mapping')}, the best: {best})")
 
     def _repr_html_(self) -> str:
         head = ["mapping", "coverage", "regained", "dynamics error", "Bellman inconsistency"]
