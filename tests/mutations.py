@@ -162,7 +162,7 @@ MUTATIONS = [
     Mutation(
         "the lock not taken",
         "study/folders.py",
-        "lock.acquire(timeout=0)",
+        "lock.acquire(timeout=PATIENCE)",
         "pass",
         ("tests/unit/test_study_folder.py::test_only_one_process_works_on_a_study",),
     ),

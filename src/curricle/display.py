@@ -38,6 +38,11 @@ STYLE = Markup(
     "<style>.curricle{font-size:13px;line-height:1.45}"
     ".curricle>*{margin:.4em 0}.curricle>div:not(.wide):not(.row){max-width:62em}"
     ".curricle .wide{overflow-x:auto}"
+    # no table has this line before it but one that scrolls: its animation needs a way to scroll
+    ".curricle .wide::before{content:'More to the side: scroll →';display:block;position:sticky;"
+    "left:0;width:max-content;height:0;overflow:hidden;opacity:.7;"
+    "animation:curricle-scrolls linear;animation-timeline:scroll(nearest inline)}"
+    "@keyframes curricle-scrolls{from,to{height:1.5em}}"
     ".curricle table{border-collapse:collapse;margin:0;font-size:inherit}"
     ".curricle th,.curricle td{text-align:left;vertical-align:top;padding:.2em .7em .2em 0;"
     "border:0;border-bottom:1px solid rgba(128,128,128,.35);background:none;white-space:nowrap}"

@@ -20,7 +20,7 @@ def counted(n: int, noun: str) -> str:
     >>> counted(1, "seed"), counted(0, "seed"), counted(1200, "step")
     ('1 seed', '0 seeds', '1,200 steps')
     """
-    return f"{n:,} {noun}{'s' * (n != 1)}"
+    return f"{n:,} {noun}{'s' * bool(n != 1)}"
 
 
 def or_dash(value: float, form: str = ".3g") -> str:

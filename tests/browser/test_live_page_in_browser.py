@@ -88,6 +88,11 @@ def fits(page):
     return page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
 
 
+def ticks_of(page):
+    """The steps that the curves' axis names."""
+    return page.locator("#chart > text[text-anchor='middle']").all_text_contents()
+
+
 def test_the_page_follows_the_units_and_keeps_the_last_report(run, visit):
     page, phone = visit(DESK), visit(PHONE)
     says(page, "#line", "0 of 6 units")
@@ -106,6 +111,10 @@ def test_the_page_follows_the_units_and_keeps_the_last_report(run, visit):
 
     page.get_by_text("What the columns mean").click()
     page.get_by_label("No: weak transfer").check()
+    arm = page.locator("#arms li", has_text="scratch").get_by_role("button")
+    arm.click()
+    page.get_by_role("button", name="Zoom in").click()
+    zoomed = ticks_of(page)
     page.locator("#run").scroll_into_view_if_needed()
     place = "document.querySelector('#run').getBoundingClientRect().top"
     before = page.evaluate(place)
@@ -115,6 +124,9 @@ def test_the_page_follows_the_units_and_keeps_the_last_report(run, visit):
     says(page, "#report", "4 seeds")
     assert page.get_by_text("What the columns mean").locator("..").get_attribute("open") == ""
     assert page.locator(".curves.weak").is_visible()
+    assert arm.get_attribute("aria-pressed") == "false"
+    assert ticks_of(page) == zoomed
+    assert page.locator("#chart-reset").is_enabled()
     assert page.evaluate(place) == pytest.approx(before, abs=2)
     assert page.locator("#report footer").count() == 0
     assert page.title() == "Ended · hunt"

@@ -2,6 +2,7 @@
 
 import pytest
 
+from curricle.display import block, table
 from curricle.paper.reproduce import FIGURES
 
 WIDTHS = [{"width": 390, "height": 844}, {"width": 1300, "height": 900}]
@@ -78,3 +79,17 @@ def test_the_paper_jumps_from_contents_and_summary(visit, viewport):
     verdicts = page.locator("#summary .stamp").all_text_contents()
     assert verdicts == page.locator("article.claim .stamp").all_text_contents()
     assert page.locator("img").evaluate_all("all => all.every(e => e.complete && e.naturalWidth)")
+
+
+@pytest.mark.parametrize("viewport", WIDTHS, ids=lambda one: one["width"])
+def test_a_table_in_a_notebook_says_that_it_scrolls(browser, viewport):
+    heads = [f"a column of number {k}" for k in range(6)]
+    shown = block("wide and narrow", table(heads, [range(6)]), table(["a"], [[1]]))
+    page = browser.new_page(viewport=viewport)
+    page.set_content(shown)
+    heights = page.eval_on_selector_all(
+        ".wide", 'all => all.map(e => parseFloat(getComputedStyle(e, "::before").height))'
+    )
+    narrow = viewport["width"] < 1000
+    assert [height > 15 for height in heights] == [narrow, False]
+    page.close()

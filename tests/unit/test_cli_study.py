@@ -195,7 +195,7 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
         "Stored in chain-results: curricle show chain-results, curricle report chain-results\n"
     )
     assert "done scratch: maze, seeds 0-1\n" in progress
-    assert "done chain: corner, seeds 2\n" in progress
+    assert "done chain: corner, seed 2\n" in progress
     done = StudyResults(tmp_path / "chain-results")
     assert (done.seeds, done.record.budget) == ((0, 1, 2), 300)
     code, _, complaint = run("--seeds", "0-3")
@@ -203,8 +203,8 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
     assert "curricle: chain-results already holds results, 8 files of units: go on" in complaint
     code, _, progress = run("--seeds", "0-3", "--resume")
     assert code == 0
-    assert "seeds 3\n" in progress
-    assert "seeds 0" not in progress
+    assert "seed 3\n" in progress
+    assert "seed 0" not in progress
     code, told, _ = curricle("run", study_file, "--resume", "--dry-run")
     assert code == 0
     assert told.startswith("scratch: maze, seeds 0-3, is stale and trained again: budget was 300")
@@ -466,7 +466,7 @@ def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
     assert "line: 4 arms, 2 seeds, 6 units" in out
     assert "swept: learner.learning_rate = 0.1, 0.3" in out
     words = " ".join(out.split())
-    assert "before that, tuning: 2 trials of each arm on seeds 1000000, 8 trials in all" in words
+    assert "before that, tuning: 2 trials of each arm on seed 1000000, 8 trials in all" in words
     assert "forecasts are for the first settings of each arm" in out
 
 
@@ -481,7 +481,7 @@ def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
     assert "tuning, 2 of 2 trials" in told
     code, out, _ = curricle("show", "line-results")
     assert code == 0
-    assert "tuned on seeds 1000000, " in out
+    assert "tuned on seed 1000000, " in out
     assert "shown here and not charged to the curves" in " ".join(out.split())
     assert out.count("main effects: mean return") == 2
     assert "scratch: learner.learning_rate = 0.3" in out

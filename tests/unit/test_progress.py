@@ -81,6 +81,23 @@ def test_the_rate_of_a_folder_is_that_of_what_was_seen(clock):
     assert pace.line_of(50, 200) == "50 of 200 units, 30 units a minute, 0:05:00 left"
 
 
+def test_a_run_of_a_part_says_how_far_the_study_is_too(clock):
+    pace, every = Pace(clock), units(3)
+    assert pace.line_in(0, 0) == ""
+    assert pace.line_in(6, 9) == "6 of 9 units"
+    pace.note(Progress(every, workers=2, tuning="tuning, 1 of 1 trials"))
+    assert pace.line_in(0, 3) == "0 of 3 units; its tuning: 0 of 3 units, 2 workers"
+    pace.note(Progress(every, workers=1))
+    assert pace.line_in(6, 9) == "6 of 9 units; this run: 0 of 3 units, 1 worker"
+    assert pace.line_in(0, 3) == "0 of 3 units, 1 worker"
+
+
+def test_one_unit_is_named_in_the_singular(clock):
+    pace = Pace(clock)
+    pace.note(Progress(units(1)))
+    assert pace.line() == "0 of 1 unit, 1 worker"
+
+
 def printed(capsys, clock, number):
     pace, every = Pace(clock), units(number)
     lines = Lines(pace)
@@ -94,7 +111,7 @@ def printed(capsys, clock, number):
 
 def test_each_unit_has_a_line(capsys, clock):
     found = printed(capsys, clock, 40)
-    assert found == [f"done scratch: maze, seeds {seed}" for seed in range(40)]
+    assert found == [f"done scratch: maze, seed {seed}" for seed in range(40)]
 
 
 def test_trials_made_at_once_have_one_line(capsys, clock):

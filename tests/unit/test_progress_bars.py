@@ -15,6 +15,12 @@ MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
 
 
+SEARCHES = [cr.transfer.by_name, cr.transfer.by_legs]
+PROBLEM = cr.design.Problem(MAZE, steps=20_000)
+RECIPE = cr.design.Recipe([cr.design.Stage(cr.design.Relation("crop", 0.6), 10)])
+BUDGET = cr.design.SearchBudget
+
+
 def plan():
     return cr.Curriculum(
         tasks={"corner": CORNER, "maze": MAZE},
@@ -61,6 +67,35 @@ LONG = {
         lambda **how: cr.teaching.teach({"maze": MAZE}, target="maze", budget=500, **how),
         [0],
         ["learning: 1 done"],
+    ),
+    "find_mappings": (
+        lambda **how: cr.transfer.find_mappings(MAZE, CORNER, searches=SEARCHES, **how),
+        ["by_name", "by_legs"],
+        ["searches: 2 done"],
+    ),
+    "race": (
+        lambda **how: cr.design.race([PROBLEM], {"crop": RECIPE}, BUDGET(400_000), **how),
+        ["Round", "Round"],
+        ["round 1: 2 done", "round 2: 2 done", "round 2, placebo: 1 done"],
+    ),
+    "judge": (
+        lambda **how: cr.design.judge([PROBLEM], RECIPE, BUDGET(2_000_000), **how),
+        ["target"],
+        ["judgement: 3 done"],
+    ),
+    "design_recipe": (
+        lambda **how: cr.design.design_recipe(
+            [PROBLEM], BUDGET(1_000_000), arms={"crop": RECIPE}, seed=1, **how
+        ),
+        ["Race", "Race", "Judgement"],
+        [
+            *["race 1: round 1: 3 done", "race 1: round 2: 3 done"],
+            *["race 1: round 2, placebo: 1 done", "race 2: round 1: 13 done"],
+            *["race 2: round 2: 8 done", "race 2: round 2, placebo: 1 done"],
+            *["race 2: round 3: 5 done", "race 2: round 3, placebo: 1 done"],
+            *["race 2: round 4: 4 done", "race 2: round 4, placebo: 1 done"],
+            *["steps a state: 8 done", "judgement: 4 done"],
+        ],
     ),
     "tabulate": (lambda **how: cr.tabulate("FrozenLake-v1", discount=0.9, **how), [], []),
     "certify": (lambda **how: cr.certify(MAZE, zero(), **how), ["Certificate"], []),

@@ -9,6 +9,7 @@ from markupsafe import Markup
 from curricle.array_types import FloatArray
 from curricle.display import block, brief_repr, printed, table
 from curricle.frozen_arrays import Frozen
+from curricle.text_tables import counted
 
 UNKNOWN = float("nan")
 
@@ -227,7 +228,7 @@ class SampledCertificate:
         return False
 
     def __str__(self) -> str:
-        steps = f"{self.steps:,} sampled steps ({self.reason})"
+        steps = f"{counted(self.steps, 'sampled step')} ({self.reason})"
         seen = [*self.contradictions, f"found in {steps}"]
         if not self.contradictions:
             seen = [f"no contradiction in {steps}"]

@@ -1,7 +1,7 @@
 """The commands that design a recipe and apply it."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -27,15 +27,15 @@ def design(
     Every training is kept beside the recipe, so that an interrupted design goes on with --resume.
     Beside it is a page too, on how it was found.
     """
-    from curricle.cli.compilation import announce_compilation
+    from curricle.cli.progress_bars import and_compilation
+    from curricle.progress import shown
     from curricle.report.design_report import write_design_report
     from curricle.study.recipes.designing import run_design
 
     announce_imports()
-    announce_compilation()
-    found = run_design(
-        file, on, out, budget=budget, seed=seed, workers=workers, resume=resume, set=changes or []
-    )
+    given: Any = {"budget": budget, "seed": seed, "workers": workers, "set": changes or []}
+    with shown(True, and_compilation(str)) as bars:
+        found = run_design(file, on, out, **given, resume=resume, progress=bars)
     typer.echo(str(found))
     typer.echo(f'Wrote {out}: curricle apply {out} --to "PARAMETER=VALUE, ..."')
     page = out.with_suffix(".html" if out.suffix != ".html" else ".report.html")

@@ -5,7 +5,7 @@ from curricle.study.config.varied_settings import value_text
 from curricle.study.effects import TUNING, Effects, effects_of
 from curricle.study.results import StudyResults
 from curricle.study.tuning_record import TuningRecord, read_tuning
-from curricle.study.units import seed_ranges
+from curricle.study.units import numbered_seeds
 
 NONE = "–"
 
@@ -23,7 +23,7 @@ def print_tuning(tuning: TuningRecord) -> None:
     """Print how every arm was tuned, what that took, and its best trial."""
     print()
     print_text(
-        f"tuned on seeds {seed_ranges(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
+        f"tuned on {numbered_seeds(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
         "sources included; these steps are shown here and not charged to the curves"
     )
     rows = list[tuple[str, ...]]()

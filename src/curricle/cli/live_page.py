@@ -45,14 +45,14 @@ def page_of_run(
         return nullcontext()
     from curricle.report.live_server import live_run
 
-    return opened_page(live_run(folder, lambda *_: pace.line(), port))
+    return opened_page(live_run(folder, pace.line_in, port))
 
 
 def watch_folder(folder: str, port: int) -> None:
     """Show the report of a folder, in which another process may store units, until Ctrl-C."""
     from curricle.report.live_server import live_page
 
-    with opened_page(live_page(folder, Pace().line_of, port)) as server:
+    with opened_page(live_page(folder, Pace().line_of, port, elsewhere=True)) as server:
         try:
             while True:
                 sleep(3600)

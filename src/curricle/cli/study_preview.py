@@ -18,7 +18,7 @@ from curricle.study.packing import bytes_a_seed, seeds_per_file
 from curricle.study.resuming import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore
 from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
-from curricle.study.units import seed_ranges, units_of
+from curricle.study.units import numbered_seeds, units_of
 from curricle.text_tables import counted
 from curricle.transfer.descriptions import countable, mapping_words
 from curricle.transfer.edges import transfer_names
@@ -72,7 +72,8 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         if node.deep:
             task, learner = node.task.shapes, node.learner.algorithm
         else:
-            task = f"{node.task.states.size:,} states x {node.task.actions.size:,} actions"
+            sizes = (node.task.states.size, "state"), (node.task.actions.size, "action")
+            task = " x ".join(counted(*one) for one in sizes)
             learner = type(node.learner).__name__
         steps = counted(node.budget, "step") if isinstance(node.budget, int) else node.budget
         steps = "no steps, by exact answers" if node.takes_no_steps else steps
@@ -99,8 +100,8 @@ def _tuning(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
     runs = number * len(tune.seeds)
     one = sum(one.seconds / one.seeds for one in each) / len(arms.curricula)
     return (
-        f"before that, tuning: {counted(tune.trials, 'trial')} of each arm on seeds "
-        f"{seed_ranges(tune.seeds)}, {counted(number, 'trial')} in all, {runs * total:,} steps, "
+        f"before that, tuning: {counted(tune.trials, 'trial')} of each arm on "
+        f"{numbered_seeds(tune.seeds)}, {counted(number, 'trial')} in all, {runs * total:,} steps, "
         f"about {duration(runs * one)}"
     )
 
@@ -158,8 +159,8 @@ def units_left(
     if study.tune is not None:
         check_tuning(study)
         yield (
-            f"first of all {study.tune.trials} trials of each arm; what follows is then trained "
-            "with the best settings, not with those of the file"
+            f"first of all {counted(study.tune.trials, 'trial')} of each arm; what follows is then "
+            "trained with the best settings, not with those of the file"
         )
     done: Done = {}
     if (place_at(path) / STUDY).exists():
@@ -168,6 +169,6 @@ def units_left(
     left = units_of(study, arms, done, shard)
     for unit in left:
         most = arms.curricula[unit.arm].node(unit.task).most_steps
-        yield f"{unit.label}: {most:,} steps at most"
+        yield f"{unit.label}: {counted(most, 'step')} at most"
     done_before = len(units_of(study, arms, {}, shard)) - len(left)
     yield f"{counted(len(left), 'unit')} to do, {done_before} done, in {path}"

@@ -26,6 +26,7 @@ from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.intervals import Interval, paired_difference
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.task import Task, tables
+from curricle.text_tables import counted
 from curricle.transfer.edges import Transfer, transfer_names
 
 STANDARD_ERRORS = 3.0
@@ -62,7 +63,7 @@ class Region:
 
     def __str__(self) -> str:
         n = len(self.states)
-        return f"{n} state{'s' * (n > 1)} ({self.where}), in {abs(self.share):.0%} of seeds"
+        return f"{counted(n, 'state')} ({self.where}), in {abs(self.share):.0%} of seeds"
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +110,7 @@ class Attribution:
         """Return the largest regions in which choices became worse, or better, in words."""
         regions = self.regions(name, harmed=harmed)
         shown, left = "; ".join(map(str, regions[:SHOWN])), len(regions) - SHOWN
-        more = f"; and {left} more region{'s' * (left > 1)}" if left > 0 else ""
+        more = f"; and {counted(left, 'more region')}" if left > 0 else ""
         return f"{shown}{more}" if regions else "nowhere"
 
     def changed_states(self, name: str, *, harmed: bool = True, least: float = LEAST) -> BoolArray:

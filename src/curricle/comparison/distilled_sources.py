@@ -10,6 +10,7 @@ from curricle.curriculum.sources import SourceValues
 from curricle.deep.miniature_task import Miniatures
 from curricle.frozen_arrays import Frozen
 from curricle.tasks.observation_task import made_by
+from curricle.text_tables import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,9 @@ class DistilledSource(Frozen):
 
     def __str__(self) -> str:
         each = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
-        told = [f"{round(x, 2) + 0.0:.0%} on {n:,} levels of {member}" for x, n, member in each]
+        told = [
+            f"{round(x, 2) + 0.0:.0%} on {counted(n, 'level')} of {member}" for x, n, member in each
+        ]
         return (
             f"{self.name}'s network regains {', '.join(told)}, held out, of the way from random to "
             "optimal"

@@ -25,6 +25,7 @@ from curricle.progress import Bars, Progress, shown
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
+from curricle.text_tables import counted
 
 LEARNT = 0.9
 """Share of the way from random to the reference from which a source learnt its own task."""
@@ -129,7 +130,7 @@ class SourceLearning(Frozen):
         words = f"{self.name} learnt {only}{_percent(self.share)} of the way to {by}"
         if self.shares.min() < NOT_LEARNT:
             failed = int((self.shares < NOT_LEARNT).sum())
-            words += f", but {failed} of {len(self.seeds)} seeds did NOT learn it"
+            words += f", but {failed} of {counted(len(self.seeds), 'seed')} did NOT learn it"
         return words
 
 

@@ -31,6 +31,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
+from curricle.text_tables import counted
 from curricle.transfer.observation_rollouts import target_of
 
 STREAM = "/trial"
@@ -116,7 +117,8 @@ class Trial:
         if missed == len(times.reached):
             return f"never within {self.comparison.total:,} steps"
         text = in_brief(times.restricted_mean(float(self.comparison.scratch.curve.steps[-1])))
-        return f"at least {text} ({missed} of {len(times.reached)} seeds never)" if missed else text
+        seeds = counted(len(times.reached), "seed")
+        return f"at least {text} ({missed} of {seeds} never)" if missed else text
 
 
 def _saved(steps: Interval, bound: str) -> str:
@@ -196,8 +198,9 @@ def run_trial(
     arms = {one.name: apart(one.curriculum) for one in candidates}
     comparison = _compared(arms, alone, seeds, threshold, workers, progress)
     assumes = (
-        f"a trial in the model: {seeds} seeds, random streams apart from those of an experiment; "
-        "assumes the tasks, budgets and settings of the curriculum, its sources trained anew"
+        f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of an "
+        "experiment; assumes the tasks, budgets and settings of the curriculum, its sources "
+        "trained anew"
     )
     return Trial(comparison, assumes)
 
@@ -222,8 +225,8 @@ def rehearse(
         raise CurriculumError(f"a smaller relative needs models and a budget in steps: {why}")
     comparison = _compared({candidate.name: apart(relative)}, alone, seeds, None, workers, progress)
     assumes = (
-        f"a rehearsal on the smaller relative {relative.target!r}, {seeds} seeds; its steps and "
-        f"returns are the relative's own; assumes that what pays there pays in "
+        f"a rehearsal on the smaller relative {relative.target!r}, {counted(seeds, 'seed')}; its "
+        f"steps and returns are the relative's own; assumes that what pays there pays in "
         f"{candidate.curriculum.target!r}"
     )
     return Trial(comparison, assumes, relative.target)

@@ -1,6 +1,5 @@
 """A curriculum and what training it gave: in a few words, and as HTML for a notebook."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from curricle.errors import CurricleError
 from curricle.learning.results_table import learnt_curve, learnt_table
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
+from curricle.text_tables import counted
 from curricle.transfer.calibration import Calibration
 
 MOST_CURVES = 4
@@ -40,26 +40,22 @@ def curriculum_html(curriculum: Any) -> str:
     ]
     head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
     return block(
-        f"Curriculum: {_number(tasks, 'task')}, {_number(transfers, 'transfer')}",
+        f"Curriculum: {counted(len(tasks), 'task')}, {counted(len(transfers), 'transfer')}",
         table(["task", "", "learner", "budget"], tasks, wide=["budget"]),
         transfers and table(head, transfers, wide=["mapping"]),
     )
-
-
-def _number(things: Sequence[Any], name: str) -> str:
-    return f"{len(things)} {name}{'s' * (len(things) != 1)}"
 
 
 def _task_in_words(task: Any) -> str:
     if is_observation_task(task):
         return brief_value(task)
     model = generative_model(task)
-    sizes = f"{model.states.size:,} states, {model.actions.size:,} actions"
-    return f"{type(task).__name__}, {sizes}"
+    states, actions = counted(model.states.size, "state"), counted(model.actions.size, "action")
+    return f"{type(task).__name__}, {states}, {actions}"
 
 
 def _budget_in_words(budget: Any) -> str:
-    return f"{budget:,} steps" if isinstance(budget, int) else str(budget)
+    return counted(budget, "step") if isinstance(budget, int) else str(budget)
 
 
 def _calibrated(transfer: Any) -> str:
@@ -71,7 +67,7 @@ def result_in_brief(result: Any) -> str:
     seeds = len(next(iter(result.nodes.values())).seeds) if result.nodes else 0
     last = [f"{name} {one.greedy_return[:, -1].mean():.4g}" for name, one in result.nodes.items()]
     returns = f"last greedy returns: {', '.join(last)}" if last else "nothing was trained"
-    return shortened(f"CurriculumResult({seeds} seed{'s' * (seeds != 1)}; {returns})")
+    return shortened(f"CurriculumResult({counted(seeds, 'seed')}; {returns})")
 
 
 def result_html(result: Any) -> str:
@@ -105,5 +101,5 @@ def _ended(result: Any, name: str) -> str:
 def _calibration(each: list[Calibration]) -> str:
     refused = sum(bool(one.refusal) for one in each)
     scale = np.mean([one.scale for one in each])
-    words = f"calibrated to scale {scale:.3g} on average over {len(each)} seeds"
+    words = f"calibrated to scale {scale:.3g} on average over {counted(len(each), 'seed')}"
     return f"{words}, of which {refused} could not be" if refused else words

@@ -16,6 +16,7 @@ from curricle.learning.budget import limits
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.tasks.observation_task import is_observation_task
+from curricle.text_tables import counted
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.edges import Calibrate, Transfer
@@ -165,7 +166,7 @@ def warn_of_refusals(name: str, calibrations: Sequence[Calibration]) -> None:
     refused = [one.refusal for one in calibrations if one.refusal]
     if refused:
         warnings.warn(
-            f"{len(refused)} of {len(calibrations)} seeds of {name!r} take their potential as it "
-            f"is: {refused[0]}",
+            f"{len(refused)} of {counted(len(calibrations), 'seed')} of {name!r} take their "
+            f"potential as it is: {refused[0]}",
             stacklevel=3,
         )

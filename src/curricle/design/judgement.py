@@ -14,6 +14,7 @@ from curricle.design.search_budget import SearchBudget
 from curricle.display import brief_repr
 from curricle.errors import CurriculumError
 from curricle.frozen_arrays import Frozen
+from curricle.progress import Progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval, mean_interval
 
@@ -79,6 +80,7 @@ def judge(
     others: Mapping[str, Recipe] | None = None,
     seeds: int = SEEDS,
     first_seed: int = 0,
+    progress: Progress = None,
 ) -> Judgement:
     """Return what a recipe, its controls and other recipes cost on problems.
 
@@ -91,11 +93,16 @@ def judge(
     seeds : int
         At most; fewer where the budget does not pay for so many.
     first_seed : int
+    progress : bool or callable, optional
+        True shows a bar of all trainings, a function is called with the name of each problem that
+        is judged.
 
     Raises
     ------
     CurriculumError
         When the budget does not pay for three seeds, or one where there are many problems.
+    SettingError
+        When `progress` is none of these.
 
     Examples
     --------
@@ -117,15 +124,18 @@ def judge(
         )
     numbers = range(first_seed, first_seed + paid)
     steps: dict[str, list[npt.NDArray[np.int64]]] = {}
-    for problem in problems:
-        plans = {name: problem.curriculum(one) for name, one in arms.items()}
-        scratch = budget.train(problem, problem.scratch, numbers)
-        steps.setdefault(SCRATCH, []).append(scratch.steps)
-        for name, plan in plans.items():
-            steps.setdefault(name, []).append(budget.train(problem, plan, numbers).steps)
-        if recipe.stages and has_placebo(problems):
-            control = budget.train(problem, plans[RECIPE], numbers, placebo=True)
-            steps.setdefault(PLACEBO, []).append(control.steps)
+    placebo = bool(recipe.stages) and has_placebo(problems)
+    with shown(progress) as bars:
+        grow = bars.bar("judgement", len(problems) * (1 + len(arms) + placebo))
+        for problem in problems:
+            plans = {name: problem.curriculum(one) for name, one in arms.items()}
+            played = [(SCRATCH, problem.scratch), *plans.items()]
+            played += [(PLACEBO, plans[RECIPE])] * placebo
+            for name, plan in played:
+                found = budget.train(problem, plan, numbers, placebo=name == PLACEBO)
+                steps.setdefault(name, []).append(found.steps)
+                grow()
+            bars.tell(problem.name)
     return Judgement({name: np.stack(rows) for name, rows in steps.items()})
 
 

@@ -14,6 +14,7 @@ from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.start_states import goal_states
 from curricle.tasks.task import tables
+from curricle.text_tables import counted
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
 from curricle.transfer.observation_mapping import ObservationMapping
 
@@ -93,7 +94,8 @@ class SourceCandidate(Frozen):
         return self.mappings[0]
 
     def __repr__(self) -> str:
-        return f"SourceCandidate({self.name!r}, {self.kind}, {self.task.states.size:,} states)"
+        states = counted(self.task.states.size, "state")
+        return f"SourceCandidate({self.name!r}, {self.kind}, {states})"
 
 
 class DesignTarget(NamedTuple):

@@ -21,8 +21,10 @@ from curricle.design.recipe import Recipe
 from curricle.design.search_budget import BudgetSpent, SearchBudget
 from curricle.display import brief_repr, printed
 from curricle.errors import CurricleError, CurriculumError
+from curricle.progress import Bars, Progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.task import has_tables
+from curricle.text_tables import counted
 
 FIRST_RUNS, MOST_RUNS = 4, 16
 """Runs of each arm in the first round, and in any; a run is one seed of one problem."""
@@ -141,7 +143,8 @@ class Race:
 
     def __str__(self) -> str:
         lines = [
-            f"round {n}: {len(one.scores)} arms, {one.runs} runs of each, {one.cost:,.0f} steps"
+            f"round {n}: {counted(len(one.scores), 'arm')}, {counted(one.runs, 'run')} of each, "
+            f"{one.cost:,.0f} steps"
             for n, one in enumerate(self.rounds, 1)
         ]
         best = sorted(self.rounds[-1].scores.items(), key=lambda pair: pair[1])
@@ -175,6 +178,7 @@ def race(
     *,
     always: Sequence[str] = (),
     first_seed: int = 0,
+    progress: Progress = None,
 ) -> Race:
     """Return a race of recipes on problems, all arms with the same seeds.
 
@@ -192,11 +196,16 @@ def race(
         Arms that stay in the race whatever they cost, such as a fixed recipe.
     first_seed : int
         Seeds of the race begin with it.
+    progress : bool or callable, optional
+        True shows a bar of the trainings of each round, a function is called with each
+        :class:`Round`.
 
     Raises
     ------
     CurriculumError
         When there is no arm, or the budget does not pay for one round.
+    SettingError
+        When `progress` is none of these.
 
     Examples
     --------
@@ -212,10 +221,11 @@ def race(
         raise CurriculumError("a race needs a problem: got none")
     if SCRATCH in arms or PLACEBO in arms:
         raise CurriculumError(f"the names {SCRATCH!r} and {PLACEBO!r} are those of controls")
-    state = _Running(problems, budget, first_seed)
     curricula, dropped = _curricula(problems, arms)
-    names = state.affordable(curricula, always)
-    rounds, ended = state.halved(names, curricula, always)
+    with shown(progress) as bars:
+        state = _Running(problems, budget, first_seed, bars)
+        names = state.affordable(curricula, always)
+        rounds, ended = state.halved(names, curricula, always)
     ran = {name: arms[name] for name in names}
     missing = len(curricula) - len(names)
     measured = state.steps, tuple(rounds), state.source_steps
@@ -225,8 +235,11 @@ def race(
 class _Running:
     """What a race has measured so far."""
 
-    def __init__(self, problems: Sequence[Problem], budget: SearchBudget, first_seed: int) -> None:
+    def __init__(
+        self, problems: Sequence[Problem], budget: SearchBudget, first_seed: int, bars: Bars
+    ) -> None:
         self.budget, self.next_seed, self.problems = budget, first_seed, problems
+        self.bars = bars
         self.order = spread(range(len(problems)))
         self.steps: dict[str, list[IntArray]] = {}
         self.source_steps: dict[str, list[IntArray]] = {}
@@ -284,6 +297,7 @@ class _Running:
             left = half + [name for name in ranked if name in always and name not in half]
             kept = sorted([SCRATCH, *left], key=lambda name: (scores[name], name != SCRATCH))
             rounds.append(Round(runs, scores, tuple(kept), self.budget.ledger.cost - before))
+            self.bars.tell(rounds[-1])
         return rounds, ""
 
     def play(
@@ -294,11 +308,14 @@ class _Running:
         Where the budget ends within the round none of its runs is kept: arms would not be paired.
         """
         runs, played = _runs_of(number), list[tuple[str, int, Training]]()
-        for p, seeds in self._seeds(runs):
+        turns = [*self._seeds(runs)]
+        grow = self.bars.bar(f"round {number + 1}", len(turns) * len(names))
+        for p, seeds in turns:
             for name in names:
                 problem = self.problems[p]
                 plan = problem.scratch if name == SCRATCH else curricula[name][p]
                 played.append((name, p, self.budget.train(problem, plan, seeds)))
+                grow()
         for name, p, found in played:
             self._keep(name, p, found)
         self.next_seed += -(-runs // len(self.problems))
@@ -306,9 +323,12 @@ class _Running:
 
     def play_placebo(self, number: int, plans: list[Curriculum]) -> None:
         """Train the placebo of a curriculum in a quarter of the runs of a round."""
-        for p, seeds in self._seeds(_runs_of(number) // 4):
+        turns = [*self._seeds(_runs_of(number) // 4)]
+        grow = self.bars.bar(f"round {number + 1}, placebo", len(turns))
+        for p, seeds in turns:
             found = self.budget.train(self.problems[p], plans[p], seeds, placebo=True)
             self._keep(PLACEBO, p, found)
+            grow()
 
     def _seeds(self, runs: int) -> Iterator[tuple[int, range]]:
         """Yield each problem of a round and its seeds; problems take turns."""

@@ -21,8 +21,10 @@ from curricle.design.standing import STANDING
 from curricle.design.step_trend import with_step_trend
 from curricle.display import brief_repr, printed
 from curricle.errors import CurricleError, CurriculumError
+from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.task import has_tables
+from curricle.text_tables import counted
 
 SHARES = {"first": 0.5, "variation": 0.3, "numbers": 0.6}
 """Of what is left of the budget, for the first race, each race of variations, and the numbers; the
@@ -131,7 +133,8 @@ class RecipeDesign:
             for name in self.judgement.steps
             if name not in (SCRATCH, RECIPE, PLACEBO)
         ]
-        lines.append(f"{arms} recipes raced; {trainings} batches of seeds. The search cost:")
+        raced = f"{counted(arms, 'recipe')} raced, {counted(trainings, 'training')} in all"
+        lines.append(f"{raced}. The search cost:")
         return "\n".join([*lines, str(self.ledger)])
 
 
@@ -143,6 +146,7 @@ def design_recipe(
     fixed: Recipe | None = None,
     standing: Mapping[str, Recipe] | None = None,
     seed: int = 0,
+    progress: Progress = None,
 ) -> RecipeDesign:
     """Return a recipe designed on some problems, such as miniatures of a large task.
 
@@ -166,12 +170,17 @@ def design_recipe(
         By default :data:`STANDING`, and none where `arms` are given.
     seed : int
         The same seed gives the same design, bit for bit.
+    progress : bool or callable, optional
+        True shows bars of the trainings, a function is called with each :class:`Race`, then with
+        the :class:`Judgement`.
 
     Raises
     ------
     CurriculumError
         When there is no problem, no recipe has sources in all of them, or the budget does not pay
         for a race and its judgement.
+    SettingError
+        When `progress` is none of these.
 
     Examples
     --------
@@ -190,18 +199,24 @@ def design_recipe(
     seed = whole_number("the seed of a design", seed, 0, CurriculumError)
     known = dict((STANDING if arms is None else {}) if standing is None else standing)
     own = {**known, **(first_arms(problems) if arms is None else arms)}
+    check_progress(progress)
     fixed = half_the_size(problems) if fixed is None else fixed
     stays = {} if fixed is None else {FIXED: fixed}
     seeds = count(seed * SEEDS_APART * 10, SEEDS_APART)
     short = timed(problems, budget, next(seeds))
     aside = _set_aside(short, budget, len(stays), len(known))
-    races, best = _raced(short, own, stays, budget, aside, seeds)
-    if best.stages:
-        with budget.share(SHARES["numbers"], aside=aside):
-            best = with_step_trend(short, best, budget, first_seed=next(seeds))
-    ran = [name for name in known if name in races[0].arms]
-    stands = {name: known[name] for name in sorted(ran, key=races[0].score)[:1]}
-    judged = judge(short, best, budget, others={**stays, **stands}, first_seed=next(seeds))
+    with shown(progress) as bars:
+        races, best = _raced(short, own, stays, budget, aside, seeds, bars)
+        if best.stages:
+            with budget.share(SHARES["numbers"], aside=aside):
+                first = next(seeds)
+                best = with_step_trend(short, best, budget, first_seed=first, bars=bars)
+        ran = [name for name in known if name in races[0].arms]
+        stands = {name: known[name] for name in sorted(ran, key=races[0].score)[:1]}
+        others, first = {**stays, **stands}, next(seeds)
+        within = bars.within()
+        judged = judge(short, best, budget, others=others, first_seed=first, progress=within)
+        bars.tell(judged)
     pays = bool(best.stages) and judged.saving().low > 0
     recipe, stood = (best if pays else Recipe()), ""
     for name, other in stands.items():
@@ -258,12 +273,20 @@ def _raced(
     budget: SearchBudget,
     aside: float,
     seeds: Iterator[int],
+    bars: Bars,
 ) -> tuple[tuple[Race, ...], Recipe]:
     """Return a race of recipes, and of variations of its leader; and the best."""
     always: tuple[str, ...] = tuple(stays)
+    races = list[Race]()
+
+    def add(arms: Mapping[str, Recipe], first_seed: int) -> None:
+        given: Any = {"always": always, "first_seed": first_seed}
+        within = bars.within(f"race {len(races) + 1}")
+        races.append(race(problems, arms, budget, **given, progress=within))
+        bars.tell(races[-1])
+
     with budget.share(SHARES["first"], aside=aside):
-        arms = {**stays, **own}
-        races = [race(problems, arms, budget, always=always, first_seed=next(seeds))]
+        add({**stays, **own}, next(seeds))
     best = _leader(races[0])
     for first_seed in islice(seeds, VARIATIONS):
         if not best.stages:
@@ -273,7 +296,7 @@ def _raced(
         try:
             with budget.share(SHARES["variation"], aside=aside):
                 always = (*stays, LEADER)
-                races.append(race(problems, arms, budget, always=always, first_seed=first_seed))
+                add(arms, first_seed)
         except CurriculumError:  # the budget does not pay for another race
             break
         if not _better(races[-1]):

@@ -19,6 +19,7 @@ from curricle.tasks.gridworld import OBJECTS, GridWorld
 from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.pursuit import Pursuit
+from curricle.text_tables import counted
 from curricle.transfer.component_mapping import ComponentMapping, project
 from curricle.transfer.mapping import same_position
 
@@ -74,7 +75,7 @@ def _without_hazards(task: Any) -> Iterator[Draft]:
         at = row + task.origin[0], column + task.origin[1]
         groups.append((f"no {kind} at {at}", ((row, column),)))
     for name, places in groups:
-        count = f"{len(places)} hazard{'s' * (len(places) > 1)} removed"
+        count = f"{counted(len(places), 'hazard')} removed"
         anywhere = None if " at (" in name else name
         build = partial(_cleared, task, places)
         yield Draft("removed", name, f"the same map, {count}", build, anywhere)
@@ -111,7 +112,7 @@ def _fewer_predators(task: Pursuit) -> Iterator[Draft]:
     if callable(task.prey) or (task.prey != "uniform" and len(task.prey) != task.cells):
         return  # a prey that looks at the predators has no policy without one of them
     for n in range(1, task.predators):
-        name = f"{n} predator{'s' * (n > 1)}"
+        name = counted(n, "predator")
         words = f"the same grid with {n} of {task.predators} predators"
         yield Draft("removed", name, words, partial(_with_predators, task, n), name)
 

@@ -23,6 +23,7 @@ from curricle.design.proposals import aims
 from curricle.design.recipe import Recipe
 from curricle.design.search_budget import SearchBudget
 from curricle.design.trends import Trend
+from curricle.progress import SILENT, Bars
 from curricle.tasks.start_states import goal_distance
 from curricle.tasks.task import has_tables, tables
 
@@ -51,6 +52,7 @@ def with_step_trend(
     budget: SearchBudget,
     *,
     first_seed: int,
+    bars: Bars = SILENT,
 ) -> Recipe:
     """Return a recipe whose steps a state are those that cost the least, by size.
 
@@ -71,11 +73,14 @@ def with_step_trend(
         return recipe
     numbers = range(first_seed, first_seed + seeds)
     costs = np.empty((len(problems), len(FACTORS), seeds))
+    grow = bars.bar("steps a state", len(problems) * (1 + len(FACTORS)))
     for p, problem in enumerate(problems):
         scratch = budget.train(problem, problem.scratch, numbers).steps.mean()
+        grow()
         for f, factor in enumerate(FACTORS):
             plan = problem.curriculum(with_steps(recipe, factor))
             costs[p, f] = budget.train(problem, plan, numbers).steps / scratch
+            grow()
     sizes = np.log([one.task.states.size for one in problems])
     random = np.random.default_rng([first_seed, len(problems)])
     known = float(np.mean([one.steps.slope for one in recipe.stages]))

@@ -6,6 +6,7 @@ from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.stopping import StoppingRule
 from curricle.tasks.mdp import NO_LIMIT
+from curricle.text_tables import counted
 
 MOST_CHECKPOINTS = 10_000_000
 
@@ -36,7 +37,7 @@ class Episodes:
         object.__setattr__(self, "number", number)
 
     def __str__(self) -> str:
-        return f"{self.number:,} episodes"
+        return counted(self.number, "episode")
 
 
 Budget = int | Episodes | StoppingRule

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from curricle.display import block, table
 from curricle.learning.stopping import Decision
+from curricle.text_tables import counted
 
 
 class Decisions(list[list[Decision]]):
@@ -31,7 +32,7 @@ class Decisions(list[list[Decision]]):
 
     def __repr__(self) -> str:
         words = self.in_words or "no stopping rule"
-        return f"Decisions({len(self)} seed{'s' * (len(self) != 1)}: {words})"
+        return f"Decisions({counted(len(self), 'seed')}: {words})"
 
     def _repr_html_(self) -> str:
         last = [(seed, one[-1]) for seed, one in zip(self.seeds, self, strict=True) if one]

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from curricle.array_types import FloatArray
 from curricle.display import curves, table
 from curricle.statistics.intervals import mean_interval
 from curricle.statistics.seed_lines import seed_line
@@ -29,9 +30,14 @@ def _row(result: Any) -> tuple[Any, ...]:
     return (learner, len(result.seeds), f"{steps:,.0f}", f"{episodes:,.0f}", *returns)
 
 
+def shown_returns(result: Any) -> tuple[str, FloatArray]:
+    """Return the name and the returns, (K, T), of what is shown: without evaluation of training."""
+    if np.isnan(result.greedy_return).all():
+        return "training return", result.training_return
+    return "greedy return", result.greedy_return
+
+
 def learnt_curve(result: Any) -> Markup:
     """Return the greedy return over steps, mean over seeds; without evaluation that of training."""
-    off = bool(np.isnan(result.greedy_return).all())
-    values = result.training_return if off else result.greedy_return
-    named = f"{'training' if off else 'greedy'} return"
+    named, values = shown_returns(result)
     return curves([seed_line("", result.steps, values)], "steps", named)

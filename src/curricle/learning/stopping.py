@@ -14,6 +14,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import Target
 from curricle.tasks.overloads import INLINED
 from curricle.tasks.task import Task
+from curricle.text_tables import counted
 
 
 @dataclass(frozen=True)
@@ -106,11 +107,11 @@ class StoppingRule:
         joint = " or " if self.when == "any" else " and "
         until = joint.join(words for words, given in conditions.items() if given is not None)
         if until:
-            until = f", until {until} over {self.patience} evaluations"
+            until = f", until {until} over {counted(self.patience, 'evaluation')}"
         if self.settled is not None:
             until += f"{joint if until else ', until '}the return has settled"
         least = f"{self.min_steps:,} to " if self.min_steps else ""
-        return f"{least}{self.max_steps:,} steps{until}"
+        return f"{least}{counted(self.max_steps, 'step')}{until}"
 
     def kernel(self, level: float | None = None) -> "StoppingKernel":
         """Return the rule as compiled loops read it.
@@ -338,7 +339,7 @@ class Decision:
     def reasons(self) -> list[str]:
         """Each condition with the numbers that it compared."""
         found, n = list[str](), self.rule.patience
-        over = f"over {n} evaluation{'s' * (n > 1)}"
+        over = f"over {counted(n, 'evaluation')}"
         if not math.isnan(self.kernel.level):
             sign = ">=" if self.lowest >= self.kernel.level else "<"
             found.append(
@@ -370,7 +371,7 @@ class Decision:
     def __str__(self) -> str:
         used = f"{self.step:,} of at most {self.rule.max_steps:,} steps used"
         if self.evaluation_steps:
-            used += f", and {self.evaluation_steps:,} steps of evaluations, which are free"
+            used += f", and {counted(self.evaluation_steps, 'step')} of evaluations, which are free"
         too_early = self.step < self.rule.min_steps
         early = [f"at least {self.rule.min_steps:,} steps first"] if too_early else []
         verdict = self.then or ("ends" if self.ends or self.spent else "goes on")

@@ -16,6 +16,7 @@ from curricle.paper.settings import (
 from curricle.planning import Solution, Trajectory, rollout
 from curricle.plotting import COLOURS, draw_curve, draw_maze, new_figure
 from curricle.statistics import Curve, time_to_threshold
+from curricle.text_tables import counted
 
 SIZE = 4
 OPTIMUM = {-1.0: 114.6014, -5.0: -1.1773}
@@ -57,7 +58,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         name="figure2",
         title="Figure 2: the maze, with and without transfer",
         caption="Left: the maze (start lower left), step reward -5. Right: mean over "
-        f"{seeds} seeds with 95 % bands, moving mean of 10 checkpoints.",
+        f"{counted(seeds, 'seed')} with 95 % bands, moving mean of 10 checkpoints.",
         figure=figure,
         tables={"figure2": runs.curve_table({"scratch": scratch.curve, "transfer": curve})},
         claims=_claims(optimal, path, scratch, curve),

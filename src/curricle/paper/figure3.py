@@ -24,6 +24,7 @@ from curricle.paper.settings import (
 from curricle.planning import rollout
 from curricle.plotting import COLOURS, draw_potential, new_figure
 from curricle.statistics import time_to_threshold
+from curricle.text_tables import counted
 
 SIZES = range(2, 11)
 """Size 1 is the treasure alone: it has no state to learn in, so nothing to transfer."""
@@ -73,7 +74,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         name="figure3",
         title="Figure 3: how large a source?",
         caption="Top: steps saved to the threshold by sources of size 1 to 10 (top-right corner, "
-        f"uniform start), mean over {seeds} seeds and 95 % intervals; hollow: "
+        f"uniform start), mean over {counted(seeds, 'seed')} and 95 % intervals; hollow: "
         "upper bounds, since some seeds never reached the threshold in 800 episodes. "
         "Size 1 holds no state to learn in. Bottom left: mean over seeds of max_a Q of the 3x3 "
         "source, with the target's optimal path, which leaves the corner and comes back. Bottom "

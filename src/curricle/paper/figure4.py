@@ -40,6 +40,7 @@ from curricle.paper.settings import (
 )
 from curricle.plotting import draw_curve, new_figure
 from curricle.statistics import Curve
+from curricle.text_tables import counted
 from curricle.transfer import StateActionMapping
 
 TARGET_STEPS = 350_000
@@ -166,13 +167,13 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     for row, (name, arms) in zip(axes, results.items(), strict=True):
         for panel, count in zip(row, (few, seeds), strict=True):
             _draw(panel, arms, count, name)
-            panel.set_title(f"{SETTINGS[name].title} ({count} seeds)")
+            panel.set_title(f"{SETTINGS[name].title} ({counted(count, 'seed')})")
         row[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return FigureResult(
         name="figure4",
         title="Figure 4: pursuit, two predators learning from one",
-        caption=f"Left: {few} seeds as in the paper; right: {seeds} seeds. Means over seeds with "
-        "95 % bands. Rows 1 to 3: greedy return (100 rollouts a checkpoint) "
+        caption=f"Left: {counted(few, 'seed')} as in the paper; right: {counted(seeds, 'seed')}. "
+        "Means over seeds with 95 % bands. Rows 1 to 3: greedy return (100 rollouts a checkpoint) "
         "on a 4x4 grid, softmax exploration; the source's own curve is over its own steps. Row 4: "
         "return of the training episodes on 5x5. Source steps are not counted here; the data and "
         "the evidence hold them. Returns below -10 are drawn on a logarithmic scale.",

@@ -21,6 +21,7 @@ from curricle.paper.settings import (
 from curricle.planning import greedy_policy, rollout
 from curricle.plotting import draw_curve, draw_maze, new_figure
 from curricle.statistics import Curve
+from curricle.text_tables import counted
 
 CAP = 100
 MAZE = GridWorld(
@@ -70,7 +71,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         title="Reward hacking: a bonus is not a potential",
         caption="The same hint, 'being near the treasure is good', added to the reward as a "
         "bonus and as a potential. Left and middle: the greedy policy of seed 0. Right: mean over "
-        f"{seeds} seeds with 95 % bands.",
+        f"{counted(seeds, 'seed')} with 95 % bands.",
         figure=figure,
         tables={"hacking": curve_table(curves)},
         claims=(

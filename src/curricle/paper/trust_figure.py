@@ -18,6 +18,7 @@ from curricle.paper.trust_claims import claims
 from curricle.paper.trust_runs import EXAMINED, HUNTS, LARGE_SEEDS, TrustRuns, run
 from curricle.plotting import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
 from curricle.statistics import Curve
+from curricle.text_tables import counted
 
 STYLES = {
     "min": ("green", "--"),
@@ -45,8 +46,8 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         title="Beyond the paper: can the transfer be trusted?",
         caption="Top left: where learning will start with each aggregate, predicted from 2 seeds "
         "of the sources before any training in the target, 5x5. Top middle and right: return of "
-        f"the training episodes, {seeds} seeds (7x7: {min(seeds, LARGE_SEEDS)}), means with 95 % "
-        "bands; the episodes of a calibration come first and count. Bottom left: mean "
+        f"the training episodes, {counted(seeds, 'seed')} (7x7: {min(seeds, LARGE_SEEDS)}), means "
+        "with 95 % bands; the episodes of a calibration come first and count. Bottom left: mean "
         "return above that of scratch at the same number of target and source steps (strong "
         "transfer), with controls; 95 % intervals. Bottom middle: the maze with and without a "
         "guard (weak transfer). Bottom right: states whose greedy choice is wrong in more seeds "

@@ -20,6 +20,7 @@ from curricle.planning.rollouts import Trajectory
 from curricle.tasks.labels import action_name, values_of
 from curricle.tasks.spaces import Space
 from curricle.tasks.task import Task, generative_model
+from curricle.text_tables import counted
 
 FASTEST = 50.0
 """Pictures a second that browsers show of a GIF, at most."""
@@ -173,12 +174,12 @@ class Episode:
     @property
     def _summary(self) -> str:
         end, n = "terminated" if self.terminated else "truncated", len(self.rewards)
-        return f"{n} step{'s' * (n != 1)}, return {self.rewards.sum():.4g}, {end}"
+        return f"{counted(n, 'step')}, return {self.rewards.sum():.4g}, {end}"
 
     def __str__(self) -> str:
         moments = [self._moment(place) for place in range(self.rewards.size + 1)[:MOST_MOMENTS]]
         left = self.rewards.size + 1 - len(moments)
-        more = [f"... and {left} more step{'s' * (left != 1)}, which a GIF shows"] * (left > 0)
+        more = [f"... and {counted(left, 'more step')}, which a GIF shows"] * (left > 0)
         return "\n".join([*_side_by_side(moments), *more, self._summary])
 
     def _moment(self, place: int) -> list[str]:

@@ -24,6 +24,7 @@ from curricle.planning.solution import checked_policy
 from curricle.tasks.draws import stream_start
 from curricle.tasks.live import is_live, open_model
 from curricle.tasks.task import GenerativeModel, Task, generative_model
+from curricle.text_tables import counted
 
 CHUNK = 65_536
 """Steps of one long episode that are simulated at a time."""
@@ -61,7 +62,7 @@ class Trajectory(Frozen):
 
     def _repr_html_(self) -> str:
         end = "terminated" if self.terminated else "truncated" if self.truncated else "cut off"
-        title = f"{len(self.rewards)} steps, return {self.rewards.sum():.4g}, {end}"
+        title = f"{counted(len(self.rewards), 'step')}, return {self.rewards.sum():.4g}, {end}"
         rows = zip(range(len(self.rewards)), self.states, self.actions, self.rewards, strict=False)
         return block(title, table(["step", "state", "action", "reward"], rows))
 

@@ -14,6 +14,7 @@ from curricle.plotting.styles import COLOURS, OWN_COLOURS, SEQUENTIAL, STYLE, ne
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.varied_settings import value_text
 from curricle.study.effects import TUNING, Effects, Setting, Tried, short
+from curricle.text_tables import counted
 
 PANEL = 2.6
 """Height of a panel, in inches."""
@@ -64,7 +65,7 @@ def draw_parallel_coordinates(effects: Effects, *, width: float = 8.6) -> Figure
     for arm, axes in zip(effects.arms, grid.flat, strict=False):
         tried = effects.of(arm)
         kind = "trial" if effects.kind == TUNING else "arm"
-        axes.set_title(f"{arm}: {len(tried)} {kind}{'s' * (len(tried) != 1)}", loc="left")
+        axes.set_title(f"{arm}: {counted(len(tried), kind)}", loc="left")
         own = [one for one in effects.settings if any(one.key in t.values for t in tried)]
         _draw_lines(axes, own, tried, scale)
     return figure

@@ -10,10 +10,14 @@ from matplotlib.figure import Figure
 
 from curricle.array_types import IntArray
 from curricle.comparison.comparison import Comparison
+from curricle.curriculum.curriculum_table import MOST_CURVES
+from curricle.learning.result import LearningResult
+from curricle.learning.results_table import shown_returns
 from curricle.plotting.scales import minus, return_scale, steps_scale
 from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, new_figure
 from curricle.statistics.curves import Curve, smooth
 from curricle.statistics.intervals import CONFIDENCE, mean_interval
+from curricle.statistics.seed_lines import seed_line
 
 ALL = 10**9
 """More checkpoints than a curve has."""
@@ -100,6 +104,35 @@ def shown_curve(comparison: Comparison, name: str, *, strong: bool) -> tuple[Cur
     curve = arm.charged(comparison.scratch)
     begin = int(np.searchsorted(curve.steps[:-1], arm.curve.source_steps.min()))
     return Curve(curve.steps[begin:], curve.values[:, begin:]), begin
+
+
+@matplotlib.rc_context(STYLE)
+def draw_results(results: Mapping[str, LearningResult]) -> Figure:
+    """Return the figure of what tasks learnt: a panel with a curve for each, of at most the last 4.
+
+    The greedy return, or that of training where nothing was evaluated: mean over seeds with
+    Student's 95 % band.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> figure = draw_results({"maze": learn(GridWorld("S.T"), budget=500)})
+    >>> [axes.get_title() for axes in figure.axes]
+    ['maze']
+    """
+    shown = [*results.items()][-MOST_CURVES:]
+    figure, grid = new_figure(1, len(shown), width=1 + 4.2 * len(shown), height=3.4)
+    for axes, (name, one) in zip(grid[0], shown, strict=True):
+        named, values = shown_returns(one)
+        line = seed_line(name, one.steps, values)
+        axes.plot(line.steps, line.values, color=COLOURS["blue"], lw=1.5)
+        axes.fill_between(line.steps, line.low, line.high, color=COLOURS["blue"], alpha=0.2, lw=0)
+        axes.set_title(name)
+        steps_scale(axes, int(one.steps[-1]))
+        drawn = axes.dataLim
+        if np.isfinite([drawn.y0, drawn.y1]).all():
+            return_scale(axes.yaxis, drawn.y0, drawn.y1, named)
+    return figure
 
 
 @matplotlib.rc_context(STYLE)

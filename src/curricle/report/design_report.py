@@ -17,6 +17,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
+from curricle.text_tables import counted
 
 
 def write_design_report(design: RecipeDesign, path: str | PathLike[str]) -> Path:
@@ -115,8 +116,8 @@ def lessons(design: RecipeDesign) -> Iterator[str]:
     scores = last_scores(first)
     less = sum(scores[name] < 1 for name in first.arms)
     yield (
-        f"{len(first.arms)} recipes raced over sources and chains of them. {less} of them cost "
-        "less than scratch in the last round that they were in."
+        f"{counted(len(first.arms), 'recipe')} raced over sources and chains of them. "
+        f"{less} of them cost less than scratch in the last round that they were in."
     )
     if first.leader == SCRATCH:
         yield "None of those that stayed to the end was better than scratch."
@@ -127,15 +128,17 @@ def lessons(design: RecipeDesign) -> Iterator[str]:
         own = [name for name in other.ranking if name in variations_of(other)]
         best = f"the best of them, “{own[0]}”, cost {found[own[0]]:.2f}" if own else "none had runs"
         yield (
-            f"Race {number + 1}: {len(own)} variations of the leader; {best}, the leader "
-            f"{found[LEADER]:.2f} of scratch. A variation takes the leader’s place only if it is "
-            "better by two standard errors."
+            f"Race {number + 1}: {counted(len(own), 'variation')} of the leader; {best}, the "
+            f"leader {found[LEADER]:.2f} of scratch. A variation takes the leader’s place only "
+            "if it is better by two standard errors."
         )
     for number, one in enumerate(design.races, 1):
         if one.dropped:
-            yield f"Race {number}: {len(one.dropped)} recipes have no source in some problem."
+            dropped = counted(len(one.dropped), "recipe")
+            yield f"Race {number} left out {dropped}, without a source in some problem."
         if one.unaffordable:
-            yield f"Race {number}: the budget did not pay for {one.unaffordable} more recipes."
+            more = counted(one.unaffordable, "more recipe")
+            yield f"Race {number}: the budget did not pay for {more}."
     slopes = {f"{one.steps.slope:.2g}" for one in shown_recipe(design).stages if one.steps.slope}
     if slopes:
         yield f"Steps a state go with the states of the target to the power {', '.join(slopes)}."

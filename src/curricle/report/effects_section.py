@@ -15,7 +15,7 @@ from curricle.report.svg import inline_svg
 from curricle.study.config.varied_settings import value_text
 from curricle.study.effects import Effects, short
 from curricle.study.tuning_record import TuningRecord
-from curricle.study.units import seed_ranges
+from curricle.study.units import numbered_seeds
 
 WIDTHS = {"wide": 8.6, "narrow": 3.4}
 """Of figures on a desktop and on a phone, in inches."""
@@ -103,8 +103,8 @@ def _value(value: object) -> str:
 
 def _words(tuning: TuningRecord) -> str:
     return (
-        f"Each trial was trained on seeds {seed_ranges(tuning.seeds)}, which are none of the "
-        f"study’s, for {tuning.total:,} steps a seed, sources included. Learning from scratch "
+        f"Each trial was trained on {numbered_seeds(tuning.seeds)}, apart from those of the "
+        f"study, for {tuning.total:,} steps a seed, sources included. Learning from scratch "
         "was tuned as every arm. These steps are stated here; the curves are not charged "
         "with them."
     )

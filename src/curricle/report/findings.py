@@ -10,6 +10,7 @@ from curricle.comparison.reasons import not_asked
 from curricle.plotting.scales import rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
+from curricle.text_tables import counted
 
 MEASURES = {
     "strong_gain": ("gain", "mean return over all steps, above that of scratch"),
@@ -83,11 +84,12 @@ def headline(comparison: Comparison) -> str:
     most = max(
         paid or harmed, key=lambda name: abs(float(comparison.contrasts[name].strong_gain.estimate))
     )
-    gain, seeds = signed(comparison.contrasts[most].strong_gain), comparison.seeds
+    gain = signed(comparison.contrasts[most].strong_gain)
     leading = f"{most} most, " * (len(paid or harmed) > 1) or f"{most}, " * (len(own) > 1)
     return (
         f"{summary[0].upper()}{summary[1:]}: {leading}{gain} mean return against "
-        f"{_baseline(comparison)}, source steps counted, over {seeds} seeds.{_why(comparison)}"
+        f"{_baseline(comparison)}, source steps counted, over "
+        f"{counted(comparison.seeds, 'seed')}.{_why(comparison)}"
     )
 
 
@@ -171,7 +173,7 @@ def _reached(comparison: Comparison, row: dict[str, Any], scratch: dict[str, Any
     def when(one: dict[str, Any]) -> str:
         if not one["reached"]:
             return "in no seed"
-        some = f" in {one['reached']} of {seeds} seeds" if one["reached"] < seeds else ""
+        some = f" in {one['reached']} of {counted(seeds, 'seed')}" if one["reached"] < seeds else ""
         bound = "at least " if some else ""
         return f"after {bound}{one['steps_to_threshold']:,.0f} steps on average{some}"
 

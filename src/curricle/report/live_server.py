@@ -155,13 +155,17 @@ def live_html(name: str) -> str:
 
 @contextmanager
 def live_page(
-    folder: str | Place, line: Callable[[int, int], str], port: int = 0
+    folder: str | Place,
+    line: Callable[[int, int], str],
+    port: int = 0,
+    *,
+    elsewhere: bool = False,
 ) -> Iterator[LiveServer]:
     """Serve the live page of a folder as long as the block runs, and until pages have its end.
 
     Parameters
     ----------
-    folder, line
+    folder, line, elsewhere
         As of :class:`LiveStudy`.
     port : int
         0 takes a free one.
@@ -179,7 +183,7 @@ def live_page(
     ...     b"<title>" in urlopen(server.address).read()
     True
     """
-    study = LiveStudy(folder, line)
+    study = LiveStudy(folder, line, elsewhere=elsewhere)
     server = LiveServer(study, port)
     Thread(target=server.serve_forever, args=(NOTICED,), daemon=True).start()
     study.start()

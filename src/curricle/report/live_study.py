@@ -12,9 +12,10 @@ from curricle.remote_path import Place, RemotePath, place_at
 from curricle.report.graph import CardCurve, card_curves
 from curricle.report.study_report import stored_page
 from curricle.statistics.curves import SCRATCH
-from curricle.study.folders import STUDY
+from curricle.study.folders import STUDY, in_use
 from curricle.study.record import StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
+from curricle.text_tables import counted
 
 SHARE = 0.05
 """Of the time that making curves and report may take, and as much for looking what is new."""
@@ -51,6 +52,9 @@ class Counts(NamedTuple):
 
     stored: int
     units: int
+
+    def __str__(self) -> str:
+        return f"{self.stored:,} of {counted(self.units, 'unit')}"
 
 
 def unit_counts(study: StudyResults) -> Counts:
@@ -107,6 +111,8 @@ class LiveStudy:
     line : callable
         Units that are stored and units in all, as the folder has them -> how far the study is, in
         words.
+    elsewhere : bool
+        Whether others run the study, so that the folder must tell whether they still do.
 
     Attributes
     ----------
@@ -115,12 +121,17 @@ class LiveStudy:
         The report so far; empty as long as there is none.
     ended : str
         How the run ended, in a sentence; empty while it goes on.
+    standing : str
+        That a run elsewhere is finished, or that no process is at it now; another may begin.
     """
 
-    def __init__(self, folder: str | Place, line: Callable[[int, int], str]):
+    def __init__(
+        self, folder: str | Place, line: Callable[[int, int], str], *, elsewhere: bool = False
+    ):
         self.folder, self.name = place_at(folder), place_at(folder).name
         self.rows: tuple[TaskRow, ...] = ()
-        self.page, self.ended = "", ""
+        self.page = self.ended = self.standing = ""
+        self._elsewhere = elsewhere
         self._line, self._counts, self._page_counts = line, Counts(0, 0), Counts(0, 0)
         self._note = self._trouble = ""
         self._token, self._version, self._page_version = token_hex(4), 0, 0
@@ -154,12 +165,13 @@ class LiveStudy:
         return {
             "of": self._token,
             "name": self.name,
-            "line": self._line(*self._counts),
+            "line": str(self._counts) if self.standing else self._line(*self._counts),
             "stored": self._counts.stored,
             "units": self._counts.units,
             "note": self._note + self._behind,
             "trouble": self._trouble,
             "ended": self.ended,
+            "standing": self.standing,
             "rows": self._version,
             "page": self._page_version,
         }
@@ -206,6 +218,8 @@ class LiveStudy:
             self.name, self._counts = study.record.name, unit_counts(study)
             self._show_rows(study)
             self._seen = seen
+        if self._elsewhere:
+            self.standing = _standing(study, self._counts)
         if seen == self._shown or not (last or monotonic() >= self._next):
             return 0.0
         begun = self._clock()
@@ -252,6 +266,20 @@ def _only(study: StudyResults, arms: set[str]) -> StudyResults:
     kept = {arm: one for arm, one in study.record.arms.items() if arm in arms}
     found.record = study.record.model_copy(update={"arms": kept})
     return found
+
+
+def _standing(study: StudyResults, counts: Counts) -> str:
+    """Return that a study is finished, or that no process is running it; empty while one is."""
+    whole = counts.stored == counts.units and study.store.has(ANALYSIS)
+    running = in_use(study.store.path)
+    if running or (running is None and not whole):
+        return ""
+    if whole:
+        return f"The study is finished: {counts} are stored."
+    return (
+        f"No process is running it, as none holds the folder’s lock: {counts} are stored, and "
+        "curricle run with --resume goes on from there."
+    )
 
 
 def _note(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> str:

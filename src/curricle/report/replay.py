@@ -27,6 +27,7 @@ from curricle.study.record import (
     TaskRecord,
 )
 from curricle.tasks.grid_view import GridView
+from curricle.text_tables import counted
 
 CellTexts = tuple[tuple[int, int, str], ...]
 """Column, row and text of cells."""
@@ -56,7 +57,7 @@ class ShownEpisode:
     def words(self) -> str:
         """How it ended."""
         how, n = "terminated" if self.record.terminated else "truncated", len(self.points) - 1
-        return f"{how} after {n} step{'s' * (n != 1)}, return {rounded(self.record.returns[-1])}"
+        return f"{how} after {counted(n, 'step')}, return {rounded(self.record.returns[-1])}"
 
     @cached_property
     def points(self) -> FloatArray:

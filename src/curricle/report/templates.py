@@ -16,6 +16,7 @@ from curricle.errors import StoreError
 from curricle.files import write_whole
 from curricle.plotting.scales import rounded
 from curricle.plotting.styles import shades_of
+from curricle.text_tables import counted
 
 WHITE = "\n\t\u00a0\u202f"
 """Characters that are not printable and stay: breaks of lines, tabs and narrow spaces."""
@@ -47,6 +48,7 @@ def render(template: str, **values: Any) -> str:
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
     environment.globals.update(shades=shades_of, style_sheets=_style_sheets)
     environment.filters.update(signs=_signs, rounded=rounded, listed=_listed, evidence=_evidence)
+    environment.filters.update(counted=counted)
     return environment.get_template(template).render(values)
 
 

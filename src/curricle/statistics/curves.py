@@ -16,6 +16,7 @@ from curricle.array_types import FloatArray, IntArray
 from curricle.display import block, brief_repr, curves
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
+from curricle.text_tables import counted
 
 SCRATCH = "scratch"
 """Name of the arm that learns the target from scratch; all others are compared with it."""
@@ -76,7 +77,8 @@ class Curve(Frozen):
         from curricle.statistics.seed_lines import seed_line
 
         line = seed_line("", self.steps, self.filled())
-        return block(f"Curve of {len(self.values)} seeds", curves([line], "target steps", "return"))
+        title = f"Curve of {counted(len(self.values), 'seed')}"
+        return block(title, curves([line], "target steps", "return"))
 
     def __post_init__(self) -> None:
         steps = _whole("steps", self.steps)

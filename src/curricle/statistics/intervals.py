@@ -24,6 +24,7 @@ from curricle.checks import number, numbers
 from curricle.display import brief_repr, printed
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen
+from curricle.text_tables import counted
 
 CONFIDENCE = 0.95
 """Nominal coverage of an interval, unless told otherwise."""
@@ -74,7 +75,7 @@ class Interval(Frozen):
                 seeds += " (no spread: no interval)"
             return f"{_triple(triples[0])}, {seeds}"
         first, last = _triple(triples[0]), _triple(triples[-1])
-        return f"{len(triples)} values, first {first}, last {last}, {seeds}"
+        return f"{counted(len(triples), 'value')}, first {first}, last {last}, {seeds}"
 
 
 def interquartile_mean(values: npt.ArrayLike, axis: int = 0) -> float | FloatArray:

@@ -30,6 +30,7 @@ from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.statistics.hypothesis_tests import sign_flip_test
 from curricle.statistics.intervals import CONFIDENCE, Interval, check_confidence, mean_interval
+from curricle.text_tables import counted
 
 Measure = Callable[[Sequence[int]], npt.ArrayLike]
 
@@ -253,7 +254,7 @@ def _measured(measure: Measure, seeds: range) -> FloatArray:
     if values.shape != (len(seeds),):
         raise SettingError(
             f"measure must return one number per seed: got shape {values.shape}"
-            f" for {len(seeds)} seeds"
+            f" for {counted(len(seeds), 'seed')}"
         )
     wrong = ~np.isfinite(values)
     if wrong.any():

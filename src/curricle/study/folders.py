@@ -12,6 +12,8 @@ from curricle.remote_path import Place
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
 UNITS = "units"
+PATIENCE = 0.3
+"""Seconds in which a lock is asked for: whoever looks whether it is held has it for a moment."""
 CHECKPOINTS = ".checkpoints"
 """Where networks in training are saved, to go on from."""
 
@@ -41,7 +43,7 @@ def locked(path: Place) -> Iterator[None]:
         path.mkdir(parents=True, exist_ok=True)
         lock = FileLock(path / LOCK)
         try:
-            lock.acquire(timeout=0)
+            lock.acquire(timeout=PATIENCE)
         except Timeout:
             raise StoreError(
                 f"only one run at a time can write to a folder: another is at work on {path}"
@@ -50,6 +52,21 @@ def locked(path: Place) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def in_use(path: Place) -> bool | None:
+    """Return whether a run holds a folder's lock; None where that cannot be told, as at a URL."""
+    if not isinstance(path, Path):
+        return None
+    if not (path / LOCK).exists():
+        return False
+    try:
+        with FileLock(path / LOCK).acquire(timeout=0):
+            return False
+    except Timeout:
+        return True
+    except OSError:  # a folder that may only be read
+        return None
 
 
 @contextmanager

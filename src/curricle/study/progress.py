@@ -11,6 +11,7 @@ from typing import Any
 from curricle.display import brief_repr
 from curricle.progress import shown
 from curricle.study.units import Unit
+from curricle.text_tables import counted
 
 WINDOW = 60.0
 """Seconds that the rate is measured over."""
@@ -82,6 +83,7 @@ class Pace:
         self._workers: int | None = None
         self._repeated = 0
         self._link: str | None = None
+        self._tuning = False
         self._marks = deque[tuple[float, int]]()
         """When so many had been stored, at the beginning of what the rate is measured over."""
 
@@ -89,7 +91,7 @@ class Pace:
         """Note the beginning, or that a unit is stored."""
         self._units = len(progress.units)
         self._workers, self._repeated = progress.workers, progress.repeated
-        self._link = progress.link
+        self._link, self._tuning = progress.link, bool(progress.tuning)
         if progress.stored is None:  # further units, after those of a tuning
             self._marks.clear()
             self._mark(0)
@@ -105,6 +107,18 @@ class Pace:
             self._mark(stored)
         self._units = units
         return self.line()
+
+    def line_in(self, stored: int, units: int) -> str:
+        """Return the line of a run whose folder has so many units, some of which others train.
+
+        Those that were stored before, and those of other shards, are in the folder's numbers alone.
+        """
+        if not units or (self._units == units and not self._tuning):
+            return self.line()
+        whole = f"{stored:,} of {counted(units, 'unit')}"
+        if self._units is None:
+            return whole
+        return f"{whole}; {'its tuning' if self._tuning else 'this run'}: {self.line()}"
 
     def _mark(self, stored: int) -> None:
         """Note that so many are stored now."""
@@ -126,9 +140,9 @@ class Pace:
         """Return how far the run is, how fast it goes and when it ends, in words."""
         if self._units is None:
             return ""
-        words = [f"{self.stored:,} of {self._units:,} units"]
+        words = [f"{self.stored:,} of {counted(self._units, 'unit')}"]
         if (workers := self._workers) is not None:
-            words.append(f"{workers:,} worker{'s' * (workers != 1)}")
+            words.append(counted(workers, "worker"))
         if rate := self.rate():
             words.append(_in_words(rate))
             if left := self._units - self.stored:
@@ -138,7 +152,7 @@ class Pace:
     def repeated(self) -> str:
         """Return how many units were begun again, in words; nothing if none were."""
         number = self._repeated
-        return f"{number:,} unit{'s' * (number != 1)} begun again" if number else ""
+        return f"{counted(number, 'unit')} begun again" if number else ""
 
 
 @contextmanager

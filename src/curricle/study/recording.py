@@ -25,6 +25,7 @@ from curricle.study.record import (
 from curricle.tasks.grid_view import GridView
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model, same_task
+from curricle.text_tables import counted
 from curricle.transfer.descriptions import same_transfer, transfer_words
 from curricle.transfer.edges import Transfer
 from curricle.transfer.observation_rollouts import target_of
@@ -115,7 +116,7 @@ def _task(task: Any) -> TaskRecord:
     states, actions = generative.states.size, generative.actions.size
     view = GridView.for_replay(task)
     return TaskRecord(
-        kind=f"{type(task).__name__}, {states:,} states × {actions:,} actions",
+        kind=f"{type(task).__name__}, {counted(states, 'state')} × {counted(actions, 'action')}",
         text=plain_text(task),
         states=states,
         actions=actions,

@@ -12,7 +12,7 @@ from curricle.study.record import RunRecord
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.tuning import digest_of, tuned_study
 from curricle.study.tuning_record import tuning_at
-from curricle.study.units import seed_ranges
+from curricle.study.units import numbered_seeds
 
 Done = dict[str, dict[int, StoredUnit]]
 """Key -> seed -> unit."""
@@ -84,7 +84,7 @@ def _stale(arms: Arms, done: Done) -> Iterator[str]:
             units = done[stale[key]]
             fate = "kept" if key in kept else "trained again"
             why = "; ".join(changes_of(units, depends[key]))
-            label = f"{': '.join(place)}, seeds {seed_ranges(sorted(units))}"
+            label = f"{': '.join(place)}, {numbered_seeds(sorted(units))}"
             yield f"{label}, is stale and {fate}: {why}"
 
 

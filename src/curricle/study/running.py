@@ -46,6 +46,7 @@ from curricle.study.tuning import (
 )
 from curricle.study.tuning_record import TRIALS, BegunTrials, write_begun, write_tuning
 from curricle.study.units import Unit, given_to_all, units_of
+from curricle.text_tables import counted
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
 OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib", "optuna")
@@ -289,7 +290,7 @@ def _workers(
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))
         link = f", {engine.link}" if engine.link else ""
-        report(f"{on}: {engine.workers()} workers{link}")
+        report(f"{on}: {counted(engine.workers(), 'worker')}{link}")
         return workers_of(engine, on, each, study.folder)
     number = workers or os.cpu_count() or 1
     if executor is None:  # do not wait for units whose results would be thrown away

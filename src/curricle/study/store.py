@@ -40,6 +40,7 @@ from curricle.study.unit_file import (
     unit_content,
 )
 from curricle.study.units import Unit, seed_ranges, seeds_in
+from curricle.text_tables import counted
 
 SCHEMA_VERSION = 3
 """Of the folder's layout; a folder of another version is refused."""
@@ -248,8 +249,8 @@ class StudyStore:
                 store.check(description)
             if not resume and (units := store.units()):
                 raise StoreError(
-                    f"{path} already holds results, {len(units)} files of units: go on with "
-                    "--resume, or choose another folder"
+                    f"{path} already holds results, {counted(len(units), 'file')} of units: go on "
+                    "with --resume, or choose another folder"
                 )
             if "configuration" in description:
                 there, here = (one["configuration"] for one in (store.description, description))

@@ -5,6 +5,7 @@ from typing import Any
 from curricle.comparison.comparison_table import as_html
 from curricle.display import block, shortened, table
 from curricle.errors import CurricleError
+from curricle.text_tables import counted
 
 
 class ShownStudy:
@@ -25,14 +26,15 @@ class ShownStudy:
 
 
 def _so_far(results: Any) -> str:
-    whole, arms = len(results.record.seeds), len(results.record.arms)
-    return f"{arms} arms, {len(results.seeds)} of {whole} seeds complete"
+    arms = counted(len(results.record.arms), "arm")
+    whole = counted(len(results.record.seeds), "seed")
+    return f"{arms}, {len(results.seeds)} of {whole} complete"
 
 
 def config_in_brief(study: Any) -> str:
     """Return a study in a few words: its seeds and arms."""
-    arms = ", ".join(study.arms)
-    return shortened(f"StudyConfig({study.name!r}, {len(study.seeds)} seeds; arms: {arms})")
+    seeds, arms = counted(len(study.seeds), "seed"), ", ".join(study.arms)
+    return shortened(f"StudyConfig({study.name!r}, {seeds}; arms: {arms})")
 
 
 def config_html(study: Any) -> str:
@@ -48,7 +50,7 @@ def config_html(study: Any) -> str:
         for one in tables.transfers
     ]
     return block(
-        f"Study {study.name!r}, {len(study.seeds)} seeds",
+        f"Study {study.name!r}, {counted(len(study.seeds), 'seed')}",
         table(["arm", "task", "type", "budget"], tasks, wide=["budget"]),
         transfers and table(["arm", "source", "target", "mapping"], transfers, wide=["mapping"]),
     )

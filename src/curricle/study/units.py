@@ -63,7 +63,18 @@ class Unit:
     @property
     def label(self) -> str:
         """Arm, task and seeds, for messages."""
-        return f"{self.arm}: {self.task}, seeds {seed_ranges(self.seeds)}"
+        return f"{self.arm}: {self.task}, {numbered_seeds(self.seeds)}"
+
+
+def numbered_seeds(seeds: Collection[int]) -> str:
+    """Return seeds with their numbers, in the singular for one.
+
+    Examples
+    --------
+    >>> numbered_seeds([3]), numbered_seeds([0, 1, 2])
+    ('seed 3', 'seeds 0-2')
+    """
+    return f"seed{'s' * (len(seeds) != 1)} {seed_ranges(seeds)}"
 
 
 def seed_ranges(seeds: Iterable[int]) -> str:

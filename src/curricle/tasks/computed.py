@@ -18,6 +18,7 @@ from curricle.tasks.labels import action_name, state_name
 from curricle.tasks.mdp import check_parts
 from curricle.tasks.outcomes import REWARD_RULE
 from curricle.tasks.spaces import Space
+from curricle.text_tables import counted
 
 REAL = (types.Integer, types.Float, types.Boolean)
 LARGEST = 2**62
@@ -124,8 +125,8 @@ class ComputedMDP:
 
     def __repr__(self) -> str:
         return (
-            f"ComputedMDP({self.states.size:,} states, {self.actions.size} actions, discount "
-            f"{self.discount:g})"
+            f"ComputedMDP({counted(self.states.size, 'state')}, "
+            f"{counted(self.actions.size, 'action')}, discount {self.discount:g})"
         )
 
 

@@ -17,6 +17,7 @@ from curricle.tasks.live_model import RESET, Live
 from curricle.tasks.mdp import check_parts
 from curricle.tasks.outcomes import LARGEST_REWARD, REWARD_RULE
 from curricle.tasks.spaces import MISSING, Space
+from curricle.text_tables import counted
 
 Answer = tuple[Any, Any, Any, Any]
 """A state (negative: it failed), a reward, whether the episode terminated or was truncated."""
@@ -100,8 +101,8 @@ class LiveMDP:
     def __repr__(self) -> str:
         limit = "no time limit" if self.time_limit is None else f"time limit {self.time_limit}"
         return (
-            f"LiveMDP({self.states.size:,} states, {self.actions.size} actions, discount "
-            f"{self.discount:g}, {limit})"
+            f"LiveMDP({counted(self.states.size, 'state')}, "
+            f"{counted(self.actions.size, 'action')}, discount {self.discount:g}, {limit})"
         )
 
 

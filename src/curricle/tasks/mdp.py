@@ -32,6 +32,7 @@ from curricle.tasks.outcomes import (
 )
 from curricle.tasks.reachability import improper_states
 from curricle.tasks.spaces import Component, Space, whole_by_type
+from curricle.text_tables import counted
 
 LONGEST = 10**12
 """Steps that a time limit may have at most."""
@@ -320,7 +321,8 @@ class FiniteMDP(Frozen):
     def __repr__(self) -> str:
         limit = "no time limit" if self.time_limit is None else f"time limit {self.time_limit}"
         return (
-            f"FiniteMDP({self.states.size} states, {self.actions.size} actions, "
+            f"FiniteMDP({counted(self.states.size, 'state')}, "
+            f"{counted(self.actions.size, 'action')}, "
             f"{int(self.terminal.sum())} terminal, discount {self.discount:g}, {limit})"
         )
 

@@ -20,6 +20,7 @@ from curricle.array_types import IntArray
 from curricle.checks import BEYOND_64_BITS, check_memory, text, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted
+from curricle.text_tables import counted
 
 Decoded = dict[str, IntArray]
 """Component name -> integer values, one per point (what :meth:`Space.decode` returns)."""
@@ -345,7 +346,7 @@ class Space(Frozen):
     def __repr__(self) -> str:
         parts = " x ".join(f"{c.name}[{c.size}]" for c in self.components[:6])
         more = f" x ... ({len(self.components)} components)" if len(self.components) > 6 else ""
-        return f"Space({self.size} points: {parts}{more})"
+        return f"Space({counted(self.size, 'point')}: {parts}{more})"
 
 
 def _records(rows: Any) -> npt.NDArray[np.void]:

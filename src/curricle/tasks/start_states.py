@@ -20,6 +20,7 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import reachable_states
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import tables
+from curricle.text_tables import counted
 
 Goal = npt.ArrayLike | Mapping[str, Any] | None
 WORDS = ("uniform", "reachable")
@@ -111,8 +112,8 @@ class TaskWithStart(Frozen):
         return hash((self.task, self.start.tobytes()))
 
     def __repr__(self) -> str:
-        starts = np.count_nonzero(self.start)
-        return f"TaskWithStart({self.task!r}, {starts:,} start states)"
+        starts = counted(int(np.count_nonzero(self.start)), "start state")
+        return f"TaskWithStart({self.task!r}, {starts})"
 
 
 def with_start(task: Any, start: Any) -> Any:

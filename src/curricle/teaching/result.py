@@ -14,6 +14,7 @@ from curricle.learning.results_table import learnt_curve, learnt_table
 from curricle.statistics.curves import Curve
 from curricle.teaching.sampler import TaskSampler
 from curricle.teaching.teachers import Teacher
+from curricle.text_tables import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +72,8 @@ class TeachingResult(Frozen):
         return frozen(found)
 
     def __repr__(self) -> str:
-        learning = repr(self.learning)
-        return f"TeachingResult({brief_value(self.teacher)}, {len(self.tasks)} tasks, {learning})"
+        tasks, learning = counted(len(self.tasks), "task"), repr(self.learning)
+        return f"TeachingResult({brief_value(self.teacher)}, {tasks}, {learning})"
 
     def _repr_html_(self) -> str:
         episodes, steps = self.counts[:, -1].mean(axis=0), self.steps_per_task.mean(axis=0)

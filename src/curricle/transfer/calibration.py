@@ -17,6 +17,7 @@ from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
 from curricle.learning.record import NO_WARM_UP, WarmUp
 from curricle.tasks.task import generative_model
+from curricle.text_tables import counted
 from curricle.transfer.calibration_refusals import (
     LEAST_EPISODES,
     gains,
@@ -111,9 +112,11 @@ class Calibration:
             fitted, error, *_ = self.evidence
             how = f"(fitted {fitted:.3g}, standard error {error:.2g})"
         return (
-            f"scale {self.scale:.3g}{shift} {how} on {self.episodes} greedy episodes "
-            f"({self.steps:,} steps{', the most allowed' * self.stopped}, {self.ended} ended): "
-            f"mean phi {self.predicted:.3g}, mean return to go {self.return_to_go:.3g}"
+            f"scale {self.scale:.3g}{shift} {how} on "
+            f"{counted(self.episodes, 'greedy episode')} "
+            f"({counted(self.steps, 'step')}{', the most allowed' * self.stopped}, "
+            f"{self.ended} ended): mean phi {self.predicted:.3g}, "
+            f"mean return to go {self.return_to_go:.3g}"
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts
 from curricle.tasks.task import generative_model
+from curricle.text_tables import counted
 from curricle.transfer.edges import Calibrate
 from curricle.transfer.potentials import ObservationPotential
 from curricle.transfer.scale_fit import LARGEST_CAUTIOUS, ScaleEvidence
@@ -173,7 +174,8 @@ def too_little(evidence: ScaleEvidence) -> str:
     if not scale >= WORTH:
         return (
             "a cautious calibration makes a potential larger, where its policy costs more than it "
-            f"predicts: a factor of {scale:.3g}, fitted to {episodes} episodes, is not worth it"
+            f"predicts: a factor of {scale:.3g}, fitted to "
+            f"{counted(episodes, 'episode')}, is not worth it"
         )
     if episodes < LEAST_EPISODES:
         return f"a cautious calibration needs {LEAST_EPISODES} episodes: it had {episodes}"

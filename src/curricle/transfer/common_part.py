@@ -15,6 +15,7 @@ import numpy as np
 
 from curricle.array_types import BoolArray, IntArray
 from curricle.errors import MappingError
+from curricle.text_tables import counted
 from curricle.transfer.mapping import UNMAPPED, pair_mapping
 from curricle.transfer.partition_refinement import levels
 from curricle.transfer.proposal import Proposal, SearchedMapping
@@ -291,6 +292,7 @@ def _proposal(tasks: TaskPair, part: Part) -> Proposal:
             if b is not None:
                 state[s, a], action[s, a] = u, b
     index = pair_mapping(tasks.target_mdp, tasks.source_mdp, state, action).index
-    how = f"common part: {len(part.state)} states, grown from a transition that is rare in both"
+    size = counted(len(part.state), "state")
+    how = f"common part: {size}, grown from a transition that is rare in both"
     yielded = SearchedMapping(tasks.target, tasks.source, index, how=how)
     return Proposal(yielded, how)

@@ -7,6 +7,7 @@ from typing import Any
 from markupsafe import Markup
 
 from curricle.display import block, table
+from curricle.text_tables import counted
 
 LARGEST_COVERAGE = 5_000_000
 """Target pairs up to which a mapping's coverage is counted."""
@@ -51,10 +52,11 @@ class Coverage:
 
     def __str__(self) -> str:
         return (
-            f"{self.mapped:.1%} of {self.target_pairs:,} target pairs mapped, {self.ended:.1%} at "
-            f"the source's end, {self.unmapped:.1%} unmapped; {self.never_used:,} of "
-            f"{self.source_pairs:,} source pairs never used, the others read by "
-            f"{self.mean_readers:.1f} target pairs on average, {self.most_readers:,} at most"
+            f"{self.mapped:.1%} of {counted(self.target_pairs, 'target pair')} mapped, "
+            f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped; "
+            f"{self.never_used:,} of {counted(self.source_pairs, 'source pair')} never used, the "
+            f"others read by {self.mean_readers:.1f} target pairs on average, "
+            f"{self.most_readers:,} at most"
         )
 
     def _repr_html_(self) -> str:

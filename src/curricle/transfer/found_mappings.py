@@ -9,7 +9,9 @@ import numpy as np
 from curricle.checks import brief, whole_number
 from curricle.display import block, brief_repr, printed, shortened, table
 from curricle.errors import MappingError, SettingError, TaskError
+from curricle.progress import SILENT, Bars, Progress, check_progress, shown
 from curricle.tasks.task import Task, same_task
+from curricle.text_tables import counted
 from curricle.transfer.common_part import by_common_part
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.component_search import by_alignment, by_assignment, by_name
@@ -130,7 +132,7 @@ class FoundMappings:
 
     def __repr__(self) -> str:
         best = self.candidates[0].how if self.candidates else "none"
-        return shortened(f"FoundMappings({len(self)} mappings, the best: {best})")
+        return shortened(f"FoundMappings({counted(len(self), 'mapping')}, the best: {best})")
 
     def _repr_html_(self) -> str:
         head = ["mapping", "coverage", "regained", "dynamics error", "Bellman inconsistency"]
@@ -157,6 +159,7 @@ def find_mappings(
     seed: int = 0,
     unmapped_value: float | None = None,
     samples: int | None = None,
+    progress: Progress = None,
 ) -> FoundMappings:
     """Return mappings between two tasks, best first.
 
@@ -184,12 +187,15 @@ def find_mappings(
         Steps of the random policy to take in each task that has no tables, to estimate them: for
         live tasks. Scores are then of the estimated tables, over the states in which every action
         was tried; nothing is proven. Mappings carry the steps, which a curriculum charges.
+    progress : bool or callable, optional
+        True shows a bar of the searches, a function is called with the name of each that has ended.
 
     Raises
     ------
     SettingError
         When `keep` is less than 1, `seed` is negative, no search is given or one is no function, or
-        a search yields anything but a :class:`Proposal` for these tasks.
+        a search yields anything but a :class:`Proposal` for these tasks, or `progress` is none of
+        these.
     TaskError
         When a task has no tables and `samples` is not given.
 
@@ -206,30 +212,35 @@ def find_mappings(
     whole_number("seed", seed, 0, SettingError)
     check_unmapped_value(unmapped_value)
     check_searches(searches)
+    check_progress(progress)
     tasks = TaskPair(target, source, samples, seed)
     if not tasks.judged.any():
         raise TaskError(f"no state was met in which every action was tried, in {tasks.steps} steps")
     refused: dict[str, str] = {}
-    found = [
-        FoundMapping(
-            one.mapping,
-            one.how,
-            score_mapping(one.mapping, seed=seed, tasks=tasks),
-            one.bound,
-            fitted_unmapped_value(one.mapping, tasks=tasks),
-        )
-        for one in different(proposals(tasks, searches, unmapped_value, refused), tasks)
-    ]
+    with shown(progress) as bars:
+        proposed = proposals(tasks, searches, unmapped_value, refused, bars)
+        found = [
+            FoundMapping(
+                one.mapping,
+                one.how,
+                score_mapping(one.mapping, seed=seed, tasks=tasks),
+                one.bound,
+                fitted_unmapped_value(one.mapping, tasks=tasks),
+            )
+            for one in different(proposed, tasks)
+        ]
     return FoundMappings(tuple(sorted(found, key=rank)[:keep]), refused, tasks.steps)
 
 
 def proposals(
     tasks: TaskPair,
-    searches: Iterable[Search],
+    searches: Sequence[Search],
     unmapped_value: float | None,
     refused: dict[str, str],
+    bars: Bars = SILENT,
 ) -> Iterator[Proposal]:
     """Yield what the searches propose; the reasons of those that do not apply go to `refused`."""
+    grow = bars.bar("searches", len(searches))
     for search in searches:
         name = getattr(search, "__name__", repr(search))
         try:
@@ -244,6 +255,8 @@ def proposals(
                     yield one._replace(mapping=mapping)
         except MappingError as error:
             refused[name] = str(error)
+        grow()
+        bars.tell(name)
 
 
 def check_searches(searches: Any) -> None:

@@ -14,6 +14,7 @@ from curricle.checks import instance, numbers
 from curricle.display import block, brief_repr
 from curricle.errors import MappingError
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
+from curricle.text_tables import counted
 from curricle.transfer.coverage import coverage_table
 from curricle.transfer.mapping import (
     ENDED,
@@ -55,7 +56,8 @@ class ObservationCoverage:
 
     def __str__(self) -> str:
         text = (
-            f"{self.mapped:.1%} of the pairs of {self.observations:,} observations mapped, "
+            f"{self.mapped:.1%} of the pairs of "
+            f"{counted(self.observations, 'observation')} mapped, "
             f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped"
         )
         if math.isnan(self.outside):

@@ -278,11 +278,41 @@ def test_a_path_is_refused_before_anything_is_drawn(tmp_path, name, words):
 
 
 def test_a_subject_is_refused_and_nothing_written(tmp_path):
-    with pytest.raises(SettingError, match="must be a Comparison or a Forecast: got 7"):
+    with pytest.raises(SettingError, match=r"must be a Comparison, Forecast, .*: got 7"):
         plot(7, tmp_path / "hunt.png")
     with pytest.raises(SettingError, match="must be a path: got 7"):
         plot(comparison(), 7)
     assert os.listdir(tmp_path) == []
+
+
+def test_what_was_learnt_is_plotted(tmp_path):
+    maze = cr.GridWorld(["..T", "S.."])
+    near = cr.GridWorld([".T", "S."])
+    edge = cr.Transfer("$near$", "maze", cr.project(maze, near))
+    trained = cr.Curriculum({"$near$": near, "maze": maze}, [edge], budget=500).train(seeds=2)
+    figure = plot(trained, tmp_path / "both.png")
+    assert [axes.get_title() for axes in figure.axes] == ["$near$", "maze"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["greedy return"] * 2
+    learnt = trained["maze"]
+    (axes,) = plot(learnt).axes
+    assert axes.lines[0].get_ydata().tolist() == learnt.greedy_return.mean(axis=0).tolist()
+    off = cr.GreedyEvaluation(method="off")
+    assert (
+        plot(cr.learn(maze, budget=500, evaluation=off)).axes[0].get_ylabel() == "training return"
+    )
+    data = {"name": "line", "seeds": [0, 1], "arms": {"near": {
+        "tasks": {"maze": {"type": "maze", "map": "S.T", "budget": 500}}}}}  # fmt: skip
+    study = cr.study.StudyConfig.from_data(data, tmp_path)
+    found = cr.run_study(study, tmp_path / "out", progress=False)
+    assert len(plot(found).axes) == len(plot(found.comparison).axes) == 3
+    values = learnt.values[0]
+    drawn = plot(values, task=maze).axes[0]
+    assert drawn.get_title() == "max Q(s, a)"
+    assert plot(cr.solve(maze).values, task=maze).axes[0].get_title() == "V(s)"
+    for subject, given in ((values, None), (trained, maze), (values, near)):
+        with pytest.raises(SettingError):
+            plot(subject, tmp_path / "none.png", task=given)
+    assert not (tmp_path / "none.png").exists()
 
 
 def test_a_failure_leaves_the_picture_that_was_there(tmp_path, monkeypatch):

@@ -1,6 +1,8 @@
 """What a live page shows of a folder while units are stored, and that it never stops a run."""
 
 import shutil
+from concurrent.futures import ThreadPoolExecutor
+from time import sleep
 from types import SimpleNamespace
 
 import pytest
@@ -9,6 +11,7 @@ from curricle.errors import StoreError
 from curricle.report import live_study
 from curricle.report.live_study import LiveStudy, arms_so_far
 from curricle.report.study_report import stored_page
+from curricle.study.folders import in_use, locked
 from curricle.study.results import StudyResults
 
 SEEDS = 4
@@ -136,6 +139,45 @@ def test_a_file_that_is_merged_while_it_is_read_is_no_error(live, monkeypatch):
     study.refresh()
     assert study.state()["trouble"] == ""
     assert "</html>" in study.page
+
+
+def watched(folder):
+    """What a page that follows a run elsewhere says of it."""
+    study = LiveStudy(folder, words, elsewhere=True)
+    study.refresh()
+    return study.state()
+
+
+@pytest.mark.usefixtures("at_once")
+def test_a_run_elsewhere_that_no_process_is_at_is_said_to_be_none(live, finished):
+    study, store = live
+    store(("scratch", "maze"))
+    stopped = watched(study.folder)
+    assert stopped["standing"].startswith("No process is running it, ")
+    assert "2 of 16 units are stored" in stopped["standing"]
+    assert stopped["line"] == "2 of 16 units"  # no rate, and no time left
+    with locked(study.folder):
+        running = watched(study.folder)
+        assert (running["standing"], running["line"]) == ("", "2 of 16")
+        with pytest.raises(StoreError, match="another is at work"), locked(study.folder):
+            pass
+    assert watched(finished)["standing"] == "The study is finished: 16 of 16 units are stored."
+
+
+def test_whoever_looks_whether_a_run_is_at_work_keeps_none_from_beginning(live):
+    study, _ = live
+    with ThreadPoolExecutor(1) as other:
+        looking = other.submit(lambda: [sleep(0.002) or in_use(study.folder) for _ in range(300)])
+        for _ in range(20):
+            with locked(study.folder):
+                pass
+    assert {*looking.result()} <= {True, False}
+
+
+def test_where_locks_cannot_be_read_only_the_end_is_known(live, finished, monkeypatch):
+    monkeypatch.setattr(live_study, "in_use", lambda _: None)
+    assert watched(live[0].folder)["standing"] == ""
+    assert watched(finished)["standing"].startswith("The study is finished")
 
 
 def test_a_folder_that_is_not_there_yet_is_waited_for(tmp_path):

@@ -12,6 +12,7 @@ from curricle.frozen_arrays import Frozen
 from curricle.interop.tabulation.observation_table import ObservationTable
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Space
+from curricle.text_tables import counted
 
 BATCH = 4096
 """Observations that a model is asked about at once."""
@@ -179,7 +180,7 @@ class TabulatedTask(Frozen):
     def __repr__(self) -> str:
         size = repr(self.mdp).removeprefix("FiniteMDP(").removesuffix(")")
         samples, drawing = self.record.samples, self.record.drawing
-        kind = "exact" if samples is None else f"estimated from {samples:,} steps a pair"
+        kind = "exact" if samples is None else f"estimated from {counted(samples, 'step')} a pair"
         if drawing:
             kind += f" unless {drawing:,} pairs that draw random numbers rarely use them"
         note = f", {self.record.note}" if self.record.note else ""

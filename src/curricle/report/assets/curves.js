@@ -1,5 +1,7 @@
 "use strict";
 // Learning curves that answer: values at a checkpoint, zoom, arms and seeds on and off, pictures.
+// What a reader has switched off, and the view of each panel: a live page draws again and keeps them.
+const turnedOff = new Set(), views = { strong: null, weak: null };
 document.addEventListener("DOMContentLoaded", () => {
   const at = (id) => document.getElementById(id);
   const chart = at("chart"), rows = [...at("arms").children];
@@ -19,7 +21,7 @@ document.addEventListener("DOMContentLoaded", () => {
   };
   const arms = data.arms.map((arm) => {
     const { weak, strong, seeds } = arm;
-    return { ...arm, shown: true, weak: band(weak), strong: band(strong), seeds: seeds.map(returns) };
+    return { ...arm, shown: !turnedOff.has(arm.name), weak: band(weak), strong: band(strong), seeds: seeds.map(returns) };
   });
   const listed = rows.map((row) => arms.find((arm) => arm.name === row.dataset.arm));
   const shownArms = () => arms.filter((arm) => arm.shown);
@@ -176,6 +178,7 @@ document.addEventListener("DOMContentLoaded", () => {
     const margin = 0.06 * (top - bottom);
     const fitting = margin > 0 ? [bottom - margin, top + margin] : whole().y;
     view = length >= end - start && !heights ? null : { x: [from, to], y: heights || fitting };
+    views[panel] = view && { x: view.x, y: view.y.map(valueAt) };
     draw();
   };
   const scaled = (factor) => {
@@ -248,6 +251,7 @@ document.addEventListener("DOMContentLoaded", () => {
   // The legend: each arm is a button, with its value beside it.
   const turn = (n, on) => {
     listed[n].shown = on;
+    turnedOff[on ? "delete" : "add"](listed[n].name);
     dress(rows[n].querySelector("button"), { "aria-pressed": on });
     draw();
   };
@@ -257,7 +261,7 @@ document.addEventListener("DOMContentLoaded", () => {
     value.className = "value";
     button.append(...row.childNodes);
     row.append(button, value);
-    dress(button, { "aria-pressed": true });
+    dress(button, { "aria-pressed": listed[n].shown });
     button.addEventListener("click", () => turn(n, !listed[n].shown));
     const fade = (opacity) => chart.querySelectorAll("[data-arm]").forEach((group) => {
       dress(group, { opacity: group.dataset.arm === listed[n].name ? 1 : opacity });
@@ -271,8 +275,9 @@ document.addEventListener("DOMContentLoaded", () => {
   at("chart-seeds").addEventListener("change", draw);
   const change = () => {
     panel = at("axis-weak").checked ? "weak" : "strong";
-    view = cursor = null;
-    draw();
+    cursor = null;
+    if (views[panel]) zoom(...views[panel].x, views[panel].y.map(heightOf));
+    else reset();
   };
   for (const name of ["weak", "strong"]) at(`axis-${name}`).addEventListener("change", change);
 

@@ -135,13 +135,15 @@ document.addEventListener("DOMContentLoaded", () => {
     say("note", state.ended && began ? "" : state.note);
     say("trouble", state.trouble);
     if (!began) at("name").textContent = state.name;
-    document.title = `${state.ended ? "Ended" : `${Math.floor(100 * share)} %`} · ${state.name}`;
+    const ended = state.ended || state.standing; // after the latter it may go on
+    const finished = state.ended || (ended && share === 1);
+    document.title = `${finished ? "Ended" : `${Math.floor(100 * share)} %`} · ${state.name}`;
     if (taking || over) return;
     taking = true;
     try {
       await take(state);
       at("ended").className = "";
-      say("ended", state.ended);
+      say("ended", ended);
       over = Boolean(state.ended);
       if (over) events.close();
       if (over && !at("held").checked) at("keep").hidden = true;
@@ -150,9 +152,9 @@ document.addEventListener("DOMContentLoaded", () => {
     }
   });
   events.addEventListener("error", () => {
-    if (over) return;
+    if (over || at("ended").className === "lost") return;
     at("ended").className = "lost";
     const time = new Date().toLocaleTimeString();
-    if (at("ended").hidden) say("ended", `Nothing answers since ${time}: the run has stopped, or the command that shows it. This is the last that it sent.`);
+    say("ended", `Nothing answers since ${time}: the run has stopped, or the command that shows it. This is the last that it sent.`);
   });
 }, { once: true });

@@ -22,6 +22,7 @@ from curricle.study.config.varied_settings import (
     with_values,
     wrong_key,
 )
+from curricle.text_tables import counted
 
 MOST_ARMS = 100
 """Arms that a sweep makes at most: with more no difference that matters would be shown."""
@@ -84,7 +85,9 @@ def wrong_sweep(study: Raw, complete: Mapping[str, Raw]) -> Iterator[tuple[KeyPa
             )
     number = len(complete) * (lengths[0] if paired else prod(lengths))
     if number > MOST_ARMS:
-        words = f"{lengths[0]} values" if paired else f"{' x '.join(map(str, lengths))} values"
+        words = (
+            counted(lengths[0], "value") if paired else f"{' x '.join(map(str, lengths))} values"
+        )
         each = f" of each of {len(complete)} arms" if len(complete) > 1 else ""
         yield HOME, f"must make at most {MOST_ARMS} arms: got {words}{each}, {number:,} arms"
 

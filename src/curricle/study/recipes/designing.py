@@ -18,6 +18,7 @@ from curricle.errors import (
     in_words,
 )
 from curricle.files import write_whole
+from curricle.progress import Progress
 from curricle.study.config.merging import assignment
 from curricle.study.recipes.design_file import read_design
 from curricle.tasks.families.built_in import BUILT_IN
@@ -36,6 +37,7 @@ def run_design(
     workers: int | None = None,
     resume: bool = False,
     set: Sequence[str] = (),
+    progress: Progress = None,
 ) -> RecipeDesign:
     """Return what the design of a file found, and write its recipe.
 
@@ -57,6 +59,8 @@ def run_design(
     resume : bool
     set : sequence of str
         Changes of the file.
+    progress : bool or callable, optional
+        As in :func:`design_recipe`.
 
     Raises
     ------
@@ -76,7 +80,7 @@ def run_design(
             search = SearchBudget(budget, workers=workers, journal=trainings)
             try:
                 with _own_code(plan.family):
-                    found = design_recipe(plan.problems, search, seed=seed)
+                    found = design_recipe(plan.problems, search, seed=seed, progress=progress)
             except CurriculumError as error:
                 if not begun and _lines(trainings) <= len(plan.problems):
                     trainings.unlink(missing_ok=True)  # refused before anything raced

@@ -25,6 +25,7 @@ from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
 from curricle.tasks.task import generative_model, same_task, tables
+from curricle.text_tables import counted
 from curricle.transfer.component_mapping import project
 from curricle.transfer.edges import Transfer
 from curricle.transfer.identity_mapping import identity
@@ -153,8 +154,10 @@ def _words(applied: _Application, file: Path) -> Iterator[str]:
         it = "it" if applied.recipe.stages else "the best in the race"
         yield (
             f"Where it was designed, {it} saved {saving['estimate']:.0%}{interval} of the steps "
-            f"from scratch, in {judged['problems_paid']} of {len(judged['problems'])} problems, on "
-            f"{judged['seeds']} new seeds each. Whether it does here is what this study measures."
+            f"from scratch, in {judged['problems_paid']} of "
+            f"{counted(len(judged['problems']), 'problem')}, on "
+            f"{counted(judged['seeds'], 'new seed')} each. "
+            "Whether it does here is what this study measures."
         )
 
 
