@@ -1,21 +1,29 @@
 """An estimate of what a study costs, before anything is trained."""
 
+import math
 import time
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from curricle.curriculum.node import Node
-from curricle.planning.rollouts import random_rollouts
+from curricle.frozen_arrays import frozen
+from curricle.planning.greedy import Values
+from curricle.planning.simulator import GreedyPolicy, UniformPolicy, simulate
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.units import units_of
+from curricle.tasks.live import open_model
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
-from curricle.tasks.task import has_tables, tables
+from curricle.tasks.task import generative_model, has_tables, tables
 from curricle.text_tables import counted
 
 ROLLOUTS, LENGTH = 100, 200
 """Random rollouts that a task's speed is measured by."""
+LARGEST_ARRAY = 100_000_000
+"""Pairs for which memory is asked, of which rollouts use little."""
 STEPS = 200
 """Random steps that the speed of a task seen through observations is measured by."""
 NETWORK = 1e-3
@@ -82,10 +90,20 @@ def pace(task: Any) -> float:
     """Return the seconds that a random step of a task takes."""
     if is_observation_task(task):
         return _observed_pace(task)
-    random_rollouts(task, episodes=1, length=1)  # compiles
-    started = time.perf_counter()
-    taken = random_rollouts(task, episodes=ROLLOUTS, length=LENGTH)
-    return (time.perf_counter() - started) / max(1, int(taken.length.sum()))
+    generative = generative_model(task)
+    shape = generative.states.size, generative.actions.size
+    stream = np.zeros(1, np.uint64)
+    # Of equal values all actions are greedy. A report's episodes need this loop too.
+    policy = (
+        GreedyPolicy(Values(frozen(np.zeros(shape))))
+        if math.prod(shape) <= LARGEST_ARRAY
+        else UniformPolicy(np.uint64(shape[1]))
+    )
+    with open_model(generative, 0) as model:
+        simulate(model, policy, stream, episodes=1, limit=1)  # compiles
+        started = time.perf_counter()
+        steps, _ = simulate(model, policy, stream, episodes=ROLLOUTS, limit=LENGTH)
+        return (time.perf_counter() - started) / max(1, len(steps.states))
 
 
 def _observed_pace(task: ObservationTask) -> float:
