@@ -1,14 +1,13 @@
 """``curricle play``: the episode that a folder stores, or one played in the task itself."""
 
 import re
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import curricle as cr
-from curricle.cli.app import main
 from curricle.errors import SettingError, StoreError
 from curricle.learning import TabularPolicy
 from curricle.study import StudyResults, played_episode, read_study, run_study, stored_episode
@@ -19,19 +18,9 @@ pytestmark = pytest.mark.usefixtures("quick_disk")
 
 
 @pytest.fixture
-def play(monkeypatch, capfd, tmp_path):
-    """A function: arguments -> the exit code, what was printed and what was complained of."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["curricle", "play", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        told = capfd.readouterr()
-        return ended.value.code or 0, told.out, told.err
-
-    return run
+def play(curricle):
+    """``curricle play``: arguments -> the exit code, and what is printed and complained of."""
+    return partial(curricle, "play")
 
 
 def test_a_stored_episode_is_printed(play, finished):

@@ -7,7 +7,6 @@ from concurrent.futures import Executor, Future
 import numpy as np
 import pytest
 
-from curricle.cli.app import main
 from curricle.errors import EngineError, ForeignError, StoreError, StudyError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
@@ -224,24 +223,16 @@ def test_a_damaged_list_of_failures_is_a_sentence(copied, content):
         _ = StudyResults(copied).failed
 
 
-def test_the_exit_code_and_show_tell_of_it(study, tmp_path, monkeypatch, capfd):
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["curricle", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        told = capfd.readouterr()
-        return ended.value.code or 0, told.out, told.err
-
+def test_the_exit_code_and_show_tell_of_it(study, tmp_path, curricle):
     out = tmp_path / "out"
-    code, _, complaint = command("run", tmp_path / "chain.toml", "--out", out, "--workers", "1")
+    code, _, complaint = curricle("run", tmp_path / "chain.toml", "--out", out, "--workers", "1")
     assert code == 3
     # The arm's other seeds may have begun before these failed; then they are named as well.
     assert complaint.splitlines()[-1].startswith(
         "curricle: state: easy, seeds 0-1 failed, and all that is stored is whole: "
         "LookupError: a rule of the thesis is not met"
     )
-    code, shown, _ = command("show", out)
+    code, shown, _ = curricle("show", out)
     assert code == 0
     assert shown.startswith("chain: 4 of 4 seeds finished in every arm that has not failed\n")
     assert shown.endswith(f"state failed: {WORDS}\n")

@@ -76,8 +76,9 @@ def run_with_bars(
         ExitStack() as ending,
     ):
         pool: WorkerProcesses | None = None
-        live = any(arms.live for arms in with_trials(study, Arms.of(study)))
-        if on is None and (processes or live):
+        if on is None and (
+            processes or any(arms.live for arms in with_trials(study, Arms.of(study)))
+        ):
             pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         run_study(study, path, workers=workers, executor=pool, on=on, progress=show, **settings)

@@ -13,7 +13,7 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.varied_settings import value_text
 from curricle.study.cost import Cost, costs, duration, total_words
-from curricle.study.folders import STUDY
+from curricle.study.folders import holds_study
 from curricle.study.packing import bytes_a_seed, seeds_per_file
 from curricle.study.resuming import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore
@@ -163,7 +163,7 @@ def units_left(
             "trained with the best settings, not with those of the file"
         )
     done: Done = {}
-    if (place_at(path) / STUDY).exists():
+    if holds_study(place_at(path)):
         done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)
         yield from remarks
     left = units_of(study, arms, done, shard)

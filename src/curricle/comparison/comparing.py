@@ -24,7 +24,7 @@ from curricle.progress import Progress, check_progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.sequential import Looks
 from curricle.statistics.thresholds import fraction_of_optimum, midpoint
-from curricle.transfer.observation_rollouts import ObservationTarget, target_of
+from curricle.transfer.observation_rollouts import ObservationTarget
 
 FRACTION = 0.9
 """Of the way from the random policy's return to the optimum: the default threshold."""
@@ -111,15 +111,13 @@ def compare(
     check_progress(progress)
     plan = ComparisonPlan.of(arms, controls, scratch, workers)
     window = whole_number("window", window, 1, SettingError)
-    most = plan.budget // plan.eval_freq + 1
-    if window > most:
+    if window > plan.checkpoints:
         raise SettingError(
-            f"window must be at most {most}, the checkpoints within the target's budget: "
-            f"got {window}"
+            f"window must be at most {plan.checkpoints}, the checkpoints within the target's "
+            f"budget: got {window}"
         )
     if threshold is None:  # the target is solved before any training, as that may fail
-        evaluation = plan.first.setting("evaluation", plan.target)
-        target = target_of(plan.first.tasks[plan.target], evaluation)
+        target = plan.solved_target()
     else:
         threshold = number("threshold", threshold, SettingError)
     failed: dict[str, Exception] = {}

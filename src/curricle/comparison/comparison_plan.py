@@ -38,10 +38,12 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.learning.budget import Episodes, limits, spacing
 from curricle.learning.result import LearningResult
 from curricle.learning.stopping import StoppingRule
+from curricle.planning.target import Target
 from curricle.progress import SILENT, Bars
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.sequential import add_seeds
 from curricle.tasks.observation_task import is_observation_task
+from curricle.transfer.observation_rollouts import ObservationTarget, target_of
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,16 @@ class ComparisonPlan:
     def first(self) -> Curriculum:
         """The first arm, whose target's settings all arms share."""
         return next(iter(self.arms.values()))
+
+    @property
+    def checkpoints(self) -> int:
+        """Checkpoints within the target's own budget."""
+        return self.budget // self.eval_freq + 1
+
+    def solved_target(self) -> Target | ObservationTarget:
+        """Return the target, solved if it can be, with the evaluation that all arms share."""
+        evaluation = self.first.setting("evaluation", self.target)
+        return target_of(self.first.tasks[self.target], evaluation)
 
     def run(self, seeds: Sequence[int], failed: dict[str, Exception]) -> dict[str, Arm]:
         """Return all arms for these seeds, scratch first.

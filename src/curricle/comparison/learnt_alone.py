@@ -48,27 +48,30 @@ class LearntAlone:
 
     def sources(self, curriculum: Curriculum, seeds: Sequence[int]) -> dict[str, LearningResult]:
         """Return the results of a curriculum's sources that are known, with their values."""
-        before = curriculum.ancestors(curriculum.target)
-        known = {name: self._known(curriculum.node(name), seeds) for name in before}
-        alone = {name: one for name, one in known.items() if not curriculum.in_edges(name)}
-        return {name: one for name, one in alone.items() if one and one.values is not None}
+        known = {one.name: self._known(one, seeds) for one in _first_sources(curriculum)}
+        return {name: one for name, one in known.items() if one and one.values is not None}
 
     def add_sources(
         self, curriculum: Curriculum, seeds: Sequence[int], results: Mapping[str, LearningResult]
     ) -> None:
         """Keep the results of a curriculum's sources for other arms, unless they are large."""
-        for name in curriculum.ancestors(curriculum.target):
-            node, result = curriculum.node(name), results[name]
-            values = result.values
+        for node in _first_sources(curriculum):
+            values = results[node.name].values
             small = isinstance(values, np.ndarray) and values.nbytes <= LARGEST_KEPT
-            if small and not curriculum.in_edges(name) and self._known(node, seeds) is None:
-                self._found.append((node, tuple(seeds), result))
+            if small and self._known(node, seeds) is None:
+                self._found.append((node, tuple(seeds), results[node.name]))
 
     def _known(self, node: Node, seeds: Sequence[int]) -> LearningResult | None:
         for known, numbers, result in self._found:
             if known.task is node.task and numbers == tuple(seeds) and _alike(known, node):
                 return result
         return None
+
+
+def _first_sources(curriculum: Curriculum) -> list[Node]:
+    """Return the target's sources that have no sources of their own."""
+    before = curriculum.ancestors(curriculum.target)
+    return [curriculum.node(name) for name in before if not curriculum.in_edges(name)]
 
 
 def _alike(one: Node, other: Node) -> bool:

@@ -32,7 +32,6 @@ from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
-from curricle.transfer.observation_rollouts import target_of
 
 STREAM = "/trial"
 """What the names of a trial's random streams end with."""
@@ -249,10 +248,8 @@ def _compared(
         found = plan.run(seed_tuple(seeds), failed)
     check_any_left(found, failed)
     if threshold is None:
-        evaluation = plan.first.setting("evaluation", plan.target)
-        target = target_of(plan.first.tasks[plan.target], evaluation)
-        threshold = default_threshold(target, found[SCRATCH])
-    window = min(WINDOW, plan.budget // plan.eval_freq + 1)
+        threshold = default_threshold(plan.solved_target(), found[SCRATCH])
+    window = min(WINDOW, plan.checkpoints)
     return Comparison(plan.target, found, plan.budget, plan.total, threshold, window, failed)
 
 

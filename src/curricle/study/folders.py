@@ -78,6 +78,12 @@ def read_errors(path: Place) -> Iterator[None]:
         raise StoreError(f"{path} cannot be read: {reason(error)}") from error
 
 
+def holds_study(path: Place) -> bool:
+    """Return whether a folder, which may not be there, holds a study; StoreError if unreadable."""
+    with read_errors(path):
+        return (path / STUDY).exists()
+
+
 @contextmanager
 def write_errors(path: Place) -> Iterator[None]:
     """Turn a failure to write into a StoreError that says what is safe."""

@@ -7,7 +7,7 @@ from curricle.remote_path import Place, place_at
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of
-from curricle.study.folders import STUDY, read_errors, write_errors
+from curricle.study.folders import holds_study, write_errors
 from curricle.study.record import RunRecord
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.tuning import digest_of, tuned_study
@@ -20,9 +20,7 @@ Done = dict[str, dict[int, StoredUnit]]
 
 def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
     """Return a study's arms; the keys are those of stale units in a folder if these are kept."""
-    with read_errors(place_at(path)):
-        there = keep_stale and (place_at(path) / STUDY).exists()
-    if not there:
+    if not (keep_stale and holds_study(place_at(path))):
         return Arms.of(study)
     store = StudyStore(path)
     return Arms.of(study, key_in(store.finished(without=store.damaged_units())))

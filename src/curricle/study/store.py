@@ -25,6 +25,7 @@ from curricle.study.folders import (
     STUDY,
     UNITS,
     check_ours,
+    holds_study,
     locked,
     read_errors,
     write_errors,
@@ -241,9 +242,7 @@ class StudyStore:
     def _claimed(
         cls, path: Place, description: dict[str, Any], resume: bool, check: bool
     ) -> "StudyStore":
-        with read_errors(path):
-            begun = (path / STUDY).exists()
-        if begun:
+        if holds_study(path):
             store = cls(path)
             if check or "configuration" not in store.description:
                 store.check(description)

@@ -6,7 +6,7 @@ from pydantic import Field, JsonValue, model_validator
 
 from curricle.archives.sealed_json import sealed
 from curricle.remote_path import Place
-from curricle.study.folders import STUDY, read_errors
+from curricle.study.folders import holds_study
 from curricle.study.plain_data import Count, Plain
 from curricle.study.record import plain, read_record
 from curricle.study.store import StudyStore
@@ -107,9 +107,7 @@ def read_tuning(store: StudyStore) -> TuningRecord | None:
 
 def tuning_at(path: Place) -> TuningRecord | None:
     """Return the tuning in a folder that may not be there."""
-    with read_errors(path):
-        there = (path / STUDY).exists()
-    return read_tuning(StudyStore(path)) if there else None
+    return read_tuning(StudyStore(path)) if holds_study(path) else None
 
 
 def write_tuning(store: StudyStore, record: TuningRecord) -> None:
