@@ -80,6 +80,14 @@ class Cluster:
         with Client(f"tcp://127.0.0.1:{self.port}", timeout=60) as client:
             client.wait_for_workers(workers, timeout=60)
 
+    def kill_busy_worker(self):
+        """Kill a worker while all have a call: one that has just ended waits for its next."""
+        from distributed import Client
+
+        with Client(f"tcp://127.0.0.1:{self.port}", timeout=60) as client:
+            wait_until(lambda: all(client.processing().values()))
+            self.workers[0].kill()
+
     def close(self):
         for process in (*self.workers, self.scheduler):
             process.kill()

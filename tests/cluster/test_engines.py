@@ -88,7 +88,7 @@ def test_a_killed_worker_changes_nothing(study, dask, tmp_path):
     running = begun(study(LONG), out, "--on", dask.on)
     wait_until(lambda: len(units_in(out)) >= 2)
     assert running.poll() is None
-    dask.workers[0].send_signal(signal.SIGKILL)
+    dask.kill_busy_worker()
     printed, _ = running.communicate(timeout=240)
     assert running.returncode == 0, printed
     assert " begun again" in printed
