@@ -9,8 +9,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import one_of, whole_number
@@ -259,6 +257,9 @@ def _choices(values: FloatArray, solution: Solution) -> tuple[FloatArray, BoolAr
 
 def _connected(mdp: FiniteMDP, chosen: BoolArray) -> Iterator[IntArray]:
     """Yield the chosen states in regions connected by one transition, in either direction."""
+    from scipy.sparse import coo_array  # takes time, and few need it
+    from scipy.sparse.csgraph import connected_components
+
     states = np.flatnonzero(chosen)
     rows = mdp.outcome_row[states]
     after = mdp.next_state[rows]

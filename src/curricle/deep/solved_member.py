@@ -5,8 +5,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.deep.knowledge import Knowledge
@@ -139,6 +137,9 @@ def levels_of(table: TabulatedTask) -> IntArray:
     >>> len(set(levels_of(cr.tabulate("FrozenLake-v1", discount=0.9)).tolist()))
     6
     """
+    from scipy.sparse import coo_array  # takes time, and few need it
+    from scipy.sparse.csgraph import connected_components
+
     mdp = table.mdp
     live = np.flatnonzero(~mdp.terminal)
     rows = mdp.outcome_row[live]

@@ -22,7 +22,7 @@ from curricle.text_tables import counted
 
 ROLLOUTS, LENGTH = 100, 200
 """Random rollouts that a task's speed is measured by."""
-LARGEST_ARRAY = 100_000_000
+MOST_PAIRS = 100_000_000
 """Pairs for which memory is asked, of which rollouts use little."""
 STEPS = 200
 """Random steps that the speed of a task seen through observations is measured by."""
@@ -96,7 +96,7 @@ def pace(task: Any) -> float:
     # Of equal values all actions are greedy. A report's episodes need this loop too.
     policy = (
         GreedyPolicy(Values(frozen(np.zeros(shape))))
-        if math.prod(shape) <= LARGEST_ARRAY
+        if math.prod(shape) <= MOST_PAIRS
         else UniformPolicy(np.uint64(shape[1]))
     )
     with open_model(generative, 0) as model:

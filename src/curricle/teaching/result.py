@@ -80,7 +80,7 @@ class TeachingResult(Frozen):
         head = ["task", "episodes a seed", "steps a seed", "probability in the end"]
         last = self.probabilities[:, -1].mean(axis=0)
         rows = zip(self.tasks, episodes, steps, (f"{one:.0%}" for one in last), strict=True)
-        title = f"Taught by {brief_value(self.teacher)}"
+        title = f"Tasks chosen by {brief_value(self.teacher)}"
         learnt = learnt_table({"target": self.learning}, {})
         return block(title, learnt_curve(self.learning), learnt, table(head, rows))
 
