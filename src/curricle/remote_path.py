@@ -75,6 +75,8 @@ class RemotePath:
 
         try:
             system, key = FileSystem.from_uri(url)
+            if not key.strip("/"):
+                raise ValueError("it names no bucket or folder")
         except (OSError, ValueError, NotImplementedError) as error:
             raise StoreError(f"a URL must be one that pyarrow opens, not {url}: {error}") from None
         shown = f"{parts.scheme}://{parts.netloc}{unquote(parts.path)}".rstrip("/")

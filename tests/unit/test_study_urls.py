@@ -223,6 +223,7 @@ def test_what_is_read_of_a_large_unit_is_what_is_read_of_all(finished, monkeypat
         ("s3://bucket/study?secret_key=x&region=y", "must have no password.*got secret_key$"),
         ("gs://bucket/study?access_token=x", "must have no password.*got access_token$"),
         ("nowhere://bucket/study", "must be one that pyarrow opens, not nowhere://bucket/study"),
+        ("s3://", "must be one that pyarrow opens, not s3://: it names no bucket or folder$"),
     ],
 )
 @pytest.mark.parametrize("command", ["run", "show"])

@@ -24,8 +24,13 @@ def parsed(on: str) -> tuple[str, str | None]:
     --------
     >>> parsed("dask"), parsed("ray://head:10001")
     (('dask', None), ('ray', 'head:10001'))
+    >>> parsed("dask://me:secret@head:8786")
+    Traceback (most recent call last):
+    curricle.errors.SettingError: on is an address without a user or a password: got one before @
     """
     match = WORD.fullmatch(on) if isinstance(on, str) else None
+    if isinstance(on, str) and "@" in on:
+        raise SettingError("on is an address without a user or a password: got one before @")
     if match is None:
         raise SettingError(
             f"on is dask or ray, or one of them at an address, such as dask://host:8786: got {on!r}"

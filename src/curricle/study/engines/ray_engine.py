@@ -8,6 +8,7 @@ from functools import cache
 from threading import Lock
 from time import sleep
 from typing import Any
+from warnings import catch_warnings, filterwarnings
 
 import ray
 from ray._private.worker import global_worker  # Ray tells of attempts nowhere else
@@ -164,7 +165,9 @@ def connected(address: str | None, workers: int | None) -> RayEngine:
     ends, link = address is not None or not ray.is_initialized(), None
     if ends:
         where = {"num_cpus": workers} if address is None else {"address": f"ray://{address}"}
-        context = _connected(where)
+        with catch_warnings():  # that it was not reached is an error too
+            filterwarnings("ignore", "Ray Client connection timed out")
+            context = _connected(where)
         link = getattr(context, "dashboard_url", None)
     host, _, port = (address or ray.get_runtime_context().gcs_address).rpartition(":")
     return RayEngine(f"http://{link}" if link else None, (host.strip("[]"), int(port)), ends)
