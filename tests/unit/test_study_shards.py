@@ -156,3 +156,20 @@ def test_a_damaged_part_is_refused_before_anything_is_written(finished, tmp_path
     with pytest.raises(StoreError, match=re.escape(str(file))):
         merge(tmp_path / "whole", [copied])
     assert not (tmp_path / "whole").exists()
+
+
+def test_parts_merged_one_after_the_other_are_parts_merged_at_once(part, finished, tmp_path):
+    parts = [part("early", 'seeds="0-1"'), part("late", 'seeds="2-3"')]
+    once = merge(tmp_path / "once", parts)
+    for folder in (*parts, parts[1]):  # the last is there already
+        whole = merge(tmp_path / "whole", [folder])
+    assert_same_tables(tmp_path / "whole", finished)
+    assert whole.runs == once.runs
+    assert len(once.runs) == 2
+    assert snapshots_in(tmp_path / "whole") == snapshots_in(finished)
+
+
+def test_one_folder_to_merge_is_no_list(finished, tmp_path):
+    for one in (str(finished), finished):
+        with pytest.raises(StoreError, match="must be a list"):
+            merge(tmp_path / "whole", one)
