@@ -386,6 +386,10 @@ def test_decisions_are_sentences(curricle, refused, finished):
     )
 
 
+def test_show_refuses_a_seed_without_its_decisions(refused, finished):
+    refused(2, "a seed is that of --decisions", "show", finished, "--seed", "1")
+
+
 @pytest.mark.parametrize("more", [[], ["--decisions"]])
 def test_show_refuses_an_arm_or_a_task_that_is_not_there(refused, finished, more):
     refused(1, "chian", "show", finished, "--arm", "chian", *more)

@@ -33,6 +33,12 @@ def test_a_stored_episode_is_printed(play, finished):
     assert corner.startswith("chain: corner, learnt by seed 0\n")
 
 
+def test_a_stored_episode_takes_no_changes(play, finished):
+    code, _, complaint = play(finished, "--arm", "chain", "--set", "tasks.maze.budget=5")
+    assert code == 2
+    assert "--set changes the file of --study" in complaint
+
+
 def test_a_stored_episode_is_a_gif(play, finished, tmp_path):
     code, out, _ = play(finished, "--arm", "chain", "--out", "new/maze.gif")
     words = r"chain: maze, learnt by seed 0: Episode\((\d+) steps, .*\)\nOpen new/maze.gif\n"

@@ -212,6 +212,16 @@ def test_merged_parts_keep_their_failures(study, tmp_path):
     assert found.seeds == (0, 1, 2, 3)
 
 
+def test_a_part_that_is_merged_later_forgets_no_failure(study, tmp_path):
+    with pytest.raises(StudyError):
+        run_study(study, tmp_path / "part-1", workers=1, shard=(1, 2))
+    (tmp_path / "broken").unlink()
+    run_study(study, tmp_path / "part-2", workers=1, shard=(2, 2))
+    for part in ("part-1", "part-2", "part-1"):
+        found = merge(tmp_path / "whole", [tmp_path / part])
+        assert found.failed == {"state": WORDS}
+
+
 @pytest.mark.parametrize(
     "content",
     ["[3]", "{}{", '[{"key": 1}]', "7"]

@@ -161,9 +161,9 @@ def test_fewer_seeds_forget_none(study_file, finished, copied, contents):
     assert contents(copied) == contents(finished)
 
 
-@pytest.mark.parametrize("shard", [(0, 1), (3, 2), (1, 0)])
+@pytest.mark.parametrize("shard", [(0, 1), (3, 2), (1, 0), (1.5, 2), ("1", 2), (1,), "1/2", None])
 def test_a_shard_that_makes_no_sense_is_refused(study_file, tmp_path, shard):
-    with pytest.raises(SettingError, match="a shard is i of n"):
+    with pytest.raises(SettingError, match=r"a shard is \(i, n\)"):
         run_study(read_study(study_file), tmp_path / "out", shard=shard)
     assert not (tmp_path / "out").exists()
 

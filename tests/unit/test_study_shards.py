@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from curricle.errors import StoreError
-from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
+from curricle.study import StudyResults, StudyStore, merge, packing, read_study, run_study
 from curricle.study.results import DECISIONS, RESULTS
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -156,3 +156,29 @@ def test_a_damaged_part_is_refused_before_anything_is_written(finished, tmp_path
     with pytest.raises(StoreError, match=re.escape(str(file))):
         merge(tmp_path / "whole", [copied])
     assert not (tmp_path / "whole").exists()
+
+
+def test_parts_merged_one_after_the_other_are_parts_merged_at_once(part, finished, tmp_path):
+    parts = [part("early", 'seeds="0-1"'), part("late", 'seeds="2-3"')]
+    once = merge(tmp_path / "once", parts)
+    for folder in (*parts, parts[1]):  # the last is there already
+        whole = merge(tmp_path / "whole", [folder])
+    assert_same_tables(tmp_path / "whole", finished)
+    assert whole.runs == once.runs
+    assert len(once.runs) == 2
+    assert snapshots_in(tmp_path / "whole") == snapshots_in(finished)
+
+
+def test_one_folder_to_merge_is_no_list(finished, tmp_path):
+    for one in (str(finished), finished):
+        with pytest.raises(StoreError, match="must be a list"):
+            merge(tmp_path / "whole", one)
+
+
+def test_parts_merged_later_keep_the_snapshots_of_the_first_seed(part, tmp_path, monkeypatch):
+    monkeypatch.setattr(packing, "FULL", 1)  # as of large tables: a file for each seed
+    parts = [part("early", 'seeds="0-0"'), part("late", 'seeds="1-1"')]
+    merge(tmp_path / "once", parts)
+    for folder in parts:
+        merge(tmp_path / "whole", [folder])
+    assert snapshots_in(tmp_path / "whole") == snapshots_in(tmp_path / "once")

@@ -81,6 +81,8 @@ CALLS = {
     "every of True": lambda: run(eval_freq=True),
     "evaluation as text": lambda: run(evaluation="exact"),
     "half an episode": lambda: cr.GreedyEvaluation(episodes=1.5),
+    "a number for whether rewards are discounted": lambda: cr.GreedyEvaluation(discounted=0),
+    "text for whether actions are sampled": lambda: cr.GreedyEvaluation(sampled="no"),
     "half a worker": lambda: run(workers=1.5),
     "no task to learn": lambda: cr.learn(None, None, 10),
     "no task to solve": lambda: cr.solve(None),

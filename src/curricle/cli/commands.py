@@ -172,7 +172,9 @@ def show(
     decisions: Annotated[bool, typer.Option(help="Why each task went on or stopped.")] = False,
     arm: Annotated[str | None, typer.Option(help="Of this arm only.")] = None,
     task: Annotated[str | None, typer.Option(help="Of this task only.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Of this seed only.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="With --decisions: of this seed only, each of them.")
+    ] = None,
     explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
@@ -180,6 +182,8 @@ def show(
     from curricle.cli.results_tables import decision_lines, print_results
     from curricle.study import StudyResults
 
+    if seed is not None and not decisions:
+        raise typer.BadParameter(f"a seed is that of --decisions: got --seed {seed} alone")
     results = StudyResults(folder)
     if not decisions:
         with explained(explain):
@@ -209,6 +213,8 @@ def play(
     """
     from curricle.study import StudyResults, played_episode, stored_episode
 
+    if changes and study is None:
+        raise typer.BadParameter(f"--set changes the file of --study: got --set {changes[0]} alone")
     results = StudyResults(folder)
     arms = list(results.record.arms)
     if arm is None and len(arms) > 1:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import number, one_of, whole_number
+from curricle.checks import instance, number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.planning.greedy import (
     ACTION,
@@ -180,6 +180,9 @@ class GreedyEvaluation:
             name = "episodes of an evaluation"
             episodes = whole_number(name, self.episodes, 1, SettingError)
             number(name, episodes, SettingError, high=MOST_EPISODES)
+        if self.discounted is not None:
+            instance("discounted", self.discounted, bool, SettingError)
+        instance("sampled", self.sampled, bool, SettingError)
 
     def kernel(self, task: Task) -> EvaluationKernel:
         """Return the evaluation of this task for compiled loops."""

@@ -118,7 +118,9 @@ def _graph(
     kinds = {name: curricula.task(arms[0], name).kind for name in arm.nodes}
     heights = {
         name: card_height(
-            name, [kinds[name], *(SWATCH + one.words for one in found), steps[name], ended[name]]
+            name,
+            [kinds[name], *(SWATCH + one.words for one in found), steps[name], ended[name]],
+            curve=bool(found),
         )
         for name, found in curves.items()
     }
@@ -161,10 +163,16 @@ def _notes(arms: Mapping[str, ArmRecord]) -> tuple[str, ...]:
 
 
 def card_curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
-    """Return the curves of one task in one scale; arms that learnt it alike share one."""
+    """Return the curves of one task in one scale; arms that learnt it alike share one.
+
+    An arm that was not evaluated in the task has none.
+    """
     alike: dict[bytes, list[str]] = {}
     for arm, one in trained.items():
-        alike.setdefault(one.greedy_return.tobytes(), []).append(arm)
+        if not np.isnan(one.greedy_return).all():
+            alike.setdefault(one.greedy_return.tobytes(), []).append(arm)
+    if not alike:
+        return ()
     kept = [(tuple(arms), trained[arms[0]]) for arms in alike.values()]
     curves = []
     for _, one in kept:

@@ -74,8 +74,8 @@ class LiveServer(ThreadingHTTPServer):
         TCPServer.server_bind(self)
         self.server_name, self.server_port = HERE, self.socket.getsockname()[1]
 
-    def say_goodbye(self) -> None:
-        """Wait until the pages that are open have the end; they close their streams then."""
+    def wait_for_pages(self) -> None:
+        """Wait until open pages have the last state; they close their streams then."""
         until = monotonic() + LINGER
         while self.pages and self.study.ended and monotonic() < until:
             sleep(NOTICED)
@@ -190,7 +190,7 @@ def live_page(
     try:
         yield server
     finally:
-        server.say_goodbye()
+        server.wait_for_pages()
         server.shutdown()
         server.server_close()
         if not isinstance(exception(), KeyboardInterrupt):  # which waits for nothing

@@ -32,7 +32,7 @@ class TaskRow:
     name: str  # arms and task
     stored: int  # seeds
     seeds: int
-    curve: CardCurve | None  # mean over the seeds so far
+    curve: CardCurve | None  # mean over the seeds so far; None where there is none to draw
 
     def data(self) -> dict[str, Any]:
         """Return it as JSON holds it."""
@@ -140,7 +140,7 @@ class LiveStudy:
         # what is read over a network is waited for, which slows nothing
         self._clock = thread_time if isinstance(self.folder, RemotePath) else monotonic
         self._next = 0.0
-        self._curves: dict[str, tuple[int, CardCurve]] = {}
+        self._curves: dict[str, tuple[int, CardCurve | None]] = {}
         self._over = Event()
         self._thread = Thread(target=self._follow, daemon=True)
 
@@ -238,8 +238,8 @@ class LiveStudy:
         for (arm, task), key in study.record.keys.items():
             stored = len(study.stored.get(key, ()))
             if stored and self._curves.get(key, (0,))[0] != stored:
-                (curve,) = card_curves({arm: study.result(arm, task)})
-                self._curves[key] = stored, curve
+                drawn = card_curves({arm: study.result(arm, task)})
+                self._curves[key] = stored, drawn[0] if drawn else None
         self._show_rows(study)
 
     def _show_rows(self, study: StudyResults) -> None:

@@ -8,8 +8,9 @@ from curricle.remote_path import Place
 from curricle.study.failures import read_failures, write_failures
 from curricle.study.packing import files_of, pack
 from curricle.study.results import StudyResults
+from curricle.study.resuming import Done
 from curricle.study.serialization import without_snapshots
-from curricle.study.store import StudyStore
+from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.tuning_record import read_tuning, write_tuning
 
 
@@ -31,6 +32,8 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         When folders hold different studies, or one is damaged or in use; what was merged before is
         whole then.
     """
+    if isinstance(parts, str | Place):
+        raise StoreError(f"folders to merge must be a list: got {str(parts)!r} alone")
     if not parts:
         raise StoreError("there must be at least one folder to merge: got none")
     studies = [StudyResults(part) for part in parts]
@@ -48,31 +51,44 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     analysis = next(
         (one.analysis for one in sorted(studies, key=_first_seed) if one.analysis), None
     )
-    first = min((seed for units in found for unit in units for seed in unit.seeds), default=0)
-    for store, units in zip(stores, found, strict=True):
-        with StudyStore.opened(path, store.description, resume=True) as target:
-            done = target.finished()
-            for run in store.runs():
-                target.add_run(run)
-            for unit in units:
-                there = done.setdefault(unit.key, {})
-                new = tuple(seed for seed in unit.seeds if seed not in there)
-                if new:
-                    result = store.result(unit, new)
-                    if first not in new:  # a study keeps the snapshots of its first seed alone
-                        result = without_snapshots(result)
-                    taken = target.write_unit(unit.about.model_copy(update={"seeds": new}), result)
-                    there |= dict.fromkeys(new, taken)
-            pack(target, files_of(studies[0].record))
-            merged = StudyResults(path)
-            merged.write_tables()
-            if analysis is not None:
-                merged.write_analysis(analysis)
-            if (tuning := read_tuning(stores[0])) is not None:
-                write_tuning(target, tuning)
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
-        write_failures(target, [row for store in stores for row in read_failures(store)])
+        failures, before = read_failures(target), target.runs()
+        there = target.units()
+        first = min(
+            (seed for units in (there, *found) for one in units for seed in one.seeds), default=0
+        )
+        done = target.finished()
+        for store, units in zip(stores, found, strict=True):
+            target = target.redescribed(store.description)
+            for run in store.runs():
+                if run not in before:  # it is there where this part was merged before
+                    target.add_run(run)
+            _take(target, done, store, units, first)
+            failures += [row for row in read_failures(store) if row not in failures]
+        pack(target, files_of(studies[0].record))
+        merged = StudyResults(path)
+        merged.write_tables()
+        if analysis is not None:
+            merged.write_analysis(analysis)
+        if (tuning := read_tuning(stores[0])) is not None:
+            write_tuning(target, tuning)
+        write_failures(target, failures)
     return StudyResults(path)
+
+
+def _take(
+    target: StudyStore, done: Done, store: StudyStore, units: Sequence[StoredUnit], first: int
+) -> None:
+    """Copy the seeds of a part's units that a folder lacks; `first` is the first seed of all."""
+    for unit in units:
+        there = done.setdefault(unit.key, {})
+        new = tuple(seed for seed in unit.seeds if seed not in there)
+        if new:
+            result = store.result(unit, new)
+            if first not in new:  # a study keeps the snapshots of its first seed alone
+                result = without_snapshots(result)
+            taken = target.write_unit(unit.about.model_copy(update={"seeds": new}), result)
+            there |= dict.fromkeys(new, taken)
 
 
 def _first_seed(study: StudyResults) -> int:

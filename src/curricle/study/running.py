@@ -136,7 +136,7 @@ def run_study(
     path = path or study.results_folder
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
-    _check_shard(*shard)
+    _check_shard(shard)
     arms = arms_in(study, path, keep_stale=keep_stale)
     study.check_networks()
     trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
@@ -179,9 +179,10 @@ def run_study(
     return found
 
 
-def _check_shard(part: int, parts: int) -> None:
-    if not 1 <= part <= parts:
-        raise SettingError(f"a shard is i of n, i from 1 to n: got {part} of {parts}")
+def _check_shard(shard: Any) -> None:
+    whole = isinstance(shard, tuple | list) and [type(one) for one in shard] == [int, int]
+    if not (whole and 1 <= shard[0] <= shard[1]):
+        raise SettingError(f"a shard is (i, n), whole numbers, i from 1 to n: got {shard!r}")
 
 
 @dataclass(frozen=True)

@@ -126,7 +126,7 @@ def units_of(
     """
     part, parts = shard
     seeds = [seed for seed in study.seeds if seed // study.seeds_per_unit % parts == part - 1]
-    first = min(study.seeds)  # of all parts: merged, they hold the films of one run
+    first = min(study.seeds)  # of all shards: merged, they hold the snapshots of one run
     found: dict[tuple[str, tuple[int, ...]], Unit] = {}
     for arm, curriculum in arms.curricula.items():
         for task in curriculum.order:

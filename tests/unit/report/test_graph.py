@@ -36,6 +36,22 @@ def test_arms_with_the_same_tasks_and_transfers_share_a_graph(pursuit, maze):
     assert [graph.arms for graph in graphs_of(maze.results)] == [("2x2",), ("3x3",)]
 
 
+def test_a_source_that_is_not_evaluated_has_no_curve(recwarn):
+    maze, corner = cr.GridWorld("S..T"), cr.GridWorld("S.T")
+    plan = cr.Curriculum(
+        tasks={"corner": corner, "maze": maze},
+        transfers=[cr.Transfer("corner", "maze", cr.same_position(maze, corner))],
+        budget=200,
+        evaluation={"corner": cr.GreedyEvaluation("off")},
+    )
+    (graph,) = graphs_of({"transfer": plan.train(2)})
+    source, target = graph.cards
+    assert source.curves == ()
+    assert len(target.curves) == 1
+    assert source.height < target.height
+    assert not recwarn.list
+
+
 def test_a_scaled_transfer_makes_another_graph(pursuit):
     scaled = hunt_plan(cr.minimum, scale=2.0).train(2)
     found = graphs_of({**pursuit.results, "scaled": scaled})

@@ -14,7 +14,7 @@ from curricle.study.engines.engine import answers
 from curricle.study.workers import POSIX, interrupts_blocked, start_tracker
 
 LOGGERS = [logging.getLogger(name) for name in ("distributed", "distributed.client", "asyncio")]
-"""Dask gives the second its own level; the third tells of tasks that a lost scheduler ended."""
+"""Dask gives the second its own level; the third logs tasks that a lost scheduler ended."""
 REACHED_IN = 10
 """Seconds in which a scheduler must answer."""
 
@@ -38,7 +38,7 @@ class DaskEngine:
             self.link = client.dashboard_link or None  # which asks the scheduler each time
         self.levels = [logger.level for logger in LOGGERS]
         for logger in LOGGERS:
-            logger.setLevel(logging.CRITICAL)  # that a scheduler is lost, its futures say
+            logger.setLevel(logging.CRITICAL)  # futures report a lost scheduler
 
     @property
     def local(self) -> bool:
@@ -93,8 +93,8 @@ class DaskEngine:
     def close(self, whole: bool) -> None:
         """Leave the scheduler, which forgets what was not begun; end a cluster started here.
 
-        Dask logs again unless the run was interrupted or its scheduler is lost: threads that tell
-        of that go on after this.
+        Dask logs again unless the run was interrupted or its scheduler is lost: Dask's threads log
+        that for some time after this.
         """
         host, _, port = self.client.scheduler.address.rpartition("://")[2].rpartition(":")
         whole = whole and self.client.status == "running" and answers(host, int(port))

@@ -31,8 +31,8 @@ class RayEngine:
     ----------
     link : str or None
     head : (str, int)
-        Host and port of the head. Whether it answers is looked at here: Ray ends this process,
-        without a word to it, a minute after its head is gone, and a client asks for half a minute.
+        Host and port of the head. A connection to it tells whether it is lost: Ray itself raises
+        nothing and ends this process after a minute, and its client tries for half a minute.
     ends : bool
         Whether the connection was made here, and so ends here.
     """
