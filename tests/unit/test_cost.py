@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from curricle import Pursuit
+
 from curricle.cli.study_preview import traffic
 from curricle.study import StudyConfig, cost, packing, read_study
 from curricle.study.arms import Arms
@@ -84,3 +86,15 @@ def test_where_results_go_on_a_cluster(monkeypatch):
     assert traffic(study, arms, each).endswith(
         "; with --out at a URL, workers write those of line there, and 0.0 MB come back"
     )
+
+
+def test_tables_too_large_to_be_solved_are_not_built(monkeypatch):
+    class Untabulated(Pursuit):
+        mdp = property(lambda self: pytest.fail("its tables were built"))
+
+    monkeypatch.setattr(cost, "LARGEST_SOLVED", 1000)
+    large = cost.sweeping_seconds(Untabulated(100, 1), 10)
+    assert large == pytest.approx(100**4 * 5 * 10 * cost.OUTCOME)
+    small = Pursuit(3, 1)
+    outcomes = small.mdp.probability.size
+    assert cost.sweeping_seconds(small, 10) == pytest.approx(outcomes * 10 * cost.OUTCOME)

@@ -15,7 +15,7 @@ from curricle.array_types import IntArray
 from curricle.checks import text
 from curricle.errors import SettingError, TaskError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.spaces import Component, Space
+from curricle.tasks.spaces import MISSING, Component, Space
 
 Flatten = Callable[[Any], tuple[Any, ...]]
 Form = Literal["index", "components"]
@@ -149,7 +149,10 @@ class Number:
 
     def __call__(self, point: Any) -> int:
         """Return the number of a point, negative where it is none."""
-        return self._place(self._flatten(point))
+        try:
+            return self._place(self._flatten(point))
+        except TypeError:  # of what is no whole number
+            return MISSING
 
     def __getstate__(self) -> dict[str, Any]:
         return {"space": self.space}  # the functions below cannot be pickled

@@ -12,6 +12,7 @@ from curricle.curriculum.node import Node
 from curricle.frozen_arrays import frozen
 from curricle.planning.greedy import Values
 from curricle.planning.simulator import GreedyPolicy, UniformPolicy, simulate
+from curricle.planning.target import LARGEST_SOLVED
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.units import units_of
@@ -137,8 +138,14 @@ def _exact_seconds(node: Node) -> float:
 
 
 def sweeping_seconds(task: Any, sweeps: float) -> float:
-    """Return the seconds that so many sweeps over a task's tables take, at most."""
-    return float(tables(task).probability.size * min(sweeps, MOST_SWEEPS) * OUTCOME)
+    """Return the seconds that so many sweeps over a task's tables take, about.
+
+    Large tables are not built for that: it is then the time with one outcome for each pair.
+    """
+    model = generative_model(task)
+    pairs = model.states.size * model.actions.size
+    outcomes = pairs if pairs > LARGEST_SOLVED else tables(task).probability.size
+    return float(outcomes * min(sweeps, MOST_SWEEPS) * OUTCOME)
 
 
 def _bytes(node: Node) -> int:

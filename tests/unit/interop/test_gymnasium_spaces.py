@@ -6,6 +6,7 @@ import pytest
 from gymnasium import spaces
 
 import curricle as cr
+from curricle.interop.spaces import Number as space_number
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.task import same_task
 
@@ -63,6 +64,13 @@ def played_actions(space):
     for action in range(task.actions.size):
         cr.planning.rollout(task, [action, action])
     return task, notes
+
+
+def test_an_observation_of_other_numbers_is_none():
+    number = space_number(spaces.MultiDiscrete([2, 3]))
+    assert number(np.array([1, 2])) == 5
+    for wrong in (np.array([1.0, 2.0]), np.array([1, 2**63], object), np.array([1, 3]), None):
+        assert number(wrong) == -1
 
 
 def test_joint_actions_are_what_the_environment_takes():
