@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from curricle import Pursuit
-
 from curricle.cli.study_preview import traffic
 from curricle.study import StudyConfig, cost, packing, read_study
 from curricle.study.arms import Arms
