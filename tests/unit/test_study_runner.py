@@ -366,3 +366,9 @@ def test_sparse_tables_are_stored_and_read(tmp_path):
         np.testing.assert_array_equal(one.values, other.values)
     assert stored.snapshots is None
     assert found.result("transfer", "hunt").values is None
+
+
+def test_trackers_are_a_list(tmp_path, study_file):
+    with pytest.raises(SettingError, match="trackers must be a list of them: got 'tensorboard'"):
+        run_study(study_file, tmp_path / "out", trackers="tensorboard")
+    assert not (tmp_path / "out").exists()

@@ -159,13 +159,19 @@ def open_trackers(
         ...
     curricle.errors.SettingError: a tracker must be one of tensorboard, wandb, mlflow: got ...
     """
-    opened = Trackers([tracker_of(each) for each in dict.fromkeys(trackers)], report)
+    opened = Trackers(trackers_of(trackers), report)
     opened.start(study, configuration, Path(folder))
     return opened
 
 
-def tracker_of(given: str | Tracker) -> Tracker:
-    """Return the tracker of a name, or raise SettingError if there is none or no tool for it."""
+def trackers_of(given: Iterable[str | Tracker]) -> list[Tracker]:
+    """Return trackers, each once; SettingError where a name is unknown or its tool is missing."""
+    if isinstance(given, str):
+        raise SettingError(f"trackers must be a list of them: got {given!r}")
+    return [_tracker_of(each) for each in dict.fromkeys(given)]
+
+
+def _tracker_of(given: str | Tracker) -> Tracker:
     if isinstance(given, Tracker):
         return given
     one_of("a tracker", given, TRACKERS, SettingError)

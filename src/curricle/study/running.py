@@ -15,7 +15,7 @@ from typing import Any
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.interop.trackers import Tracker, Trackers, open_trackers, to_stderr, tracker_of
+from curricle.interop.trackers import Tracker, Trackers, open_trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
 from curricle.progress import check_progress
 from curricle.remote_path import Place
@@ -139,7 +139,7 @@ def run_study(
     _check_shard(shard)
     arms = arms_in(study, path, keep_stale=keep_stale)
     study.check_networks()
-    trackers = [tracker_of(each) for each in dict.fromkeys(trackers)]
+    trackers = trackers_of(trackers)
     report = report or to_stderr
     study, arms = tuned_before(study, arms, path, report, keep_stale=keep_stale)
     if study.tune is not None:

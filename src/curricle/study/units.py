@@ -99,8 +99,8 @@ def seeds_in(ranges: str) -> tuple[int, ...] | None:
 
     Examples
     --------
-    >>> seeds_in("0-2+7"), seeds_in("0-2_0f")
-    ((0, 1, 2, 7), None)
+    >>> seeds_in("0-2+7"), seeds_in("0-2_0f"), seeds_in("5-2")
+    ((0, 1, 2, 7), None, None)
     """
     if not re.fullmatch(r"\d{1,19}(-\d{1,19})?(\+\d{1,19}(-\d{1,19})?)*", ranges):
         return None
@@ -108,6 +108,8 @@ def seeds_in(ranges: str) -> tuple[int, ...] | None:
     for each in ranges.split("+"):
         first, _, last = each.partition("-")
         found.append(range(int(first), int(last or first) + 1))
+        if not found[-1]:
+            return None
     if sum(map(len, found)) > MOST_SEEDS:
         return None
     return tuple(chain.from_iterable(found))
