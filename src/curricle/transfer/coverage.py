@@ -7,10 +7,24 @@ from typing import Any
 from markupsafe import Markup
 
 from curricle.display import block, table
+from curricle.tasks.task import generative_model
 from curricle.text_tables import counted
 
 LARGEST_COVERAGE = 5_000_000
-"""Target pairs up to which a mapping's coverage is counted."""
+"""Pairs of either task up to which a mapping's coverage is counted."""
+
+
+def few_pairs(*tasks: Any) -> bool:
+    """Return whether all tasks have few enough pairs for a mapping's coverage to be counted.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> few_pairs(Pursuit(4, 2)), few_pairs(Pursuit(4, 2), Pursuit(100, 1))
+    (True, False)
+    """
+    models = map(generative_model, tasks)
+    return all(one.states.size * one.actions.size <= LARGEST_COVERAGE for one in models)
 
 
 @dataclass(frozen=True)

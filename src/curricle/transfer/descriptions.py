@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from curricle.tasks.task import generative_model
 from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
-from curricle.transfer.coverage import LARGEST_COVERAGE
+from curricle.transfer.coverage import few_pairs
 from curricle.transfer.edges import Transfer
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.proposal import SearchedMapping
@@ -65,11 +64,8 @@ def transfer_words(transfer: Transfer) -> str:
 
 
 def countable(mapping: Any) -> bool:
-    """Return whether the pairs of a mapping's target are numbered, and few enough to be counted."""
-    if isinstance(mapping, ObservationMapping):
-        return False
-    target = generative_model(mapping.target)
-    return target.states.size * target.actions.size <= LARGEST_COVERAGE
+    """Return whether the pairs of both tasks of a mapping are numbered, and few enough to count."""
+    return not isinstance(mapping, ObservationMapping) and few_pairs(mapping.target, mapping.source)
 
 
 def same_transfer(one: Transfer, other: Transfer) -> bool:

@@ -15,7 +15,7 @@ from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.spaces import MISSING, Decoded
 from curricle.tasks.task import Task, generative_model, same_task
-from curricle.transfer.coverage import LARGEST_COVERAGE, Coverage, coverage_table
+from curricle.transfer.coverage import Coverage, coverage_table, few_pairs
 
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
@@ -121,8 +121,7 @@ class StateActionMapping(Frozen):
         return f"{type(self).__name__}({mapped:,} of {self.index.size:,} pairs mapped)"
 
     def _repr_html_(self) -> str:
-        target = generative_model(self.target)
-        few = target.states.size * target.actions.size <= LARGEST_COVERAGE
+        few = few_pairs(self.target, self.source)
         return block(repr(self), few and coverage_table({"": self.coverage()}))
 
     def coverage(self) -> Coverage:
