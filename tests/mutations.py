@@ -352,7 +352,7 @@ MUTATIONS = [
         "interop/tabulation/world.py",
         "self._check_repeated(first, self._arrival(again, action), action)\n            # Where",
         "# Where",
-        (f"{TABULATE}::test_random_steps_are_refused_wherever_the_numbers_come_from",),
+        (f"{TABULATE}::test_a_step_is_repeated_from_its_state",),
     ),
     Mutation(
         "a tabulation goes on from truncated states",

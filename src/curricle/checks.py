@@ -101,7 +101,18 @@ def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleErro
     """Raise `error` unless `value` is one of the valid ones, which the message lists."""
     valid = tuple(valid)
     if not isinstance(value, str | Integral) or value is True or value not in valid:
-        raise error(f"{name} must be one of {', '.join(map(str, valid))}: got {value!r}")
+        raise error(f"{name} must be one of {listed(map(str, valid))}: got {value!r}")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names one after the other, in quotes those that have a comma themselves.
+
+    Examples
+    --------
+    >>> listed(["scratch", "transfer, epsilon=0.1"])
+    "scratch, 'transfer, epsilon=0.1'"
+    """
+    return ", ".join(repr(one) if "," in one else one for one in names)
 
 
 def fit_name(what: str, value: Any, error: type[CurricleError]) -> None:

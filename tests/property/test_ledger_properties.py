@@ -3,7 +3,7 @@
 import json
 from fractions import Fraction
 
-from hypothesis import assume, given, strategies as st
+from hypothesis import assume, example, given, strategies as st
 
 from curricle.design import CLASSES, COMPUTATIONS, Ledger
 from curricle.statistics import Interval
@@ -56,6 +56,7 @@ def test_files_keep_the_ledger(ledger, prices):
     assert Ledger.from_dict(json.loads(json.dumps(priced.to_dict()))) == priced
 
 
+@example(6, 2.0)  # which three trainings pay exactly
 @given(st.integers(1, 10**9), POSITIVE)
 def test_break_even_is_the_first_training_that_pays(cost, saving):
     found = Ledger().book(miniatures=cost).break_even(saving).trainings

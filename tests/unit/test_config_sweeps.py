@@ -159,8 +159,14 @@ NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.ep
         ("sweep={}", "sweep must name a setting to sweep: got none"),
         ("sweep.tasks.corner.rows=[[0, 9]]", "sweep.tasks.corner.rows is refused: a crop must lie"),
         ("sweep=3", "sweep must be a table: got 3"),
-        ("sweep.learner.epsilon=0.1", "sweep.learner.epsilon must be a list of values: got 0.1"),
-        ("sweep.learner.epsilon=[]", "sweep.learner.epsilon must be a list of values: got []"),
+        (
+            "sweep.learner.epsilon=0.1",
+            "epsilon must be a list of one or more values: got 0.1",
+        ),
+        (
+            "sweep.learner.epsilon=[]",
+            "epsilon must be a list of one or more values: got []",
+        ),
         ("sweep.learner.epsilon=[1, 1]", "must be a list of different values: 1 is there twice"),
         ("sweep.learner.epsilon=['a']", "sweep.learner.epsilon must be a number: got 'a'"),
         ("sweep.learner.epsilon=[3.0]", "sweep.learner.epsilon is refused: epsilon must"),

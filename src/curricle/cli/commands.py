@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from curricle.checks import listed
 from curricle.cli.design_commands import apply, design
 from curricle.cli.options import (
     Changes,
@@ -218,7 +219,7 @@ def play(
     results = StudyResults(folder)
     arms = list(results.record.arms)
     if arm is None and len(arms) > 1:
-        raise typer.BadParameter(f"--arm must be one of {', '.join(arms)}: got none")
+        raise typer.BadParameter(f"--arm must be one of {listed(arms)}: got none")
     arm = arms[0] if arm is None else arm
     task = results.record.target if task is None else task
     if study is None:

@@ -7,6 +7,7 @@ from threading import Event, Thread
 from time import monotonic, thread_time
 from typing import Any, NamedTuple
 
+from curricle.checks import listed
 from curricle.errors import in_words
 from curricle.remote_path import Place, RemotePath, place_at
 from curricle.report.graph import CardCurve, card_curves
@@ -289,7 +290,7 @@ def _note(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> st
     if not arms:
         return f"The report begins when {SCRATCH} and another arm have finished a seed."
     if later := [arm for arm in record.arms if arm not in {*arms, *failed}]:
-        return f"The report so far is of {', '.join(arms)}; to come: {', '.join(later)}."
+        return f"The report so far is of {listed(arms)}; to come: {listed(later)}."
     return "The report is of all arms."
 
 

@@ -6,6 +6,7 @@ from inspect import signature
 from os import PathLike
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
+from curricle.checks import listed
 from curricle.comparison.comparing import compare as compare_curricula
 from curricle.comparison.forecasting import forecast as forecast_curriculum
 from curricle.errors import ConfigError, SettingError
@@ -77,7 +78,7 @@ def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     if others:
         raise ConfigError(
             "a forecast is of one arm: give forecast(study.curriculum(ARM)), where study is "
-            f"read_study(FILE) and ARM one of {', '.join(study.arms)}"
+            f"read_study(FILE) and ARM one of {listed(study.arms)}"
         )
     said = {"seeds": study.seeds[:FORECAST_SEEDS], "threshold": study.threshold}
     return study.curriculum(arm), said

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from curricle.checks import listed
 from curricle.comparison.comparison_table import as_html
 from curricle.display import block, shortened, table
 from curricle.errors import CurricleError
@@ -33,7 +34,7 @@ def _so_far(results: Any) -> str:
 
 def config_in_brief(study: Any) -> str:
     """Return a study in a few words: its seeds and arms."""
-    seeds, arms = counted(len(study.seeds), "seed"), ", ".join(study.arms)
+    seeds, arms = counted(len(study.seeds), "seed"), listed(study.arms)
     return shortened(f"StudyConfig({study.name!r}, {seeds}; arms: {arms})")
 
 

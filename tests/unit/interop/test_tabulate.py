@@ -1,5 +1,6 @@
 """Tables of environments: every state that can be reached, and nothing else."""
 
+import itertools
 import pickle
 from typing import NamedTuple
 
@@ -202,6 +203,17 @@ def test_random_steps_are_refused_wherever_the_numbers_come_from(where):
         found += "|led elsewhere in"
     with pytest.raises(TaskError, match=found):
         cr.tabulate(lambda: Slippery(where), discount=0.5)
+
+
+def test_a_step_is_repeated_from_its_state():
+    calls = itertools.count()  # of no environment's state: every second step goes nowhere
+
+    class Fickle(Corridor):
+        def step(self, action):
+            return super().step(action if next(calls) % 2 else 0)
+
+    with pytest.raises(TaskError, match=r"repeated from one state of .*, led to another state"):
+        cr.tabulate(Fickle, discount=0.5)
 
 
 def test_estimates_say_so_and_come_close():

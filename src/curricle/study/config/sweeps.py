@@ -94,7 +94,7 @@ def wrong_sweep(study: Raw, complete: Mapping[str, Raw]) -> Iterator[tuple[KeyPa
 
 def _wrong_list(study: Raw, complete: Mapping[str, Raw], one: Varied) -> str:
     if not isinstance(one.given, list) or not one.given:
-        return f"must be a list of values: got {shown(one.given)}"
+        return f"must be a list of one or more values: got {shown(one.given)}"
     texts = [value_text(value) for value in one.given]
     if twice := next((text for n, text in enumerate(texts) if text in texts[:n]), None):
         return f"must be a list of different values: {twice} is there twice"
