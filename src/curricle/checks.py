@@ -105,14 +105,15 @@ def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleErro
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names one after the other, in quotes those that have a comma themselves.
+    """Return names one after the other, separated by semicolons where they contain commas.
 
     Examples
     --------
     >>> listed(["scratch", "transfer, epsilon=0.1"])
-    "scratch, 'transfer, epsilon=0.1'"
+    'scratch; transfer, epsilon=0.1'
     """
-    return ", ".join(repr(one) if "," in one else one for one in names)
+    names = tuple(names)
+    return ("; " if any("," in name for name in names) else ", ").join(names)
 
 
 def fit_name(what: str, value: Any, error: type[CurricleError]) -> None:

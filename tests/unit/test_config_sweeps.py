@@ -161,11 +161,11 @@ NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.ep
         ("sweep=3", "sweep must be a table: got 3"),
         (
             "sweep.learner.epsilon=0.1",
-            "epsilon must be a list of one or more values: got 0.1",
+            "sweep.learner.epsilon must be a list of one or more values: got 0.1",
         ),
         (
             "sweep.learner.epsilon=[]",
-            "epsilon must be a list of one or more values: got []",
+            "sweep.learner.epsilon must be a list of one or more values: got []",
         ),
         ("sweep.learner.epsilon=[1, 1]", "must be a list of different values: 1 is there twice"),
         ("sweep.learner.epsilon=['a']", "sweep.learner.epsilon must be a number: got 'a'"),

@@ -455,7 +455,7 @@ REFUSALS = {
         ),
         "unknown candidate": (
             lambda: source_candidates(CORRIDOR)["far"],
-            "a candidate must be one of 'rows",
+            "a candidate must be one of rows",
         ),
     },
     TaskError: {

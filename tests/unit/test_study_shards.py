@@ -76,6 +76,7 @@ def test_parts_in_other_units_count_each_seed_once(part, finished, tmp_path, per
     whole = merge(tmp_path / "whole", parts)
     assert whole.result("transfer", "maze").seeds == (0, 1, 2, 3)
     assert whole.result("transfer", "maze").snapshots.seed == 0
+    assert whole.store.description["configuration"]["seeds_per_unit"] == a  # as the first part
     assert_same_tables(tmp_path / "whole", finished)
 
 

@@ -174,7 +174,7 @@ def show(
     arm: Annotated[str | None, typer.Option(help="Of this arm only.")] = None,
     task: Annotated[str | None, typer.Option(help="Of this task only.")] = None,
     seed: Annotated[
-        int | None, typer.Option(help="With --decisions: of this seed only, each of them.")
+        int | None, typer.Option(help="With --decisions: all those of this seed.")
     ] = None,
     explain: Explain = False,
 ) -> None:

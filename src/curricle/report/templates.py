@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, Self
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from curricle.checks import listed
 from curricle.errors import StoreError
 from curricle.files import write_whole
 from curricle.plotting.scales import rounded
@@ -47,7 +47,7 @@ def render(template: str, **values: Any) -> str:
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
     environment.globals.update(shades=shades_of, style_sheets=_style_sheets)
-    environment.filters.update(signs=_signs, rounded=rounded, listed=_listed, evidence=_evidence)
+    environment.filters.update(signs=_signs, rounded=rounded, listed=listed, evidence=_evidence)
     environment.filters.update(counted=counted)
     return environment.get_template(template).render(values)
 
@@ -96,11 +96,6 @@ def write_page(page: str, path: str | Path) -> Path:
 def _signs(words: str) -> str:
     """Return a sentence whose negative numbers have a minus sign in place of the hyphen."""
     return re.sub(r"(?<![\w)\]])-(?=\d)", "−", words)
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return names one after the other, separated by semicolons where they contain commas."""
-    return ("; " if any("," in name for name in names) else ", ").join(names)
 
 
 def _evidence(value: Any) -> str:

@@ -1,6 +1,7 @@
 """Merging the parts of a study that were run in several folders."""
 
 from collections.abc import Sequence
+from itertools import chain
 
 from curricle.checks import BEYOND_64_BITS
 from curricle.errors import StoreError
@@ -53,11 +54,9 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     )
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
         failures, before = read_failures(target), target.runs()
-        there = target.units()
-        first = min(
-            (seed for units in (there, *found) for one in units for seed in one.seeds), default=0
-        )
         done = target.finished()
+        stored = [*done.values(), *(unit.seeds for units in found for unit in units)]
+        first = min(chain.from_iterable(stored), default=0)
         for store, units in zip(stores, found, strict=True):
             target = target.redescribed(store.description)
             for run in store.runs():
@@ -65,6 +64,7 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
                     target.add_run(run)
             _take(target, done, store, units, first)
             failures += [row for row in read_failures(store) if row not in failures]
+        target = target.redescribed(stores[0].description)  # with the seeds of all parts
         pack(target, files_of(studies[0].record))
         merged = StudyResults(path)
         merged.write_tables()

@@ -108,9 +108,7 @@ def seeds_in(ranges: str) -> tuple[int, ...] | None:
     for each in ranges.split("+"):
         first, _, last = each.partition("-")
         found.append(range(int(first), int(last or first) + 1))
-        if not found[-1]:
-            return None
-    if sum(map(len, found)) > MOST_SEEDS:
+    if not all(found) or sum(map(len, found)) > MOST_SEEDS:
         return None
     return tuple(chain.from_iterable(found))
 
