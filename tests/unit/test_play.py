@@ -128,6 +128,7 @@ def hall(folder, storage=""):
         ),
         (["--arm", "chain", "--seed", "2"], 1, "an episode of seed 0 alone: got seed 2; --study"),
         (["--arm", "chain", "--seed", "-1"], 2, "Invalid value"),
+        (["--arm", "chain", "--set", "a=1"], 2, "--set changes the file of --study"),
         (["--arm", "chain", "--out", "maze.mp4"], 1, "saved as a GIF: got the file name"),
         (["--arm", "chain", "--study", "no.toml"], 1, "no.toml"),
     ],

@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -47,9 +48,10 @@ def new(
     name, text = new_file(kind)
     path = file or Path(name)
     write_new(path, text, kind if kind == DESIGN else "study")
-    first = f"curricle check {path}, then curricle run {path}"
+    typed = quote(str(path))
+    first = f"curricle check {typed}, then curricle run {typed}"
     if kind == DESIGN:
-        first = f"curricle design {path} --on miniatures --budget 3_000_000"
+        first = f"curricle design {typed} --on miniatures --budget 3_000_000"
     typer.echo(f"Wrote {path}: {first}")
 
 
@@ -132,7 +134,8 @@ def run(
         trackers=track or [],
         page=(port or 0) if live else None,
     )
-    typer.echo(f"Stored in {folder}: curricle show {folder}, curricle report {folder}")
+    typed = quote(str(folder))
+    typer.echo(f"Stored in {folder}: curricle show {typed}, curricle report {typed}")
 
 
 def watch(folder: Folder, port: Port = None) -> None:
@@ -172,7 +175,7 @@ def show(
     decisions: Annotated[bool, typer.Option(help="Why each task went on or stopped.")] = False,
     arm: Annotated[str | None, typer.Option(help="Of this arm only.")] = None,
     task: Annotated[str | None, typer.Option(help="Of this task only.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Of this seed only.")] = None,
+    seed: Annotated[int | None, typer.Option(help="With --decisions: of this seed only.")] = None,
     explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
@@ -182,6 +185,8 @@ def show(
 
     results = StudyResults(folder)
     if not decisions:
+        if seed is not None:
+            raise typer.BadParameter(f"--seed is of --decisions: got --seed {seed} alone")
         with explained(explain):
             print_results(results, arm, task)
         return
@@ -216,6 +221,10 @@ def play(
     arm = arms[0] if arm is None else arm
     task = results.record.target if task is None else task
     if study is None:
+        if changes:
+            raise typer.BadParameter(
+                f"--set changes the file of --study: got --set {changes[0]} alone"
+            )
         seed, episode = stored_episode(results, arm, task, seed)
     else:
         announce_imports()
