@@ -58,7 +58,7 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
     assert (tmp_path / "maze.toml").read_text() == "years of work"
     refused(1, "cannot be written to nowhere/maze.toml", "new", "maze", "nowhere/maze.toml")
     refused(1, "called 'labyrinth'; curricle new without a name lists", "new", "labyrinth")
-    refused(1, "no file 'mase' to start from, did you mean 'maze'?", "new", "mase")
+    refused(1, "no study 'mase' to start from, did you mean 'maze'?", "new", "mase")
     refused(1, "did you mean FrozenLake-v1", "new", "FrozenLakes-v1")
     assert curricle("new", "maze", "other.toml")[0] == 0
 

@@ -155,7 +155,7 @@ MISTAKES = {
         "sizes = [12]",
         "sizes need names of what has them: got sizes (12,) without names",
     ),
-    "a label": ("time_limit", 'actions = ["go"], time_limit', "a label each, 2 of them: got 1, go"),
+    "a label": ("time_limit", 'actions = ["go"], time_limit', "label each, 2 in all: got 1, go"),
     "labels": ("time_limit", 'actions = "go", time_limit', "actions must be a list: got 'go'"),
     "a key": ("names", "nmaes", "tasks.room.nmaes is unknown, did you mean 'names'?"),
 }

@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -48,9 +49,10 @@ def new(
     name, text = new_file(kind)
     path = file or Path(name)
     write_new(path, text, kind if kind == DESIGN else "study")
-    first = f"curricle check {path}, then curricle run {path}"
+    typed = quote(str(path))
+    first = f"curricle check {typed}, then curricle run {typed}"
     if kind == DESIGN:
-        first = f"curricle design {path} --on miniatures --budget 3_000_000"
+        first = f"curricle design {typed} --on miniatures --budget 3_000_000"
     typer.echo(f"Wrote {path}: {first}")
 
 
@@ -133,7 +135,8 @@ def run(
         trackers=track or [],
         page=(port or 0) if live else None,
     )
-    typer.echo(f"Stored in {folder}: curricle show {folder}, curricle report {folder}")
+    typed = quote(str(folder))
+    typer.echo(f"Stored in {folder}: curricle show {typed}, curricle report {typed}")
 
 
 def watch(folder: Folder, port: Port = None) -> None:

@@ -1,6 +1,7 @@
 """The commands that design a recipe and apply it."""
 
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any
 
 import typer
@@ -59,4 +60,5 @@ def apply(
     write_new(out, text, "study")
     if not stored.recipe.stages:
         typer.echo("The recipe has no sources: the study learns the target alone.")
-    typer.echo(f"Wrote {out}: curricle check {out}, then curricle run {out}")
+    typed = quote(str(out))
+    typer.echo(f"Wrote {out}: curricle check {typed}, then curricle run {typed}")

@@ -95,6 +95,8 @@ def used(text: str) -> dict[str, str]:
     --------
     >>> list(used("maze  strong gain  0.1 [0.05, 0.15]"))
     ['[low, high]', 'strong gain']
+    >>> list(used("transfer gains more"))
+    []
     """
     left, found = " ".join(text.split()), set[str]()
     for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
@@ -108,4 +110,5 @@ def _pattern(word: str) -> re.Pattern[str]:
     """Return what finds a word, and not a part of another."""
     if word == INTERVAL:
         return re.compile(r"\[[-+]?\d")
-    return re.compile(rf"(?<!\w){re.escape(word)}" + r"s?(?!\w)" * word[-1].isalpha())
+    plural = "" if word == "gain" else "s?"  # an arm that "gains more" is no column of gains
+    return re.compile(rf"(?<!\w){re.escape(word)}" + rf"{plural}(?!\w)" * word[-1].isalpha())

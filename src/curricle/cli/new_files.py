@@ -26,6 +26,6 @@ def new_file(kind: str) -> tuple[str, str]:
     from curricle.study.config.templates.of_environment import environment_study
 
     if kind.isalpha() and kind.islower() and (meant := suggestion(kind, KINDS)):
-        raise ConfigError(f"there is no file {kind!r} to start from{meant}")
+        raise ConfigError(f"there is no study {kind!r} to start from{meant}")
     text = environment_study(kind)
     return f"{kind.rpartition(':')[2].replace('/', '-')}.toml", text

@@ -36,10 +36,14 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
                         _mean_and_deviation(learnt.greedy_return[:, -1]),
                     )
                 )
-    print_table(("", "seeds", "steps", "episodes", "greedy return"), rows)
-    print_text(
-        "(means over seeds; evaluations are free; the greedy return with its standard deviation)"
-    )
+    if rows:
+        print_table(("", "seeds", "steps", "episodes", "greedy return"), rows)
+        print_text(
+            "(means over seeds; evaluations are free; the greedy return with its standard "
+            "deviation)"
+        )
+    else:
+        print_text("no unit is stored yet")
     if record.budget is not None and record.total not in (None, record.budget):
         steps = record.budget, record.total, record.eval_freq
         sources = any(one.transfers for one in record.arms.values())
@@ -84,8 +88,13 @@ def _check(results: StudyResults, arm: str | None, task: str | None) -> None:
 
 
 def _mean_and_deviation(returns: FloatArray) -> str:
-    """Return mean and deviation, 0 where seeds differ by rounding alone; a dash for no number."""
+    """Return mean and deviation, 0 where seeds differ by rounding alone; a dash for no number.
+
+    One seed has no deviation.
+    """
     mean, deviation = float(np.mean(returns)), float(np.std(returns))
     if np.isnan(mean):
         return "-"
+    if len(returns) == 1:
+        return f"{mean:.4g}"
     return f"{mean:.4g} ± {deviation if deviation > ROUNDING * abs(mean) else 0.0:.2g}"

@@ -119,10 +119,11 @@ def from_gymnasium(
         made: AbstractContextManager[Any] = nullcontext(environment)
     else:
         with refusals_of_make(environment):
-            made = closing(make())
+            new: Any = make()
+        if not isinstance(new, gym.Env):
+            raise TaskError(f"an environment must be a gymnasium.Env: {environment!r} made {new!r}")
+        made = closing(new)
     with made as env:
-        if not isinstance(env, gym.Env):
-            raise TaskError(f"an environment must be a gymnasium.Env: {environment!r} made {env!r}")
         limit: Any = own_limit(env) if time_limit == "own" else time_limit
         if encode is None and not live and has_table(env):
             world, horizon = env.unwrapped, {"discount": discount, "time_limit": limit}
@@ -220,7 +221,8 @@ def maker_of(
             f"an environment that is already made takes no arguments: got {', '.join(arguments)}"
         )
     what = environment.spec if isinstance(environment, gym.Env) else environment
-    if what is not None and not isinstance(what, str | EnvSpec) and not callable(what):
+    known = isinstance(environment, gym.Env) or isinstance(what, str | EnvSpec)
+    if not known and not callable(what):
         raise TaskError(
             "an environment must be an id, a specification, a gymnasium.Env, or a class or "
             f"function that makes one: got {what!r}"

@@ -56,8 +56,8 @@ def with_names(space: Space, names: Sequence[str], sizes: Sequence[int] | None =
         return _split(space, listed, sizes)
     if len(listed) != len(space.names):
         raise TaskError(
-            f"names must be of each component of a state, in the order of {', '.join(space.names)}"
-            f": got {len(listed)}, {', '.join(listed) or 'none'}"
+            f"names must be one for each component of a state, in the order of "
+            f"{', '.join(space.names)}: got {len(listed)}, {', '.join(listed) or 'none'}"
         )
     components = [replace(c, name=name) for c, name in zip(space.components, listed, strict=True)]
     return Space(components, space.points)
@@ -100,7 +100,7 @@ def with_labels(space: Space, labels: Sequence[str]) -> Space:
         )
     if len(listed) != space.size:
         raise TaskError(
-            f"actions must have a label each, {space.size} of them: got {len(listed)}, "
+            f"actions must have one label each, {space.size} in all: got {len(listed)}, "
             f"{', '.join(listed) or 'none'}"
         )
     return Space([replace(space.components[0], labels=listed)])

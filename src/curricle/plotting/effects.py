@@ -122,7 +122,7 @@ def _draw_axis(
             va="center",
             fontsize=SMALL,
             zorder=5,
-            bbox={"fc": "w", "ec": "none", "pad": 0.6, "alpha": 0.8},
+            bbox={"fc": "w", "ec": "none", "pad": 0.6},
         )
 
 

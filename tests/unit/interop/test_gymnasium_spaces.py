@@ -215,6 +215,10 @@ def test_what_cannot_be_a_task_is_refused_in_a_sentence(name):
 def test_what_cannot_be_made_is_refused_in_a_sentence():
     with pytest.raises(cr.errors.TaskError, match="an environment must be an id"):
         cr.from_gymnasium(5, discount=0.9)
+    with pytest.raises(cr.errors.TaskError, match=r"must be an id.*: got None"):
+        cr.from_gymnasium(None, discount=0.9)
+    with pytest.raises(cr.errors.TaskError, match=r"must be a gymnasium.Env: .* made {}"):
+        cr.from_gymnasium(dict, discount=0.9)
     with pytest.raises(cr.errors.TaskError, match="takes no arguments: got map_name"):
         cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9, map_name="8x8")
     with pytest.raises(cr.errors.TaskError, match="cannot be made again for each seed"):

@@ -112,7 +112,11 @@ REFUSED = {
         {"names": ["a"], "states": cr.Space([cr.Component("b", 2)])},
         r"names go without states, whose components have names: got both, names \['a'\]",
     ),
-    "too few labels": (TWO, {"actions": ["a"]}, "actions must have a label each, 2 of them: got 1"),
+    "too few labels": (
+        TWO,
+        {"actions": ["a"]},
+        "actions must have one label each, 2 in all: got 1",
+    ),
     "labels as text": (
         TWO,
         {"actions": "ab"},

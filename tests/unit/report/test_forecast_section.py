@@ -28,6 +28,33 @@ def test_the_forecast_stands_next_to_the_measured_start(pursuit):
     assert found.record.left_out == ()
 
 
+def test_a_forecast_is_not_of_arms_whose_sources_are_trained_otherwise():
+    short = hunt_plan(cr.minimum)
+    long = replace(short, budget={"chase": 6000, "hunt": 8000})
+    plans = {"short": short, "long": long}
+    results = {arm: plan.train(2) for arm, plan in plans.items()}
+    record, learnt, analysis = shown(results)
+    (found,) = forecast_sections(analysis, record, learnt)
+    assert found.arms == ("short", "long")
+    assert (found.same_sources, found.other_sources) == (("short",), ("long",))
+    assert found.used == {"minimum": ("short",)}
+    alike = {"one": short, "two": replace(short, aggregate=cr.mean)}
+    record, learnt, analysis = shown({arm: plan.train(2) for arm, plan in alike.items()})
+    (found,) = forecast_sections(analysis, record, learnt)
+    assert found.other_sources == ()
+
+
+def test_guarded_arms_are_said_to_be_so_once(pursuit):
+    record, learnt, analysis = shown(pursuit.results)
+    (found,) = forecast_sections(analysis, record, learnt)
+    used = {"minimum": ("min", "mean")}
+    guarded = replace(found, used=used, measured={"min": None, "mean": None})
+    assert guarded.starts("minimum") == "guarded"
+    one = replace(found, used=used, measured={"min": None, "mean": -2.5})
+    assert one.starts("minimum") == "guarded, \N{MINUS SIGN}2.50"
+    assert one.starts("maximum") == ""
+
+
 def test_a_sentence_names_what_is_left_out_and_how_to_get_it(pursuit, monkeypatch):
     monkeypatch.setattr(analysis_module, "EFFORT", 10)
     monkeypatch.setattr(analysis_module, "LARGEST_CERTIFIED", 10)

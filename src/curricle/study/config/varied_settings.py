@@ -159,9 +159,12 @@ def wrong_key(study: Raw, complete: Mapping[str, Raw], one: Varied) -> str:
     if first in ("tasks", "transfers"):
         there = study.get(first)
         names = list(map(str, range(len(there)))) if isinstance(there, list) else [*table(there)]
-        if len(others) < 2 or others[0] not in names:
-            which = others[0] if others else first
-            return f"must name a key of one of the {first}: {which} {unknown(which, names)}"
+        if others and others[0] not in names:
+            return f"must name a key of one of the {first}: {others[0]} {unknown(others[0], names)}"
+        if len(others) < 2:
+            which = others[0] if others else next(iter(names), "NAME")
+            key = "budget" if first == "tasks" else "scale"
+            return f"must name a key of one of the {first}, such as {first}.{which}.{key}"
     patches = table(study.get("arms"))
     places = [
         (arm, place)

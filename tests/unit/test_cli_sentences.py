@@ -1,0 +1,50 @@
+"""What the command line says: commands that can be pasted, and numbers that there are."""
+
+import re
+import shutil
+
+import pytest
+
+from curricle.cli.explanations import used
+from curricle.study import StudyStore
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+
+
+def test_commands_with_spaces_can_be_pasted(curricle, tmp_path):
+    _, out, _ = curricle("new", "maze", "my maze.toml")
+    check, run = "curricle check 'my maze.toml'", "curricle run 'my maze.toml'"
+    assert out == f"Wrote my maze.toml: {check}, then {run}\n"
+    code, out, complaint = curricle(
+        "run", "my maze.toml", "--seeds", "1", "--set", "tasks.maze.budget=400"
+    )
+    assert code == 0, complaint
+    show, report = "curricle show 'my maze-results'", "curricle report 'my maze-results'"
+    assert out == f"Stored in my maze-results: {show}, {report}\n"
+    code, out, _ = curricle("show", "my maze-results")  # one seed, which deviates from nothing
+    assert code == 0
+    assert "1 of 1 seed finished" in out
+    assert "±" not in out
+
+
+def test_show_before_the_first_unit_has_no_empty_table(curricle, finished, tmp_path):
+    begun = tmp_path / "begun"
+    shutil.copytree(finished, begun)
+    for unit in StudyStore(begun).units():
+        unit.path.unlink()
+    code, out, _ = curricle("show", begun)
+    assert code == 0
+    assert "no unit is stored yet" in out
+    assert "greedy return" not in out
+
+
+def test_a_seed_without_decisions_is_refused(curricle, finished):
+    code, out, complaint = curricle("show", finished, "--seed", "1")
+    plain = " ".join(re.sub("[│╭╮╰╯─]", " ", complaint).split())
+    assert (code, out) == (2, "")
+    assert "a seed is that of --decisions: got --seed 1 alone" in plain
+
+
+def test_an_arm_that_gains_more_needs_no_legend_of_a_forecast():
+    assert "gain" not in used("the best from scratch: gains are over it")
+    assert "gain" in used("        gain  start  phi > Q*")
