@@ -37,11 +37,13 @@ Progress = Union[bool, Callable[[Any], Any], "Bars", None]
 
 
 class Count(MofNCompleteColumn):
-    """How much of the work is done; nothing where nobody knows how much it is."""
+    """How much of the work is done, and of how much where that is known."""
 
     def render(self, task: Task) -> Text:
         """Return it."""
-        return Text() if task.total is None else super().render(task)
+        if task.total is None:
+            return Text(f"{task.completed:,.0f}" if task.completed else "")
+        return super().render(task)
 
 
 class Screen(RichProgress):
@@ -159,8 +161,8 @@ class Bars:
 
         return grow
 
-    def at(self, name: str, done: int, total: int) -> None:
-        """Set the bar of some work whose size changes."""
+    def at(self, name: str, done: int, total: int | None = None) -> None:
+        """Set the bar of some work whose size changes, or is not known."""
         grow = self.bar(name)
         if self.screen is not None:
             task = self.rows[f"{self.prefix}{name}"]

@@ -6,6 +6,7 @@ off by: 1e-9 for a linear solve; for the programme, feasible to 1e-10, that time
 
 import subprocess
 import sys
+import textwrap
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from scipy.optimize import linprog
 
 import curricle as cr
 from curricle.errors import SettingError
+from curricle.planning import solution as planning_module
 
 MAZE = """
     .........T
@@ -134,6 +136,41 @@ def test_evaluate_at_discount_1_equals_a_linear_solve(seed):
     policy = some_policy(task, seed)
     found, expected = cr.evaluate(task, policy), values_by_linear_solve(task, policy)
     assert abs(found.values - expected).max() <= found.error_bound + 1e-9
+
+
+@pytest.mark.parametrize("task", [proper_task(2), cr.GridWorld(MAZE), cr.Pursuit(3, 2)], ids=repr)
+def test_looking_at_the_progress_changes_no_bit(task, monkeypatch):
+    seldom, often = [], []
+    policy = some_policy(task, 1)
+    best = cr.solve(task, progress=seldom.append)
+    mixed = cr.evaluate(task, policy)
+    monkeypatch.setattr(planning_module, "AT_ONCE", 1)  # after each sweep
+    again = cr.solve(task, progress=often.append)
+    np.testing.assert_array_equal(best.values, again.values, strict=True)
+    np.testing.assert_array_equal(mixed.values, cr.evaluate(task, policy).values, strict=True)
+    assert best.error_bound == again.error_bound
+    assert len(seldom) <= 2  # at discount 1 the lengths of episodes are an iteration too
+    assert len(often) > 3
+    assert often[-1] == seldom[-1] < often[0]
+
+
+def test_an_interrupt_ends_a_long_solution():
+    code = """
+        import os, signal, threading
+        import curricle as cr
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        kill = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+        rows = ["S" + "." * 999, *["." * 1000] * 998, "." * 999 + "T"]
+        maze = cr.GridWorld(rows, discount=0.999)
+        try:
+            cr.solve(maze, progress=lambda change: kill.ident or kill.start())
+        except KeyboardInterrupt:
+            print("interrupted")
+    """
+    ended = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "interrupted\n", "")
 
 
 def test_evaluate_takes_one_action_a_state(random_mdp):

@@ -98,6 +98,9 @@ LONG = {
         ],
     ),
     "tabulate": (lambda **how: cr.tabulate("FrozenLake-v1", discount=0.9, **how), [], []),
+    "design_curriculum": (lambda **how: cr.design.design_curriculum(PROBLEM, **how), [], []),
+    "solve": (lambda **how: cr.solve(MAZE, **how), ["float"], []),
+    "evaluate": (lambda **how: cr.evaluate(MAZE, [0] * 15, **how), ["float"], []),
     "certify": (lambda **how: cr.certify(MAZE, zero(), **how), ["Certificate"], []),
 }
 each = pytest.mark.parametrize("name", LONG)
@@ -149,12 +152,15 @@ def test_bars_grow_on_a_terminal():
     grow()
     bars.bar("[bold]maze", 2)  # more seeds of the same work
     bars.bar("certifying")
+    bars.at("sweeps", 1200)  # of a number that nobody knows
     console.print(screen)
-    row, other = console.export_text().splitlines()
+    row, other, sweeps = console.export_text().splitlines()
     assert row.startswith("transfer: [bold]maze")
     assert " 2/4 " in row
     assert other.startswith("transfer: certifying")
     assert "/" not in other
+    assert " 1,200 " in sweeps
+    assert "/" not in sweeps
 
 
 class Place:

@@ -408,10 +408,17 @@ def test_one_training_is_not_worth_a_search():
 
 
 def test_many_trainings_are():
-    found = design_curriculum(maze(8, steps=20_000), trainings=3_000)
+    told = []
+    found = design_curriculum(maze(8, steps=20_000), trainings=3_000, progress=told.append)
     assert found.search is not None
+    assert told == [*found.search.races, found.search.judgement]
     assert 0 < found.ledger.cost <= 3_000 * 0.1 * 20_000 / 3
     assert found.curriculum.target == "target"
+
+
+def test_a_wrong_progress_is_refused_whether_or_not_there_is_a_search():
+    with pytest.raises(cr.errors.SettingError, match="progress must be True, False, None"):
+        design_curriculum(Problem(CliffWalking(), steps=5_000), progress=3)
 
 
 def test_without_parts_or_members_there_is_no_curriculum():

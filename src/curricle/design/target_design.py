@@ -13,6 +13,7 @@ from curricle.design.search_budget import SearchBudget
 from curricle.design.standing import standing_recipe
 from curricle.display import brief_repr, printed
 from curricle.errors import CurricleError, CurriculumError
+from curricle.progress import Progress, check_progress
 from curricle.tasks.families.family import FamilyMember
 
 EXTRA = 0.1
@@ -58,7 +59,12 @@ class TargetDesign:
 
 
 def design_curriculum(
-    problem: Problem, *, trainings: int = 1, budget: SearchBudget | None = None, seed: int = 0
+    problem: Problem,
+    *,
+    trainings: int = 1,
+    budget: SearchBudget | None = None,
+    seed: int = 0,
+    progress: Progress = None,
 ) -> TargetDesign:
     """Return a curriculum for one target.
 
@@ -76,11 +82,15 @@ def design_curriculum(
     budget : SearchBudget, optional
         For a search on miniatures, whatever the trainings.
     seed : int
+    progress : bool or callable, optional
+        Of the search, as in :func:`design_recipe`.
 
     Raises
     ------
     CurriculumError
         When a budget is given, and the target has no miniatures, or it pays for no race.
+    SettingError
+        When `progress` is none of what it may be.
 
     Examples
     --------
@@ -93,6 +103,7 @@ def design_curriculum(
     """
     instance("the problem of a design", problem, Problem, CurriculumError)
     trainings = whole_number("the trainings of a design", trainings, 1, CurriculumError)
+    check_progress(progress)
     worth = trainings * EXTRA * problem.steps / OF_STEPS
     small = miniatures(problem)
     if budget is not None and not small:
@@ -103,7 +114,7 @@ def design_curriculum(
     paid = SearchBudget(worth) if budget is None else budget
     if budget is not None or (small and worth >= sum(one.steps for one in small)):
         try:
-            found = design_recipe(small, paid, seed=seed)
+            found = design_recipe(small, paid, seed=seed, progress=progress)
         except CurriculumError:
             if budget is not None:
                 raise

@@ -55,19 +55,32 @@ accelerations = Overloaded(
 )
 
 
+class Iteration(NamedTuple):
+    """How far an iteration is."""
+
+    sweeps: int  # done
+    change: float  # the largest of a value, in the last sweep
+    least: float  # the smallest change so far
+    waited: int  # backups without progress, or CONVERGED
+    reach: float  # a sum of changes: no value is larger
+
+
 @njit(cache=True, nogil=True)
-def iterate(backup, values, precision):
-    """Back up `values` in place until they have converged; return the change of the last sweep."""
-    least, waited, reach, sweep = np.inf, np.int64(0), largest_of(values), 0
-    while True:
+def iterate(backup, values, precision, iteration, most):
+    """Back up `values` in place, at most so many sweeps more; return the fields of an Iteration.
+
+    As a tuple: Numba makes a NamedTuple by running Python, and dies if that is interrupted.
+    """
+    first, change, least, waited, reach = iteration
+    for sweep in range(first, first + most):
         change = back_up(backup, values, sweep)
         reach += change
         waited = converged(change, least, waited, values, reach, precision)
         if waited == CONVERGED:
-            return change
+            break
         least = min(least, change)
         reach += accelerate(backup, values, sweep, precision, waited == 0)
-        sweep += 1
+    return sweep + 1, change, least, waited, reach
 
 
 @njit(cache=True, nogil=True)

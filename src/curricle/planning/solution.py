@@ -12,8 +12,15 @@ from curricle.checks import number, numbers
 from curricle.display import block, brief_repr, table
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.planning.backups import ExtrapolatedBackup, Precision, iterate
+from curricle.planning.backups import (
+    CONVERGED,
+    ExtrapolatedBackup,
+    Iteration,
+    Precision,
+    iterate,
+)
 from curricle.planning.models import PlanningModel, Policy, TabularPlanningModel, model_of
+from curricle.progress import SILENT, Bars, Progress, shown
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
 from curricle.tasks.task import Task
@@ -24,6 +31,8 @@ RELATIVE_TOLERANCE = 1e-10
 
 Rounding alone is about 1e-15 / (1 - gamma) of it, so this is reached up to a discount of 0.9999.
 """
+AT_ONCE = 10_000_000
+"""Pairs (s, a) backed up between two looks at the progress: a tenth of a second to a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +107,7 @@ class Solution(PolicyValues):
         return np.asarray(self.optimal / self.optimal.sum(axis=1, keepdims=True))
 
 
-def solve(task: Task, *, tolerance: float | None = None) -> Solution:
+def solve(task: Task, *, tolerance: float | None = None, progress: Progress = None) -> Solution:
     """Return the optimal values V* and Q*, with a guaranteed error bound.
 
     Modified policy iteration on the tables, or value iteration without tables where the task has a
@@ -116,12 +125,16 @@ def solve(task: Task, *, tolerance: float | None = None) -> Solution:
         Largest error allowed, in return units. By default 1e-10 of the largest value, or where
         rounding alone exceeds that, as close as double precision gets; ``error_bound`` says how
         close.
+    progress : bool or callable, optional
+        True counts the sweeps, as nobody knows how many there will be; a function is called from
+        time to time with the largest change of a value in the last sweep, a float.
 
     Raises
     ------
     SettingError
         When the discount is 1 and some policy never ends, when rounding alone exceeds a tolerance
-        that was given, or when the values have no finite bound in double precision.
+        that was given, when the values have no finite bound in double precision, or when
+        `progress` is none of these.
 
     Examples
     --------
@@ -130,12 +143,15 @@ def solve(task: Task, *, tolerance: float | None = None) -> Solution:
     >>> solution.values, solution.optimal[0]
     (array([ 98.5, 199. ,   0. ]), array([False,  True, False, False]))
     """
-    model = model_of(task)
-    values, error = _iterate(model, None, tolerance)
+    with shown(progress) as bars:
+        model = model_of(task)
+        values, error = _iterate(model, None, tolerance, bars)
     return Solution(frozen(values), model.start_value(values), error, model)
 
 
-def evaluate(task: Task, policy: Any, *, tolerance: float | None = None) -> PolicyValues:
+def evaluate(
+    task: Task, policy: Any, *, tolerance: float | None = None, progress: Progress = None
+) -> PolicyValues:
     """Return the exact values of a policy, with a guaranteed error bound.
 
     V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with occasional
@@ -150,6 +166,8 @@ def evaluate(task: Task, policy: Any, *, tolerance: float | None = None) -> Poli
         deterministically in each state of a task that knows what is observed there
         (:class:`TabulatedTask`).
     tolerance : float, optional
+        As in :func:`solve`.
+    progress : bool or callable, optional
         As in :func:`solve`.
 
     Raises
@@ -169,7 +187,8 @@ def evaluate(task: Task, policy: Any, *, tolerance: float | None = None) -> Poli
     if callable(getattr(policy, "predict", None)):
         policy = _policy_of(task, policy)
     followed = checked_policy(policy, model.terminal, model.n_actions)
-    values, error = _iterate(model, followed, tolerance)
+    with shown(progress) as bars:
+        values, error = _iterate(model, followed, tolerance, bars)
     return PolicyValues(frozen(values), model.start_value(values), error, model)
 
 
@@ -260,7 +279,7 @@ def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -
 
 
 def _iterate(
-    model: PlanningModel, policy: Policy | None, tolerance: float | None
+    model: PlanningModel, policy: Policy | None, tolerance: float | None, bars: Bars = SILENT
 ) -> tuple[FloatArray, float]:
     """Return the values of a policy, the best if None, and their error bound.
 
@@ -271,14 +290,14 @@ def _iterate(
     if tolerance is not None and not number("tolerance", tolerance, SettingError) > 0:
         raise SettingError(f"tolerance must be positive: got {tolerance}")
     unit = _unit(model, policy)
-    lengths = _lengths(model, policy)
+    lengths = _lengths(model, policy, bars)
     horizon = float(np.max(lengths)) + (model.discount == 1)
     if not horizon * model.largest_reward < np.inf:
         raise _unbounded(model, horizon)
     given = 0.0 if tolerance is None else 0.999 * tolerance / horizon
     relative = 0.999 * RELATIVE_TOLERANCE / horizon if tolerance is None else 0.0
     precision = Precision(given, relative, unit, model.largest_reward, horizon, model.discount)
-    values, change = _fixed_point(model, policy, lengths, precision)
+    values, change = _fixed_point(model, policy, lengths, precision, bars)
     rounding = unit * (model.largest_reward + float(abs(values).max()))
     # The last factor is for the rounding of this line itself.
     error = (model.discount * change + rounding) * horizon * (1 + 8 * EPSILON)
@@ -307,7 +326,11 @@ def _unbounded(model: PlanningModel, horizon: float) -> SettingError:
 
 
 def _fixed_point(
-    model: PlanningModel, policy: Policy | None, lengths: FloatArray | float, precision: Precision
+    model: PlanningModel,
+    policy: Policy | None,
+    lengths: FloatArray | float,
+    precision: Precision,
+    bars: Bars,
 ) -> tuple[FloatArray, float]:
     """Return the values of a policy, the best if None, and the change of the last sweep."""
     if policy is None:
@@ -317,10 +340,17 @@ def _fixed_point(
         values = np.zeros(len(model.terminal))
         steps = np.zeros((2, len(values)))
         backup = ExtrapolatedBackup(model.policy_backup(policy), steps, np.array([-1]))
-    return values, float(iterate(backup, values, precision))
+    most = max(1, AT_ONCE // max(1, values.size * model.n_actions))
+    reach = float(abs(values).max(initial=0.0))
+    iteration = Iteration(0, np.inf, np.inf, 0, reach)
+    while iteration.waited != CONVERGED:
+        iteration = Iteration(*iterate(backup, values, precision, iteration, most))
+        bars.at("sweeps", iteration.sweeps)
+        bars.tell(iteration.change)
+    return values, iteration.change
 
 
-def _lengths(model: PlanningModel, policy: Policy | None) -> FloatArray | float:
+def _lengths(model: PlanningModel, policy: Policy | None, bars: Bars) -> FloatArray | float:
     """Return a bound w of the expected (discounted) length of an episode from each state.
 
     It satisfies w >= 1 + gamma max_a P w, so that r w is a V <= TV for any r <= 0 that no state's
@@ -334,6 +364,8 @@ def _lengths(model: PlanningModel, policy: Policy | None) -> FloatArray | float:
     assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
     model.check_ends(policy)
     precision = Precision(0.5, 0.0, EPSILON, 1.0, float(len(model.terminal)), 1.0)
-    lengths, change = _fixed_point(model.counting_steps(), policy, 0.0, precision)
+    lengths, change = _fixed_point(
+        model.counting_steps(), policy, 0.0, precision, bars.within("lengths of episodes")
+    )
     residual = change + _unit(model, policy) * (1 + float(lengths.max()))
     return np.asarray(lengths / (1 - residual)) if residual < 1 else np.inf
