@@ -27,6 +27,17 @@ def test_commands_with_spaces_can_be_pasted(curricle, tmp_path):
     assert "±" not in out
 
 
+def test_a_report_that_would_be_refused_is_not_offered(curricle):
+    curricle("new", "maze")
+    small = ("--seeds", "1", "--set", "tasks.maze.budget=400", "--set", "scratch=false")
+    code, out, complaint = curricle("run", "maze.toml", *small)
+    assert code == 0, complaint
+    assert out == "Stored in maze-results: curricle show maze-results\n"
+    code, _, complaint = curricle("report", "maze-results")
+    assert code == 1
+    assert "a comparison needs the target learnt from scratch" in complaint
+
+
 def test_show_before_the_first_unit_has_no_empty_table(curricle, finished, tmp_path):
     begun = tmp_path / "begun"
     shutil.copytree(finished, begun)

@@ -127,7 +127,8 @@ MISTAKES = {
     "both": ('factory = "own:Room"', 'id = "a", factory = "own:Room"', "id or factory: got both"),
     "neither": ('factory = "own:Room", ', "", "tasks.room must have id or factory: got neither"),
     "no module": ("own:Room", "owm:Room", "owm is neither beside the study file nor on Python's"),
-    "no class": ("own:Room", "own:Rom", "own:Rom names no function: own has no Rom to call"),
+    "no class": ("own:Room", "own:Rom", "own has no Rom to call, did you mean 'Room'?"),
+    "another class": ("own:Room", "own:Wall", "own has no Wall to call: it has Room, "),
     "no reference": ("own:Room", "Room", "factory must name a function as module:function: got"),
     "a wrong argument": (
         "time_limit",

@@ -142,7 +142,7 @@ def test_checking_needs_no_torch_and_says_what_does(tmp_path):
 
     checked = curricle("check", "study.toml")
     assert checked.returncode == 0, checked.stderr
-    assert "Stable-Baselines3 is not installed: pip install curricle[deep]" in " ".join(
+    assert 'Stable-Baselines3 is not installed: pip install "curricle[deep]"' in " ".join(
         checked.stdout.split()
     )
     assert "hunt: Box(10,) -> Discrete(25); DQN; 5,000 steps" in checked.stdout
@@ -152,7 +152,7 @@ def test_checking_needs_no_torch_and_says_what_does(tmp_path):
     )
     run = curricle("run", "study.toml")
     assert run.returncode == 1
-    assert run.stderr.endswith("pip install curricle[deep]\n")
+    assert run.stderr.endswith('pip install "curricle[deep]"\n')
     assert not (tmp_path / "study-results").exists()
 
 

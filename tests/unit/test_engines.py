@@ -84,7 +84,7 @@ def test_an_unknown_word_is_refused(on, study_file, tmp_path):
 def test_a_missing_package_names_its_extra(monkeypatch):
     monkeypatch.setattr(opening, "PACKAGES", {"dask": "no_such_package"})
     with (
-        pytest.raises(SettingError, match=r"not installed: pip install curricle\[dask\]"),
+        pytest.raises(SettingError, match=r'not installed: pip install "curricle\[dask\]"'),
         opened_engine("dask", None),
     ):
         pass

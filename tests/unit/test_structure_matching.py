@@ -33,5 +33,5 @@ def test_a_lane_is_found_by_its_structure():
 
 def test_without_the_extra_it_is_refused(monkeypatch):
     monkeypatch.setitem(sys.modules, "ot.gromov", None)
-    with pytest.raises(MappingError, match=r"needs POT: pip install curricle\[match\]"):
+    with pytest.raises(MappingError, match=r'needs POT: pip install "curricle\[match\]"'):
         list(by_structure(TaskPair(LANE, LANE)))

@@ -72,10 +72,14 @@ def test_a_study_of_one_arm_is_forecast_from_its_path(file):
         cr.forecast("corners.toml")
 
 
-def test_what_is_no_study_is_refused_in_a_sentence(file):
+def test_what_is_no_study_is_refused_in_a_sentence(file, tmp_path_factory):
+    stored = tmp_path_factory.mktemp("other") / "results"
+    cr.run_study(file, stored)
     for function in (cr.run_study, cr.compare, cr.forecast):
         with pytest.raises(ConfigError, match=r"nowhere.toml cannot be read: No such file"):
             function("nowhere.toml")
+        with pytest.raises(ConfigError, match=r"is a folder of results, which StudyResults\(FOLD"):
+            function(stored)
     with pytest.raises(
         SettingError, match="study must be a StudyConfig or the path of a file: got"
     ):

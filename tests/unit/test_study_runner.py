@@ -168,6 +168,20 @@ def test_a_shard_that_makes_no_sense_is_refused(study_file, tmp_path, shard):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("setting", "rule"),
+    [
+        ({"executor": 3}, "executor must be a concurrent.futures.Executor: got 3"),
+        ({"report": 3}, "report must be a function of a sentence: got 3"),
+        ({"resume": "no"}, "resume must be True or False: got 'no'"),
+    ],
+)
+def test_a_setting_of_a_wrong_kind_is_refused(study_file, tmp_path, setting, rule):
+    with pytest.raises(SettingError, match=rule):
+        run_study(read_study(study_file), tmp_path / "out", **setting)
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("workers", [0, -1, 1.5])
 def test_workers_that_make_no_sense_are_refused(study_file, tmp_path, workers):
     with pytest.raises(SettingError, match="workers"):

@@ -123,7 +123,7 @@ def run(
         return
     if few := too_few(study, Arms.of(study)):
         typer.echo(f"curricle: {few}", err=True)
-    run_with_bars(
+    results = run_with_bars(
         study,
         folder,
         resume=resume,
@@ -135,8 +135,13 @@ def run(
         trackers=track or [],
         page=(port or 0) if live else None,
     )
-    typed = quote(str(folder))
-    typer.echo(f"Stored in {folder}: curricle show {typed}, curricle report {typed}")
+    typer.echo(f"Stored in {folder}: {_further_commands(str(folder), results.has_baseline)}")
+
+
+def _further_commands(folder: str, compared: bool) -> str:
+    """Return the commands that read a folder of results, to be pasted."""
+    further = ["show", "report"] if compared else ["show"]
+    return ", ".join(f"curricle {each} {quote(folder)}" for each in further)
 
 
 def watch(folder: Folder, port: Port = None) -> None:

@@ -18,6 +18,7 @@ from curricle.remote_path import Place
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.progress import Pace, Progress, shown_units
+from curricle.study.results import StudyResults
 from curricle.study.running import run_study
 from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
@@ -63,8 +64,8 @@ def run_with_bars(
     on: str | None,
     page: int | None = None,
     **settings: Any,
-) -> None:
-    """Run a study and show its progress.
+) -> StudyResults:
+    """Run a study, show its progress, and return its results.
 
     With a port for its `page`, which may be 0, a browser shows it and the report so far.
     """
@@ -81,7 +82,8 @@ def run_with_bars(
         ):
             pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        run_study(study, path, workers=workers, executor=pool, on=on, progress=show, **settings)
+        how: dict[str, Any] = {"workers": workers, "executor": pool, "on": on, "progress": show}
+        return run_study(study, path, **how, **settings)
 
 
 @contextmanager

@@ -38,7 +38,7 @@ class CurriculumCallback(BaseCallback):
 
     def __init__(self) -> None:
         if BaseCallback is object:
-            raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
+            raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
         super().__init__()
 
     def _on_training_start(self) -> None:

@@ -129,7 +129,7 @@ class CurriculumVecEnv(VecEnv):
         success: Success = None,
     ):
         if VecEnv is object:
-            raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
+            raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
         self.teacher = Uniform() if teacher is None else teacher
         self.tasks = taught_tasks(tasks, self.teacher, target, success)
         self.target = target

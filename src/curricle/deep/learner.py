@@ -96,7 +96,7 @@ class DeepLearner:
             with suppress(ModuleNotFoundError):
                 found[library] = import_module(library)
         if "stable_baselines3" not in found:
-            raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
+            raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
         for imported in found.values():
             if hasattr(imported, self.algorithm):
                 return getattr(imported, self.algorithm)

@@ -45,7 +45,7 @@ class SmallCNN(BaseFeaturesExtractor):
 
     def __init__(self, observation_space: Any, features_dim: int = 128, channels: int = 16):
         if BaseFeaturesExtractor is object:
-            raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
+            raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
         from torch import nn
 
         shape: tuple[int, ...] = observation_space.shape or ()

@@ -28,7 +28,7 @@ Indices = int | Iterable[int] | None
 
 def _need_stable_baselines3() -> None:
     if VecEnv is object:
-        raise ImportError("Stable-Baselines3 is not installed: pip install curricle[deep]")
+        raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
 
 
 class ShapedVecEnv(VecEnvWrapper):

@@ -81,7 +81,7 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
         render_mode: RenderMode | None = None,
     ):
         if ParallelEnv is object:
-            raise ImportError("PettingZoo is not installed: pip install curricle[agents]")
+            raise ImportError('PettingZoo is not installed: pip install "curricle[agents]"')
         instance("pursuit", pursuit, Pursuit, SettingError)
         one_of("observation", observation, ("index", "components", "vector"), SettingError)
         self.task, self.render_mode = pursuit, render_mode
@@ -158,7 +158,7 @@ class PursuitParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has n
 def to_pettingzoo(
     pursuit: Pursuit, *, observation: View = "index", render_mode: RenderMode | None = None
 ) -> PursuitParallelEnv:
-    """Return a pursuit as a PettingZoo environment; needs ``pip install curricle[agents]``.
+    """Return a pursuit as a PettingZoo environment; needs ``pip install "curricle[agents]"``.
 
     Parameters
     ----------

@@ -179,7 +179,7 @@ def _tracker_of(given: str | Tracker) -> Tracker:
     if found is None or found.origin is None:  # a folder of that name is importable, but empty
         raise SettingError(
             f"tracker {given!r} needs a package that is not installed: "
-            f"pip install curricle[{given}]"
+            f'pip install "curricle[{given}]"'
         )
     made: Tracker = getattr(import_module("curricle.interop.tools"), TRACKERS[given])()
     return made

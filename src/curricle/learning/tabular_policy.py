@@ -234,4 +234,4 @@ class TabularPolicy(Frozen):
         return cls(task, values)
 
     def __repr__(self) -> str:
-        return f"TabularPolicy({brief_value(self.task)})"
+        return f"TabularPolicy({'no task' if self.task is None else brief_value(self.task)})"

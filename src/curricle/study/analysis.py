@@ -253,7 +253,7 @@ def _observed_extent(
     if not readable:
         left_out.append(
             "The forecast is left out, because the sources' values were not kept, or their "
-            "networks cannot be read here: pip install curricle[deep]."
+            'networks cannot be read here: pip install "curricle[deep]".'
         )
     return int(readable), False, left_out
 

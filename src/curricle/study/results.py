@@ -231,6 +231,11 @@ class StudyResults(ShownStudy):
         return found
 
     @property
+    def has_baseline(self) -> bool:
+        """Whether the target was to be learnt from scratch too, for as many steps."""
+        return self.record.total is not None and SCRATCH in self.record.arms
+
+    @property
     def comparison(self) -> Comparison:
         """The arms compared with learning from scratch, over the seeds that all have finished.
 
@@ -333,7 +338,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         When the targets differ as tasks or in how they are learnt; the message names what differs.
     """
     for study in studies:
-        if study.record.total is None or SCRATCH not in study.record.arms:
+        if not study.has_baseline:
             raise StoreError(
                 "a comparison needs the target learnt from scratch, for a number of steps: "
                 f"{study.store.path} holds a study without it"
@@ -343,6 +348,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 f"a comparison needs the target learnt from scratch, which failed in "
                 f"{study.store.path}: {study.failed[SCRATCH]}"
             )
+        assert study.record.total is not None, "a baseline has so many steps"
         checkpoints = study.record.total // study.record.eval_freq
         if checkpoints > MOST_CHECKPOINTS:
             raise StoreError(

@@ -45,7 +45,7 @@ from curricle.study.tuning import (
     with_trials,
 )
 from curricle.study.tuning_record import TRIALS, BegunTrials, write_begun, write_tuning
-from curricle.study.units import Unit, given_to_all, units_of
+from curricle.study.units import Unit, given_to_all, seeds_of, units_of
 from curricle.text_tables import counted
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
@@ -134,13 +134,13 @@ def run_study(
     study = study_of(study)
     check_progress(progress)
     path = path or study.results_folder
-    if workers is not None:
-        workers = whole_number("workers", workers, 1, SettingError)
-    _check_shard(shard)
+    _check_settings(workers, shard, report, resume)
     arms = arms_in(study, path, keep_stale=keep_stale)
     study.check_networks()
     trackers = trackers_of(trackers)
     report = report or to_stderr
+    if not seeds_of(study, shard):
+        report(f"shard {shard} has no seeds: there are fewer groups of seeds than shards")
     study, arms = tuned_before(study, arms, path, report, keep_stale=keep_stale)
     if study.tune is not None:
         check_tuning(study)
@@ -179,7 +179,14 @@ def run_study(
     return found
 
 
-def _check_shard(shard: Any) -> None:
+def _check_settings(workers: Any, shard: Any, report: Any, resume: Any) -> None:
+    """Raise SettingError for a setting of a run that is of a wrong kind or makes no sense."""
+    if workers is not None:
+        whole_number("workers", workers, 1, SettingError)
+    if report is not None and not callable(report):
+        raise SettingError(f"report must be a function of a sentence: got {report!r}")
+    if not isinstance(resume, bool):
+        raise SettingError(f"resume must be True or False: got {resume!r}")
     whole = isinstance(shard, tuple | list) and [type(one) for one in shard] == [int, int]
     if not (whole and 1 <= shard[0] <= shard[1]):
         raise SettingError(f"a shard is (i, n), whole numbers, i from 1 to n: got {shard!r}")
@@ -287,6 +294,8 @@ def _workers(
     """Return what trains the units of a run; what was started for it ends with it."""
     if on is not None and executor is not None:
         raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise SettingError(f"executor must be a concurrent.futures.Executor: got {executor!r}")
     each = with_trials(study, arms)
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))

@@ -121,11 +121,9 @@ def units_of(
 ) -> list[Unit]:
     """Return the units of a shard (i, n) that are still to be trained, sources first.
 
-    Seed s belongs to the group of seeds number s // seeds_per_unit; `done` has the seeds that are
-    trained by key.
+    `done` has the seeds that are trained by key.
     """
-    part, parts = shard
-    seeds = [seed for seed in study.seeds if seed // study.seeds_per_unit % parts == part - 1]
+    seeds = seeds_of(study, shard)
     first = min(study.seeds)  # of all shards: merged, they hold the snapshots of one run
     found: dict[tuple[str, tuple[int, ...]], Unit] = {}
     for arm, curriculum in arms.curricula.items():
@@ -141,6 +139,15 @@ def units_of(
                 unit = Unit(key, arm, task, tuple(members), sources, depends, snapshots)
                 found.setdefault((key, unit.seeds), unit)
     return list(found.values())
+
+
+def seeds_of(study: StudyConfig, shard: tuple[int, int]) -> list[int]:
+    """Return the seeds of a shard (i, n), those of every n-th group of `seeds_per_unit`.
+
+    Seed s belongs to group number s // seeds_per_unit.
+    """
+    part, parts = shard
+    return [seed for seed in study.seeds if seed // study.seeds_per_unit % parts == part - 1]
 
 
 class UnitInput(NamedTuple):

@@ -46,7 +46,9 @@ def by_structure(tasks: TaskPair) -> Iterator[Proposal]:
     try:
         from ot.gromov import semirelaxed_fused_gromov_wasserstein
     except ImportError:
-        raise MappingError("matching by structure needs POT: pip install curricle[match]") from None
+        raise MappingError(
+            'matching by structure needs POT: pip install "curricle[match]"'
+        ) from None
     own, other = tasks.target_mdp, tasks.source_mdp
     if own.states.size * other.states.size > LARGEST:
         raise MappingError(

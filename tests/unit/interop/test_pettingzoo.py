@@ -146,7 +146,7 @@ to_pettingzoo(Pursuit(3, 2))
         [sys.executable, "-c", code], check=False, capture_output=True, text=True
     )
     assert tried.stderr.splitlines()[-1] == (
-        "ImportError: PettingZoo is not installed: pip install curricle[agents]"
+        'ImportError: PettingZoo is not installed: pip install "curricle[agents]"'
     )
 
 

@@ -119,7 +119,7 @@ def test_an_unknown_tracker_is_refused_with_the_valid_names(tmp_path, unknown):
 @pytest.mark.parametrize("tool", TRACKERS)
 def test_a_tool_that_is_not_installed_is_named_with_its_cure(tmp_path, monkeypatch, tool):
     monkeypatch.setitem(sys.modules, tool, None)
-    with pytest.raises(SettingError, match=rf"pip install curricle\[{tool}\]$"):
+    with pytest.raises(SettingError, match=rf'pip install "curricle\[{tool}\]"$'):
         open_trackers([tool], "hunting", {}, tmp_path)
 
 

@@ -30,6 +30,7 @@ from curricle.study.config.tables import KeyPath, shown, unknown
 from curricle.study.config.task_names import NameGraph, table, wrong_names
 from curricle.study.config.tuning_tables import wrong_tuning
 from curricle.study.config.varied_arms import varied_arms, wrong_made
+from curricle.study.folders import holds_study
 
 ONLY_ARM = "transfer"
 """The name of the arm of a study without arms."""
@@ -75,6 +76,8 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
 
 def toml_of(path: Path) -> tuple[str, dict[str, Any]]:
     """Return a file's text and what it says; ConfigError where it cannot be read as TOML."""
+    if holds_study(path):
+        raise ConfigError(f"{path} is a folder of results, which StudyResults(FOLDER) reads")
     try:
         text = text_of(path)
     except ValueError as error:

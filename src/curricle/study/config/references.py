@@ -11,7 +11,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from curricle.checks import listed
 from curricle.errors import ConfigError, CurricleError
+from curricle.study.config.tables import suggestion
 
 IMPORTED = dict[str, tuple[int, int] | None]()
 """The time and size of each module's file when it was imported."""
@@ -47,8 +49,18 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
         )
     function = getattr(module, name, None)
     if not callable(function):
-        raise ConfigError(f"{reference} names no function: {module_name} has no {name} to call")
+        raise ConfigError(
+            f"{reference} names no function: {module_name} has no {name} to call"
+            f"{_others(module, name)}"
+        )
     return function  # type: ignore[no-any-return]
+
+
+def _others(module: ModuleType, name: str) -> str:
+    """Return what else of a module can be called: the closest name, or all that it defines."""
+    there = {one: of for one, of in vars(module).items() if one[0] != "_" and callable(of)}
+    own = [one for one, of in there.items() if getattr(of, "__module__", "") == module.__name__]
+    return suggestion(name, there) or (f": it has {listed(own)}" if own else "")
 
 
 @contextmanager

@@ -61,7 +61,7 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
         import_module(PACKAGES[name])
     except ImportError:
         raise SettingError(
-            f"{on} needs a package that is not installed: pip install curricle[{name}]"
+            f'{on} needs a package that is not installed: pip install "curricle[{name}]"'
         ) from None
     module = import_module(f"curricle.study.engines.{name}_engine")
     try:

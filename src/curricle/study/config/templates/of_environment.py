@@ -16,7 +16,7 @@ from curricle.interop.toy_text import has_table
 
 SHOWN = 3
 """Ids that are named where one is unknown."""
-STEPS = "            # steps, or { episodes = 800 }"
+STEPS = "# steps, or { episodes = 800 }"
 LIMIT = 500
 """Steps of an episode in an environment that sets no limit of its own."""
 
@@ -120,7 +120,7 @@ def _text(name: str, env: Any) -> str:
             seeds=20 if quick else 5,
             learner=TABLE,
             type="tabulated" if minigrid else "gymnasium",
-            lines=f"# discount = 0.99\n{limit}budget = {budget:_}{STEPS}\n",
+            lines=f"# discount = 0.99\n{limit}{f'budget = {budget:_}':28}{STEPS}\n",
             source_budget=budget // 10,
             mapping="project = {}              # components of the same name correspond",
         )
@@ -133,7 +133,7 @@ def _text(name: str, env: Any) -> str:
     network = NETWORK.format(
         algorithm="PPO" if isinstance(acting, Box) else "DQN", policy=_policy(observed)
     )
-    note = "# Networks need an extra: pip install curricle[deep]\n"
+    note = '# Networks need an extra: pip install "curricle[deep]"\n'
     return STUDY.format(
         **{**common, "note": note},
         how="by a network",
