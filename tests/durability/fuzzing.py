@@ -54,7 +54,7 @@ def quick_forecasts():
     """Let a preview take a second or five for what it lets take half a minute or five."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(forecast_preview, "LONGEST", 1.0)
-        patch.setattr(forecast_preview, "LONGEST_LOOK", 5.0)
+        patch.setattr(forecast_preview, "LONGEST_COMPARING", 5.0)
         patch.setattr(forecast_preview, "LONGEST_TRIAL", 5.0)
         yield
 

@@ -176,7 +176,7 @@ def test_a_preview_of_a_target_too_large_to_count():
 
 
 def test_a_forecast_that_solves_an_enormous_source_is_not_begun(capsys, monkeypatch):
-    monkeypatch.setattr("curricle.cli.forecast_preview.LONGEST_LOOK", 5.0)
+    monkeypatch.setattr("curricle.cli.forecast_preview.LONGEST_COMPARING", 5.0)
     maze = "tasks.{} = {{ type = 'maze', map = '{}', discount = 0.99, time_limit = 9, budget = 9 }}"
     mazes = [maze.format("far", f"S{300_000 * '.'}T"), maze.format("near", "S..T")]
     edge = "transfers = [{ source = 'far', target = 'near', mapping = 'same_position' }]"

@@ -25,12 +25,12 @@ class Compilation(event.Listener):
         How many were compiled so far.
     words : str
         What is being compiled; empty if nothing is.
-    aside : bool
-        Whether somebody else shows the words, such as bars.
+    silent : bool
+        Whether the words are shown elsewhere, such as below bars.
     """
 
     def __init__(self) -> None:
-        self.loops, self.words, self.aside = 0, "", False
+        self.loops, self.words, self.silent = 0, "", False
         self._depth = 0  # Numba compiles in one thread at a time
         self._collects = gc.isenabled()
 
@@ -46,7 +46,7 @@ class Compilation(event.Listener):
         if not sys.stderr.isatty():
             if self.loops == 1:
                 print(f"curricle: {EACH_TIME}" if own else KEPT, file=sys.stderr, flush=True)
-        elif not self.aside:
+        elif not self.silent:
             print(f"\r{self.words}", end="", file=sys.stderr, flush=True)
 
     def on_end(self, event: Any) -> None:
@@ -56,7 +56,7 @@ class Compilation(event.Listener):
             return
         if self._collects:
             gc.enable()
-        if sys.stderr.isatty() and not self.aside:
+        if sys.stderr.isatty() and not self.silent:
             print(f"\r{' ' * len(self.words)}\r", end="", file=sys.stderr, flush=True)
         self.words = ""
 

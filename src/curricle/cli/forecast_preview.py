@@ -28,10 +28,10 @@ from curricle.text_tables import counted
 from curricle.transfer.observation_rollouts import OBSERVATION_ROLLOUTS
 
 LONGEST = 5.0
-"""Seconds of training on one processor, by the estimate, up to which a look beforehand is quick."""
+"""Estimated seconds, on one processor, up to which sources are trained for a forecast."""
 LONGEST_DISTILLED = 60.0
 """The same where networks are distilled: there is no forecast without them."""
-LONGEST_LOOK = 300.0
+LONGEST_COMPARING = 300.0
 """Seconds that comparing potentials in the target may take: nearly all episodes end long before the
 limit by which they are estimated."""
 PAIR_SECONDS = 2e-6
@@ -63,13 +63,14 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     if not sources:
         return
     target = next(one for one in each if one.task == arms.target)
-    look = sum(_look(one, target.step_seconds) for one in curricula.values())
-    look *= min(SEEDS, len(study.seeds))
-    if look > LONGEST_LOOK:
+    comparing = sum(_comparing_seconds(one, target.step_seconds) for one in curricula.values())
+    comparing *= min(SEEDS, len(study.seeds))
+    if comparing > LONGEST_COMPARING:
         print()
         print_text(
             f"no forecast: to compare the potentials in {arms.target} could take "
-            f"{duration(look)}; curricle.forecast does it, with fewer episodes if they are given"
+            f"{duration(comparing)}; curricle.forecast does it, with fewer episodes if they are "
+            "given"
         )
         return
     by_key = {arms.keys[one.arm, one.task]: one.seconds / one.seeds for one in each}
@@ -129,7 +130,7 @@ def _trials(curricula: Mapping[str, Curriculum], a_seed: float, target: Cost) ->
     return most, seconds
 
 
-def _look(curriculum: Curriculum, step_seconds: float) -> float:
+def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
     """Return the seconds that judging an arm's potentials and sources takes at most, a seed."""
     node, edges = curriculum.node(curriculum.target), curriculum.in_edges(curriculum.target)
     potentials = len(AGGREGATES) + 1 + len(edges) if len(edges) > 1 else 1

@@ -102,5 +102,5 @@ def bars_with_words() -> Iterator[Bars]:
 def and_compilation(line: Callable[[], str]) -> Callable[[], str]:
     """Return a line below bars that also says what is compiled, which nothing else says then."""
     compilation = announce_compilation()
-    compilation.aside = Console(stderr=True).is_terminal
+    compilation.silent = Console(stderr=True).is_terminal
     return lambda: ", ".join(filter(None, [line(), compilation.words]))
