@@ -14,6 +14,7 @@ from curricle.array_types import FloatArray, FloatTable, IntArray
 from curricle.learning.value_lookup import ValueLookup, read_row
 from curricle.planning.greedy import TIED, acting_rows, best_of, greedy_actions
 from curricle.tasks.draws import splitmix64
+from curricle.tasks.loop_cache import compiled_once
 from curricle.tasks.overloads import Overloaded, inlined
 from curricle.tasks.simd import of_width
 
@@ -193,7 +194,7 @@ def _sparse_acting_row(view, state, out):
             out[0, action] = view.q[np.uint64(found), action]
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def reorder(table, order):
     """Put the rows of a table in order, in place: row i becomes what row order[i] was.
 

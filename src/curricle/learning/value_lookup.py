@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.frozen_arrays import frozen
+from curricle.tasks.loop_cache import compiled_once
 from curricle.tasks.overloads import inlined
 from curricle.tasks.simd import inverse_of, quotient
 from curricle.tasks.spaces import Space
@@ -183,7 +183,7 @@ def read_row(lookup, state, out):
         out[action] += lookup.initial
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def read_table(lookup, q):
     """Write initial value + phi into every row of a table, (S, A)."""
     row = np.empty(q.shape[1])
@@ -193,7 +193,7 @@ def read_table(lookup, q):
             q[state, action] = row[action]
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def read_rows(lookup, states, q):
     """Write initial value + phi of n states into the rows of a table, (n, A) float64."""
     for i in range(states.shape[0]):

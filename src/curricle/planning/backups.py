@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.tasks.loop_cache import compiled_once
 from curricle.tasks.overloads import Overloaded
 
 RowArray = npt.NDArray[np.uint32]
@@ -65,7 +65,7 @@ class Iteration(NamedTuple):
     reach: float  # a sum of changes: no value is larger
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def iterate(backup, values, precision, iteration, most):
     """Back up `values` in place, at most so many sweeps more; return the fields of an Iteration.
 
@@ -83,7 +83,7 @@ def iterate(backup, values, precision, iteration, most):
     return sweep + 1, change, least, waited, reach
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def largest_of(values):
     """Return max |V|."""
     largest = 0.0
@@ -92,7 +92,7 @@ def largest_of(values):
     return largest
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def converged(change, least, waited, values, reach, precision):
     """Return for how many backups there has been no progress, or CONVERGED to end.
 
@@ -155,7 +155,7 @@ def _greedy_policy_sweeps(backup, values, sweep, precision, progress):
     return 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def back_up_rows(outcomes, values, rows):
     """Write r + gamma sum_s' P(s') V(s') of each outcome row into `rows`."""
     mean, probability, next_state, _, discount = outcomes
@@ -166,7 +166,7 @@ def back_up_rows(outcomes, values, rows):
         rows[row] = mean[row] + discount * total
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def improve(outcome_row, terminal, rows, values, chosen):
     """Make each value the best of its state's rows, `chosen` such a row; return the change.
 
@@ -206,7 +206,7 @@ def improve(outcome_row, terminal, rows, values, chosen):
 # -- a given policy ------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def policy_backup(outcomes, chosen, values, sweep):
     """Back up the values of a policy of one row a state, in place; return the largest change.
 
@@ -263,7 +263,7 @@ def _mixed_policy_backup(backup, values, sweep):
     return mixed_policy_backup(backup.policy, backup.outcomes.terminal, backup.rows, values, 0)
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def mixed_policy_backup(policy, terminal, rows, values, start):
     """Make values the policy's mean of their rows, from state `start` on; return the change."""
     first, row, weight = policy
@@ -309,7 +309,7 @@ def _extrapolation(backup, values, sweep, precision, progress):
     return largest_of(values)
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def extrapolate(values, step, last):
     """Extrapolate along the last step; return whether it was done.
 

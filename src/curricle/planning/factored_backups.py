@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from curricle.array_types import BoolArray, FloatArray
 from curricle.planning.backups import MixedPolicy, back_ups, largest_of, mixed_policy_backup
+from curricle.tasks.loop_cache import compiled_once
 
 
 class Planes(NamedTuple):
@@ -74,7 +74,7 @@ def _policy_backup(backup, values, sweep):
     return change
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def expect(planes, values, cell, plane):
     """Write r + gamma times the mean over the prey's moves from `cell` into `plane`."""
     mean, landing, prey_policy, _, discount = planes
@@ -91,7 +91,7 @@ def expect(planes, values, cell, plane):
             plane[index] += chance * source[index]
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def best_of_moves(plane, landing, best):
     """Write the best over the moves of the first predator, the slowest axis, into `best`."""
     n_cells, n_moves = landing.shape
@@ -111,7 +111,7 @@ def best_of_moves(plane, landing, best):
                 target[index] = one if one > two else two
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def next_predator_first(plane, n_cells, turned):
     """Write the plane with its first axis moved to the end into `turned`."""
     n = len(plane) // n_cells
@@ -121,7 +121,7 @@ def next_predator_first(plane, n_cells, turned):
             target[index, cell] = source[cell, index]
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def keep(best, terminal, values, start, worst):
     """Store a plane, terminal states at 0; `worst` collects the largest change of each entry."""
     n = len(best)

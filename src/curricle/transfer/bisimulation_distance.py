@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.tasks.loop_cache import compiled_once
 from curricle.transfer.partition_refinement import Blocks, Model, merged_outcomes, refined
 from curricle.transfer.transport import UNSET, flows_of, scratch, transport_cost
 
@@ -141,7 +141,7 @@ def fixed_point(
     return found, error
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def back_up_pairs(own, other, found, discount):
     """Compute d of all pairs from d of states."""
     states, pairs, tree = found
@@ -166,7 +166,7 @@ def back_up_pairs(own, other, found, discount):
             pairs[y, z] = abs(own.reward[y] - other.reward[z]) + discount * total
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def back_up_states(own_pairs, other_pairs, pairs, states, rests_on):
     """Compute d of states from d of pairs, and which pair it rests on; return the change."""
     least = np.empty(other_pairs.shape[1])
@@ -181,7 +181,7 @@ def back_up_states(own_pairs, other_pairs, pairs, states, rests_on):
     return change
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def hausdorff(some, others, pairs, least):
     """Return the largest of all min_b and min_a over the pairs of two states, and where it is.
 
@@ -225,7 +225,7 @@ def coupled(own: Quotient, other: Quotient, found: Distances, rests_on: IntArray
     return Choices(first, cell, mass, abs(own.reward[y] - other.reward[z]))
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def fill_couplings(own, other, tree, rests_on, n_other, first, cell, mass):
     """Write the coupling of each pair that a distance rests on."""
     space = scratch(own.chance.shape[1], other.chance.shape[1])
@@ -251,7 +251,7 @@ def fill_couplings(own, other, tree, rests_on, n_other, first, cell, mass):
             at += 1
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def follow(choices, states, discount, times):
     """Back up d of states, flat, with fixed choices and couplings, upwards and downwards."""
     first, cell, mass, difference = choices

@@ -10,9 +10,9 @@ is computed from the masses as they are.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.tasks.loop_cache import compiled_once
 
 UNSET = 255
 """In the first place of a tree: there is none yet."""
@@ -31,7 +31,7 @@ class Scratch(NamedTuple):
     depth: IntArray  # (O + O',)
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def scratch(n, m):
     """Return work space."""
     return Scratch(
@@ -39,7 +39,7 @@ def scratch(n, m):
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def transport_cost(p, q, parent, order, space):
     """Return min sum_ij c_ij x_ij over x >= 0 with row sums p and column sums q.
 
@@ -79,7 +79,7 @@ def transport_cost(p, q, parent, order, space):
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def _north_west(p, q, parent, order):
     """Make the tree of the north-west corner rule."""
     n, m = len(p), len(q)
@@ -100,7 +100,7 @@ def _north_west(p, q, parent, order):
             parent[n + j], order[k] = i, n + j
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def flows_of(p, q, parent, order, perturbation, flow):
     """Write what each node but the root sends or gets along the edge to its parent."""
     n, nodes = len(p), len(p) + len(q)
@@ -116,7 +116,7 @@ def flows_of(p, q, parent, order, perturbation, flow):
             flow[node] = -flow[node]
 
 
-@njit(cache=True, nogil=True)
+@compiled_once
 def _pivot(p, q, row, column, parent, order, space):
     """Bring the edge of a row and a column into the tree, and take out the first that runs dry."""
     nodes = len(p) + len(q)
