@@ -69,8 +69,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
         print()
         print_text(
             f"no forecast: to compare the potentials in {arms.target} could take "
-            f"{duration(comparing)}; curricle.forecast does it, with fewer episodes if they are "
-            "given"
+            f"{duration(comparing)}; curricle.forecast does it, also with fewer episodes"
         )
         return
     by_key = {arms.keys[one.arm, one.task]: one.seconds / one.seeds for one in each}
