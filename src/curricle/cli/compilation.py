@@ -9,7 +9,7 @@ from numba.core import event
 from numba.core.caching import NullCache
 
 EVENT = "numba:compile"
-ONCE, EACH_TIME = "compiling, once", "compiling the study's own functions, at each start"
+ONCE, EACH_TIME = "compiling, once", "compiling what is not kept on disk, at each start"
 KEPT = f"curricle: {ONCE}; what is compiled is kept, so that later runs start at once"
 
 
@@ -41,11 +41,11 @@ class Compilation(event.Listener):
             return
         self.loops += 1
         gc.disable()
-        own = isinstance(event.data["dispatcher"]._cache, NullCache)
-        self.words = f"{EACH_TIME if own else ONCE}: {self.loops}"
+        unkept = isinstance(event.data["dispatcher"]._cache, NullCache)
+        self.words = f"{EACH_TIME if unkept else ONCE}: {self.loops}"
         if not sys.stderr.isatty():
             if self.loops == 1:
-                print(f"curricle: {EACH_TIME}" if own else KEPT, file=sys.stderr, flush=True)
+                print(f"curricle: {EACH_TIME}" if unkept else KEPT, file=sys.stderr, flush=True)
         elif not self.silent:
             print(f"\r{self.words}", end="", file=sys.stderr, flush=True)
 

@@ -21,12 +21,17 @@ MARKS = (b"numba", b"overloads", b"loop_cache", b".body(")
 """One of which is in each file with compiled code: what it imports, or a decorator."""
 
 
+ENTRY: Any = {"nogil": True, "no_cfunc_wrapper": True}  # no C code calls one
+entered_from_python: Any = njit(**ENTRY)
+"""Compiles a function that Python calls, in each process anew."""
+
+
 def compiled_once(function: Callable[..., Any]) -> Any:
     """Return a function that is compiled when it is first called, and then kept on disk.
 
     Without a folder to keep it in, it is compiled in each process.
     """
-    compiled: Any = njit(nogil=True)(function)
+    compiled = entered_from_python(function)
     with suppress(RuntimeError):  # no folder can be written to
         compiled._cache = LoopCache(function)
     return compiled

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from numba import njit
 from numba.extending import overload
 
-from curricle.tasks.loop_cache import compiled_once
+from curricle.tasks.loop_cache import compiled_once, entered_from_python
 from curricle.tasks.loop_parts import PartCompiler
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -81,4 +81,4 @@ class Overloaded:
 @cache
 def compiled(loop: Callable[..., Any], users_code: bool) -> Any:
     """Return a loop compiled; cached on disk unless a user's functions are compiled into it."""
-    return njit(nogil=True)(loop) if users_code else compiled_once(loop)
+    return entered_from_python(loop) if users_code else compiled_once(loop)
