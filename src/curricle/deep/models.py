@@ -18,7 +18,7 @@ from curricle.deep.networks import WITHOUT_SOURCE, NetworkValues
 from curricle.deep.residual import residual_policy
 from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer, reusing
 from curricle.deep.vec_env import ShapedVecEnv
-from curricle.errors import SettingError
+from curricle.errors import CurricleError, SettingError
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.potentials import ObservationPotential
@@ -73,7 +73,10 @@ def model_for(
     venv = environments(task, learner, shaping)
     try:
         model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
-    except AssertionError as error:  # its spaces, and some of its settings, are only checked there
+    except CurricleError:
+        raise
+    except (AssertionError, TypeError, ValueError) as error:
+        # Its spaces, the name of its policy and some of its settings are only checked there.
         said = " ".join(str(error).split())
         raise SettingError(
             f"{learner.algorithm} must take its task and its settings: with {task} "
