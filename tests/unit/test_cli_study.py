@@ -492,7 +492,7 @@ def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
     assert out.startswith("first of all 2 trials of each arm")
     code, _, told = curricle("run", "line.toml")
     assert code == 0
-    assert "tuning, 2 of 2 trials" in told
+    assert "tuning: trials 1 to 2 of 2, of each arm" in told
     code, out, _ = curricle("show", "line-results")
     assert code == 0
     assert "tuned on seed 1000000, " in out
