@@ -208,7 +208,9 @@ def made_by(make: Any) -> str:
 def named(function: Callable[..., Any]) -> str:
     """Return a function's name as ``module:name``, the same in every process."""
     kind = function if hasattr(function, "__name__") else type(function)
-    return f"{kind.__module__}:{kind.__name__}"
+    # The package of a study's own modules is named after its folder.
+    module = re.sub(r"^curricle_study_[0-9a-f]+\.", "", kind.__module__)
+    return f"{module}:{kind.__name__}"
 
 
 def _text(function: Callable[..., Any]) -> str:
