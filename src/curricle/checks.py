@@ -150,9 +150,18 @@ def unfit_name(text: str) -> str:
 
 
 def instance(name: str, value: Any, kind: type, error: type[CurricleError]) -> None:
-    """Raise `error` unless `value` is an instance of `kind`."""
+    """Raise `error` unless `value` is an instance of `kind`.
+
+    Examples
+    --------
+    >>> from curricle.errors import SettingError
+    >>> instance("seed", "1", int, SettingError)
+    Traceback (most recent call last):
+    curricle.errors.SettingError: seed must be an int: got '1'
+    """
     if not isinstance(value, kind):
-        raise error(f"{name} must be a {kind.__name__}: got {brief(value)}")
+        article = "an" if kind.__name__[0] in "AEIOaeio" else "a"
+        raise error(f"{name} must be {article} {kind.__name__}: got {brief(value)}")
 
 
 def text(name: str, value: Any, error: type[CurricleError]) -> None:

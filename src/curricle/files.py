@@ -64,7 +64,7 @@ def read_bounded(path: Place, most: int) -> bytes:
 
 
 def local_file(path: str | Path) -> Path:
-    """Return the path of a file on this machine; StoreError where a URL is given.
+    """Return the path of a file on this machine; StoreError where it is none.
 
     Examples
     --------
@@ -72,8 +72,12 @@ def local_file(path: str | Path) -> Path:
     Traceback (most recent call last):
     curricle.errors.StoreError: a file is saved on this machine, not at a URL: got 's3://maze.npz'
     """
+    if not isinstance(path, str | os.PathLike):
+        raise StoreError(f"a file must be a path: got {path!r}")
     if "://" in str(path):
         raise StoreError(f"a file is saved on this machine, not at a URL: got {str(path)!r}")
+    if not Path(path).name:
+        raise StoreError(f"a file needs a name: got {str(path)!r}")
     return Path(path)
 
 

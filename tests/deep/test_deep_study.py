@@ -214,6 +214,7 @@ def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
         ("tasks.hunt.learner.algorithm=DQM", "tasks.hunt.learner.algorithm"),
         ("learner.settings.batch_sise=8", "got 'batch_sise', did you mean 'batch_size'?"),
         ("learner={algorithm='PPO', settings={batch=8}}", "a setting of PPO must be one of"),
+        ("shaping='WeightTransfer'", "networks of its sources: chase is learnt in a table"),
     ],
 )
 def test_what_the_library_does_not_take_is_refused_before_anything_is_trained(

@@ -233,6 +233,11 @@ def drawn_nowhere():
             "must have its task's observations, Box.*: that in .* has Box",
         ),
         (lambda p, d: p.episode(max_steps=0), "max_steps of an episode"),
+        (lambda p, d: p.episode(seed=-1), "^seed must be a whole number, at least 0: got -1$"),
+        (lambda p, d: p.episode(seed="a"), "^seed must be a whole number, at least 0: got 'a'$"),
+        (lambda p, d: p.episode(seed=2**32), r"seed of a network's .* below 2\^32: got 4294967296"),
+        (lambda p, d: p.predict(np.zeros(3)), r"a policy takes observations of Box.*\(3,\)"),
+        (lambda p, d: p.predict("left"), "a policy takes observations of Box"),
         (lambda p, d: p.episode(max_steps=1).save(d / "e.png"), "as a GIF: got .*'e.png'"),
         (lambda p, d: p.episode(max_steps=1).save(d / "e.gif", fps=0), "fps"),
         (
@@ -248,6 +253,19 @@ def drawn_nowhere():
 def test_a_mistake_is_one_sentence(lake, tmp_path, wrong, sentence):
     with pytest.raises(SettingError, match=sentence):
         wrong(lake.policy, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("learner", "said"),
+    [
+        (DeepLearner("DQN", "Mlp"), "Policy Mlp unknown"),
+        (DeepLearner("DQN", settings={"learning_rate": float("nan")}), "nan"),
+        (DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": "x"}}), ""),
+    ],
+)
+def test_what_an_algorithm_refuses_is_one_sentence(learner, said):
+    with pytest.raises(SettingError, match=f"DQN must take its task .* says .*{said}"):
+        learn_deep(LAKE, learner, 10)
 
 
 def _timeless():

@@ -117,6 +117,22 @@ def test_the_results_do_not_depend_on_the_number_of_workers(tmp_path, folder):
         assert (tmp_path / "out" / name).read_bytes() == (folder / name).read_bytes()
 
 
+def test_page_and_command_say_how_many_seeds_the_verdicts_rest_on(tmp_path):
+    few = tmp_path / "few"
+    outcome = CliRunner().invoke(app, ["paper", "--figure", "1", "--seeds", "2", "--out", str(few)])
+    words = "What is learnt has 2 seeds. The verdicts are meant for 30"
+    assert words in " ".join(outcome.stdout.split())
+    assert words in (few / "index.html").read_text("utf-8")
+    reproduce(tmp_path / "all", figures=["1"], progress=False)
+    page = (tmp_path / "all" / "index.html").read_text("utf-8")
+    assert "What is learnt has 30 seeds.</p>" in page
+
+
+def test_no_caption_says_that_the_paper_had_fewer_seeds_than_it_had(folder):
+    caption = json.loads((folder / "data" / "figure4.json").read_text("utf-8"))["caption"]
+    assert caption.startswith("Left and right: 3 seeds, where the paper has 5. Means over seeds")
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

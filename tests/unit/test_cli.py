@@ -6,6 +6,10 @@ import sys
 from importlib.metadata import version
 
 import pytest
+from typer.testing import CliRunner
+
+from curricle.cli.app import app
+from curricle.cli.commands import COMMANDS
 
 
 def curricle(*arguments, cwd):
@@ -18,6 +22,13 @@ def test_help_names_the_commands(tmp_path):
     done = curricle("--help", cwd=tmp_path)
     assert done.returncode == 0
     assert "paper" in done.stdout
+
+
+@pytest.mark.parametrize("command", [one.__name__ for one in COMMANDS])
+def test_nothing_is_cut_in_the_help_at_80_columns(command):
+    shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80"}).stdout
+    assert f" {command} [OPTIONS]" in shown
+    assert "…" not in shown
 
 
 def test_help_imports_neither_numba_nor_matplotlib(tmp_path):

@@ -474,6 +474,16 @@ def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
     assert "forecasts are for the first settings of each arm" in out
 
 
+def test_check_says_what_every_arm_spends_after_a_tuning_of_budgets(curricle, tmp_path):
+    pytest.importorskip("optuna")
+    tune = TUNE + "tasks.end.budget = { low = 50, high = 200 }\n"
+    (tmp_path / "line.toml").write_text(SWEPT + tune)
+    code, out, _ = curricle("check", "line.toml")
+    assert code == 0
+    words = "of the file's own settings, and with the best of the search every arm spends at most"
+    assert f"{words} 700 steps" in " ".join(out.split())
+
+
 def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
     pytest.importorskip("optuna")
     (tmp_path / "line.toml").write_text(SWEPT + SWEEP + TUNE)
@@ -482,7 +492,7 @@ def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
     assert out.startswith("first of all 2 trials of each arm")
     code, _, told = curricle("run", "line.toml")
     assert code == 0
-    assert "tuning, 2 of 2 trials" in told
+    assert "tuning: trials 1 to 2 of 2, of each arm" in told
     code, out, _ = curricle("show", "line-results")
     assert code == 0
     assert "tuned on seed 1000000, " in out

@@ -126,6 +126,7 @@ RING = cr.ComputedMDP(
             {"controls": ["negated", "magic"]},
             "a control must be one of random_start, .*, negated: got 'magic'",
         ),
+        (corner(), {"controls": "placebo"}, "controls must be a list of names: got 'placebo'"),
         (
             {"plain": Curriculum({"maze": MAZE}, budget=100)},
             {"controls": ["scaled"]},

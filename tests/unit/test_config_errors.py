@@ -220,6 +220,16 @@ def test_a_file_that_cannot_be_read(tmp_path):
         read_study(tmp_path / "latin.toml")
 
 
+def test_what_is_no_path_or_no_list_of_settings(tmp_path):
+    with pytest.raises(ConfigError, match=r"^a study file must be a path: got 3$"):
+        read_study(3)
+    with pytest.raises(ConfigError, match=r"^set must be a list of settings, each .*: got 'a=1'$"):
+        read_study(tmp_path / "none.toml", set="a=1")
+    (tmp_path / "maze.toml").write_text("name = 'maze'")
+    with pytest.raises(ConfigError, match=r"^a setting is given as key=value, .*: got 3$"):
+        read_study(tmp_path / "maze.toml", set=[3])
+
+
 def test_an_arm_that_is_not_there(tmp_path):
     (tmp_path / "study.toml").write_text(HUNT)
     with pytest.raises(ConfigError, match=r"arm 'trasfer' is unknown, did you mean 'transfer'\?$"):

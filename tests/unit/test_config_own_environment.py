@@ -115,7 +115,9 @@ def test_tables_and_networks_take_a_class_too(built):
     assert task.states.label(task.state(np.array([1, 3]))) == "where=7"
     observed = ('room = { type = "observation_task", factory = "own:Room", encode = "own:seen", '
                 'learner = { type = "deep" } }')  # fmt: skip
-    assert built(observed).observations.shape == (7,)
+    seen = built(observed)
+    assert seen.observations.shape == (7,)
+    assert str(seen.make) == "own:Room(encode=own:seen)"  # as the file names them
 
 
 MISTAKES = {

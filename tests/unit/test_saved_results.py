@@ -3,6 +3,7 @@
 import io
 import os
 import pickle
+import re
 import zipfile
 
 import numpy as np
@@ -90,6 +91,23 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, learnt, monkeypatch):
         cr.learn(MAZE, budget=100).save(tmp_path / "maze")
     assert file.read_bytes() == before
     assert [one.name for one in tmp_path.iterdir()] == ["maze.npz"]
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        (3, "a file must be a path: got 3"),
+        (None, "a file must be a path: got None"),
+        ("", "a file needs a name: got ''"),
+        ("/", "a file needs a name: got '/'"),
+    ],
+)
+def test_what_is_no_path_is_refused(learnt, trained, path, words):
+    uses = [one.save for one in (learnt, trained, learnt.policy, learnt.watch(seed=0))]
+    uses += [LearningResult.load, lambda path: CurriculumResult.load(path, plan())]
+    for use in uses:
+        with pytest.raises(StoreError, match=f"^{re.escape(words)}$"):
+            use(path)
 
 
 def test_a_url_is_refused_and_nothing_is_written(tmp_path, learnt, trained, monkeypatch):
@@ -240,6 +258,8 @@ def test_another_curriculum_is_refused(tmp_path, trained):
         cr.Transfer("corner", "maze", cr.same_position(CORNER, CORNER))])  # fmt: skip
     with pytest.raises(SettingError, match=r"own task: .* has states Space\(15"):
         CurriculumResult.load(file, small)
+    with pytest.raises(CurriculumError, match=r"the Curriculum that was trained: got GridWorld"):
+        CurriculumResult.load(file, MAZE)
 
 
 @pytest.mark.parametrize("missing", ["nodes", "tasks", "trained"])

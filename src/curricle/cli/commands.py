@@ -288,7 +288,8 @@ def paper(
     interrupted run goes on where it was; a folder with results of other settings is refused.
     """
     from curricle.cli.progress_bars import bars_with_words
-    from curricle.paper.reproduce import FIGURES, reproduce
+    from curricle.cli.terminal_tables import print_text
+    from curricle.paper.reproduce import FIGURES, reproduce, seeds_words
 
     wanted = FIGURES if figure == "all" else [figure]
     with bars_with_words() as bars:
@@ -297,6 +298,7 @@ def paper(
         typer.echo(f"{claim['verdict']:>15}  {claim['id']}")
     counts = Counter(claim["verdict"] for claim in claims)
     typer.echo(", ".join(f"{n} {verdict}" for verdict, n in counts.items()))
+    print_text(seeds_words(seeds))
     typer.echo(f"Open {out / 'index.html'}")
 
 

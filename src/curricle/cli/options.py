@@ -23,7 +23,7 @@ Port = Annotated[
 ]
 Changes = Annotated[
     list[str] | None,
-    typer.Option("--set", help="key=value over the file's, such as tasks.chase.budget=1000."),
+    typer.Option("--set", help="key=value over the file's, such as tasks.hunt.size=5."),
 ]
 Explain = Annotated[bool, typer.Option("--explain", help="Also what the words mean.")]
 

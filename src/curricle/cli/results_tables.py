@@ -21,8 +21,8 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     arms = "every arm" + " that has not failed" * bool(results.failed)
     total = counted(len(record.seeds), "seed")
     print_text(f"{record.name}: {len(results.seeds)} of {total} finished in {arms}")
-    if words := tuning_words(results.store):
-        print_text(words)
+    if yet_to_tune := tuning_words(results.store):
+        print_text(yet_to_tune)
     rows = list[tuple[str, ...]]()
     for name, found in results.results.items():
         for node, learnt in found.items():
@@ -44,8 +44,10 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
         )
     else:
         print_text("no unit is stored yet")
-    if record.budget is not None and record.total not in (None, record.budget):
-        steps = record.budget, record.total, record.eval_freq
+    # Of a study that is yet to be tuned the total is not known: budgets may be searched for.
+    budget = None if yet_to_tune else record.budget
+    if budget is not None and record.total not in (None, budget):
+        steps = budget, record.total, record.eval_freq
         sources = any(one.transfers for one in record.arms.values())
         print_text(total_words(record.target, *steps, sources=sources))
     compared = record.total is not None and SCRATCH in {*record.arms} - {*results.failed}

@@ -102,7 +102,8 @@ def _tuning(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
     return (
         f"before that, tuning: {counted(tune.trials, 'trial')} of each arm on "
         f"{numbered_seeds(tune.seeds)}, {counted(number, 'trial')} in all, {runs * total:,} steps, "
-        f"about {duration(runs * one)}"
+        f"about {duration(runs * one)}; the costs above are of the file's own settings, and with "
+        f"the best of the search every arm spends at most {counted(total, 'step')}"
     )
 
 

@@ -57,6 +57,8 @@ SOURCE = "control source"
 
 def check_controls(controls: Sequence[str]) -> None:
     """Raise SettingError unless all names are controls."""
+    if isinstance(controls, str):
+        raise SettingError(f"controls must be a list of names: got {controls!r}")
     for name in controls:
         one_of("a control", name, CONTROLS, SettingError)
 

@@ -82,12 +82,16 @@ def from_file(saved: SavedFile, curriculum: Any) -> Parts:
     Raises
     ------
     CurriculumError
-        When the curriculum has other tasks.
+        When the curriculum is none or has other tasks.
     SettingError
         When a task has other states or actions, or a network other parameters.
     StoreError
         When the file is not as :func:`to_file` writes it.
     """
+    if not (hasattr(curriculum, "tasks") and hasattr(curriculum, "in_edges")):
+        raise CurriculumError(
+            f"a result is loaded with the Curriculum that was trained: got {curriculum!r}"
+        )
     with as_saved(saved):
         return _from_words(saved, saved.about, curriculum)
 

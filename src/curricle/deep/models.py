@@ -1,7 +1,7 @@
 """From a deep learner and a potential to a model of Stable-Baselines3."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -18,7 +18,7 @@ from curricle.deep.networks import WITHOUT_SOURCE, NetworkValues
 from curricle.deep.residual import residual_policy
 from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer, reusing
 from curricle.deep.vec_env import ShapedVecEnv
-from curricle.errors import SettingError
+from curricle.errors import CurricleError, SettingError
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.potentials import ObservationPotential
@@ -73,7 +73,10 @@ def model_for(
     venv = environments(task, learner, shaping)
     try:
         model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
-    except AssertionError as error:  # its spaces, and some of its settings, are only checked there
+    except CurricleError:
+        raise
+    except (AssertionError, TypeError, ValueError) as error:
+        # Its spaces, the name of its policy and some of its settings are only checked there.
         said = " ".join(str(error).split())
         raise SettingError(
             f"{learner.algorithm} must take its task and its settings: with {task} "
@@ -144,8 +147,13 @@ def subtracted(shaping: Shaping | None) -> ObservationPotential | None:
     return shaping.potential if isinstance(shaping, StateShaping) else None
 
 
-def check_learner(learner: DeepLearner, shaping: Shaping | None = None) -> None:
-    """Raise SettingError unless the algorithm exists, takes these settings and this shaping."""
+def check_learner(
+    learner: DeepLearner, shaping: Shaping | None = None, in_tables: Sequence[str] = ()
+) -> None:
+    """Raise SettingError unless the algorithm exists, takes these settings and this shaping.
+
+    `in_tables` are the sources that are learnt in tables.
+    """
     algorithm = learner.algorithm_class()
     known = inspect.signature(algorithm).parameters
     for name in learner.settings:
@@ -157,6 +165,10 @@ def check_learner(learner: DeepLearner, shaping: Shaping | None = None) -> None:
             )
     if shaping is None:
         return
+    if isinstance(shaping, WeightTransfer) and in_tables:
+        raise SettingError(
+            f"WeightTransfer takes the networks of its sources: {in_tables[0]} is learnt in a table"
+        )
     if shaping.starts_at_potential:
         residual_policy(algorithm, learner.policy)
     if isinstance(shaping, Demonstrations) and "buffer_size" not in known:

@@ -9,11 +9,14 @@ from typing import Any, Self
 from curricle.array_types import IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.learner import DeepLearner
-from curricle.errors import SettingError, StoreError, reason
+from curricle.errors import CurricleError, SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
 from curricle.planning.episode import Episode, played
 from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.tasks.rendering import frame_of, with_pictures
+
+TOO_LARGE_SEED = 2**32
+"""The first seed that NumPy's generator, which Stable-Baselines3 seeds, does not take."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,13 @@ class TrainedPolicy:
             Whether to take the likeliest action, as evaluations do; else it is sampled, which
             DQN does not do.
         """
-        actions, _ = self.model.predict(observation, deterministic=deterministic)
+        try:
+            actions, _ = self.model.predict(observation, deterministic=deterministic)
+        except CurricleError:
+            raise
+        except ValueError as error:
+            space = space_text(self.task.observations)
+            raise SettingError(f"a policy takes observations of {space}: {error}") from error
         return actions[()]  # a number where it is one: tables look up no arrays
 
     def save(self, path: str | Path) -> Path:
@@ -63,7 +72,9 @@ class TrainedPolicy:
         ``PPO.load(path)`` reads it, as does :meth:`load`. It holds pickles, as all its files do:
         load your own alone. StoreError when it cannot be written.
         """
-        file = local_file(path if str(path).endswith(".zip") else f"{path}.zip")
+        file = local_file(path)
+        if not file.name.endswith(".zip"):
+            file = file.with_name(f"{file.name}.zip")
         content = io.BytesIO()
         self.model.save(content)
         try:
@@ -134,6 +145,8 @@ class TrainedPolicy:
         if limit is None:
             raise SettingError("an episode of a task without a time limit needs max_steps")
         whole_number("max_steps of an episode", limit, 1, SettingError)
+        if whole_number("seed", seed, 0, SettingError) >= TOO_LARGE_SEED:
+            raise SettingError(f"the seed of a network's episode must be below 2^32: got {seed}")
         import torch
         from stable_baselines3.common.utils import set_random_seed
 

@@ -27,7 +27,7 @@ from curricle.interop.tabulation.world import time_limit_of
 from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
 from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask
+from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, check_spaces
 from curricle.tasks.spaces import Component, Space
 
 Environment = gym.Env[Any, Any] | str | EnvSpec | EnvironmentMaker | Callable[..., Any]
@@ -120,9 +120,7 @@ def from_gymnasium(
     else:
         with refusals_of_make(environment):
             new: Any = make()
-        if not isinstance(new, gym.Env):
-            raise TaskError(f"an environment must be a gymnasium.Env: {environment!r} made {new!r}")
-        made = closing(new)
+        made = closing(checked_environment(environment, new))
     with made as env:
         limit: Any = own_limit(env) if time_limit == "own" else time_limit
         if encode is None and not live and has_table(env):
@@ -188,6 +186,14 @@ def observation_task(
         make = environment
     with refusals_of_make(make):
         return ObservationTask(make, discount, time_limit)
+
+
+def checked_environment(what: Any, made: Any) -> gym.Env[Any, Any]:
+    """Return what was made of an environment, or raise TaskError unless it is one with spaces."""
+    if not isinstance(made, gym.Env):
+        raise TaskError(f"an environment must be a gymnasium.Env: {what!r} made {made!r}")
+    check_spaces(made)
+    return made
 
 
 @contextmanager

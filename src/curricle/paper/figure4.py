@@ -172,7 +172,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     return FigureResult(
         name="figure4",
         title="Figure 4: pursuit, two predators learning from one",
-        caption=f"Left: {counted(few, 'seed')} as in the paper; right: {counted(seeds, 'seed')}. "
+        caption=f"{_panels(seeds)} "
         "Means over seeds with 95 % bands. Rows 1 to 3: greedy return (100 rollouts a checkpoint) "
         "on a 4x4 grid, softmax exploration; the source's own curve is over its own steps. Row 4: "
         "return of the training episodes on 5x5. Source steps are not counted here; the data and "
@@ -188,6 +188,13 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
             "shaping": "Q of the target starts as phi (Wiewiora 2003)",
         },
     )
+
+
+def _panels(seeds: int) -> str:
+    """Return how many seeds the left and the right panels have, in words."""
+    if seeds < PAPER_SEEDS:
+        return f"Left and right: {counted(seeds, 'seed')}, where the paper has {PAPER_SEEDS}."
+    return f"Left: {PAPER_SEEDS} seeds as in the paper; right: {counted(seeds, 'seed')}."
 
 
 def _draw(panel: Any, arms: Mapping[str, LearningResult], count: int, setting: str) -> None:

@@ -17,6 +17,10 @@ from curricle.progress import Bars, check_progress, shown
 from curricle.report import render
 from curricle.statistics import Interval
 from curricle.study import StudyStore
+from curricle.text_tables import counted
+
+INTENDED_SEEDS = 30
+"""Seeds that the verdicts are meant for."""
 
 FIGURES = {
     "1": "curricle.paper.figure1",
@@ -32,7 +36,7 @@ def reproduce(
     folder: str | Path,
     *,
     figures: Iterable[str] = tuple(FIGURES),
-    seeds: int = 30,
+    seeds: int = INTENDED_SEEDS,
     workers: int | None = None,
     progress: bool | Progress | Bars | None = True,
 ) -> list[dict[str, Any]]:
@@ -88,7 +92,24 @@ def reproduce(
                 with matplotlib.rc_context(STYLE):
                     _save(store, name, module.build(seeds, workers, say))
             grow()
-        return _assemble(store)
+        return _assemble(store, seeds)
+
+
+def seeds_words(seeds: int) -> str:
+    """Return how many seeds everything is learnt with, and whether these are too few.
+
+    Examples
+    --------
+    >>> seeds_words(30)
+    'What is learnt has 30 seeds.'
+    """
+    words = f"What is learnt has {counted(seeds, 'seed')}."
+    if seeds < INTENDED_SEEDS:
+        words += (
+            f" The verdicts are meant for {INTENDED_SEEDS}: with fewer they may differ, and a "
+            "claim may be not reproduced for that reason alone."
+        )
+    return words
 
 
 def _summary(name: str) -> str:
@@ -132,13 +153,15 @@ def _as_data(value: Any) -> Any:
     return {**known, "seeds": value.n}
 
 
-def _assemble(store: StudyStore) -> list[dict[str, Any]]:
+def _assemble(store: StudyStore, seeds: int) -> list[dict[str, Any]]:
     """Write claims.json and index.html from all figures in the folder."""
     sections = [store.read_json(_summary(name)) for name in FIGURES if store.has(_summary(name))]
     claims = [claim for section in sections for claim in section["claims"]]
     store.write_json("claims.json", claims)
     title = "Curriculum Learning via Reward Shaping, reproduced"
     counts = Counter(claim["verdict"] for claim in claims)
-    page = render("paper.html", title=title, counts=counts, sections=sections)
+    page = render(
+        "paper.html", title=title, counts=counts, sections=sections, seeds=seeds_words(seeds)
+    )
     store.write("index.html", page.encode())
     return claims

@@ -201,7 +201,8 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
         config = trial_study(study, chosen, total)
         arms = Arms.of(config, choose)
         stale |= any(key != key_of(arms.dependencies[place]) for place, key in arms.keys.items())
-        store = train(config, arms, f"tuning, {done + number} of {tuning.trials} trials")
+        now = f"tuning: trials {done + 1} to {done + number} of {tuning.trials}, of each arm"
+        store = train(config, arms, now)
         stored = store.finished()
         curves = {
             trial: _arm(store, stored[arms.keys[trial, arms.target]], config.seeds, arms, total)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import indices, instance, number, one_of
-from curricle.errors import TaskError
+from curricle.errors import TaskError, reason
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.grid_map import (
@@ -149,7 +149,15 @@ class GridWorld(Frozen):
     @classmethod
     def from_file(cls, path: str | Path, **rules: Any) -> Self:
         """Return the maze drawn in a text file; `rules` are the other parameters of the class."""
-        return cls(Path(path).read_text(encoding="utf-8"), **rules)
+        if not isinstance(path, str | Path):
+            raise TaskError(f"a map's file must be a path: got {path!r}")
+        try:
+            drawn = Path(path).read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            raise TaskError(f"a map must be text in UTF-8: {path} is none") from None
+        except OSError as error:
+            raise TaskError(f"a map cannot be read from {path}: {reason(error)}") from None
+        return cls(drawn, **rules)
 
     # -- variants ------------------------------------------------------------------------------
 

@@ -21,6 +21,11 @@ from curricle.text_tables import counted
 
 Answer = tuple[Any, Any, Any, Any]
 """A state (negative: it failed), a reward, whether the episode terminated or was truncated."""
+RETURNED = {
+    "reset": ("observation", "info"),
+    "step": ("observation", "reward", "terminated", "truncated", "info"),
+}
+"""What the methods of an environment return."""
 BROKEN_DOWN: Answer = (-1, 0.0, True, False)
 
 
@@ -122,7 +127,7 @@ def reset_state(task: LiveMDP) -> int:
     0
     """
     with closing(task.make()) as environment:
-        return numbering(task)(environment.reset(seed=0)[0])
+        return numbering(task)(_observed(environment.reset(seed=0)))
 
 
 def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
@@ -188,23 +193,48 @@ def _player(
         environment = closings.enter_context(closing(task.make()))
         number, moves = numbering(task), [task.act(a) for a in range(task.actions.size)]
         step, reset = environment.step, environment.reset
-        observation, _ = reset(seed=seed)
+        begun = reset(seed=seed)
         while True:
-            state = number(observation)
+            state = number(_observed(begun))
             action = yield state, 0.0, False, False
             while action != RESET:
-                observation, reward, terminated, truncated, _ = step(moves[action])
-                if not -LARGEST_REWARD <= reward <= LARGEST_REWARD:
+                followed = step(moves[action])
+                try:
+                    observation, reward, terminated, truncated, _ = followed
+                except (TypeError, ValueError):
+                    raise TaskError(_wrong_parts("step", followed)) from None
+                if not _is_reward(reward):
                     raise TaskError(_wrong_reward(task, state, action, reward))
                 state = number(observation)
                 action = yield state, reward, terminated, truncated
-            observation, _ = reset()
+            begun = reset()
     except GeneratorExit:
         raise
     except BaseException as error:
         raised.append(error)
     while True:
         yield BROKEN_DOWN
+
+
+def _observed(begun: Any) -> Any:
+    """Return the observation of what a reset returned."""
+    try:
+        observation, _ = begun
+    except (TypeError, ValueError):
+        raise TaskError(_wrong_parts("reset", begun)) from None
+    return observation
+
+
+def _is_reward(reward: Any) -> bool:
+    """Return whether a reward is a number of a size that learning can add up."""
+    try:
+        return bool(-LARGEST_REWARD <= reward <= LARGEST_REWARD)
+    except (TypeError, ValueError):
+        return False
+
+
+def _wrong_parts(what: str, found: Any) -> str:
+    return f"a {what} of an environment must return ({', '.join(RETURNED[what])}): got {found!r}"
 
 
 def _wrong_reward(task: LiveMDP, state: int, action: int, reward: Any) -> str:

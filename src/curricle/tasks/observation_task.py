@@ -84,6 +84,17 @@ class EnvironmentMaker:
         return f"{what}({', '.join(parts)})" if parts else str(what)
 
 
+def check_spaces(environment: gymnasium.Env[Any, Any]) -> None:
+    """Raise TaskError unless an environment has a space of observations and one of actions."""
+    for name in ("observation_space", "action_space"):
+        space = getattr(environment, name, None)
+        if not isinstance(space, gymnasium.Space):
+            raise TaskError(
+                f"{name} of an environment must be a gymnasium.Space, set in its class or its "
+                f"__init__: {environment!r} has {space!r}"
+            )
+
+
 @dataclass(frozen=True)
 class ObservationTask:
     """A task whose learner gets observations, as deep learners do; it has no tables.
@@ -136,6 +147,7 @@ class ObservationTask:
             limit = _own_limit(environment.unwrapped)
         if limit is None and environment.has_wrapper_attr("_max_episode_steps"):
             limit = environment.get_wrapper_attr("_max_episode_steps")  # a TimeLimit around it
+        check_spaces(environment)
         spaces = environment.observation_space, environment.action_space
         environment.close()
         return (*spaces, limit if self.time_limit is None else self.time_limit)
@@ -196,7 +208,9 @@ def made_by(make: Any) -> str:
 def named(function: Callable[..., Any]) -> str:
     """Return a function's name as ``module:name``, the same in every process."""
     kind = function if hasattr(function, "__name__") else type(function)
-    return f"{kind.__module__}:{kind.__name__}"
+    # The package of a study's own modules is named after its folder.
+    module = re.sub(r"^curricle_study_[0-9a-f]+\.", "", kind.__module__)
+    return f"{module}:{kind.__name__}"
 
 
 def _text(function: Callable[..., Any]) -> str:

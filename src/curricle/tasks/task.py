@@ -63,11 +63,23 @@ def tables(task: Any) -> FiniteMDP:
     if not isinstance(mdp, FiniteMDP):
         if isinstance(getattr(task, "model", None), tuple):
             raise TaskError(f"a task given by functions or played live has no tables: {task!r}")
-        address = ", whose task is its .task" if hasattr(type(task), "task") else ""
         raise TaskError(
-            f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}{address}"
+            f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}{_advice(task)}"
         )
     return mdp
+
+
+def _advice(task: Any) -> str:
+    """Return what was probably meant by what is no task with tables, as the end of a sentence."""
+    if isinstance(task, type):
+        return "; give a task of this class, not the class" if hasattr(task, "mdp") else ""
+    if hasattr(task, "task"):
+        return ", whose task is its .task"
+    if isinstance(task, str) or (hasattr(task, "reset") and hasattr(task, "step")):
+        return "; from_gymnasium makes a task of an environment or of its id"
+    if hasattr(type(task), "observations") and hasattr(type(task), "environment"):
+        return "; what is seen through observations is learnt by a network, a deep.DeepLearner"
+    return ""
 
 
 def same_task(one: Task, other: Task) -> bool:

@@ -1,8 +1,10 @@
 """What goes wrong in an environment surfaces as it is, and closes what was opened."""
 
 import _thread
+import re
 import signal
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -135,13 +137,51 @@ def test_an_observation_that_is_no_state_is_refused(shown):
         cr.learn(task, budget=10, evaluation=OFF)
 
 
+PARTS = "must return (observation, reward, terminated, truncated, info): got"
+
+
 @pytest.mark.parametrize(
-    "answer", [(0, None, False, False, {}), (0, "x", False, False, {}), (0, 1.0)]
+    ("answer", "words"),
+    [
+        ((0, None, False, False, {}), "rewards must be finite, .* the environment returned None"),
+        ((0, "x", False, False, {}), "rewards must be finite, .* the environment returned 'x'"),
+        ((0, np.ones(2), False, False, {}), "rewards must be finite, .* returned array"),
+        ((0, 1.0), re.escape(f"a step of an environment {PARTS} (0, 1.0)")),
+        ((0, 1.0, False, {}), re.escape(f"a step of an environment {PARTS} (0, 1.0, False, {{}})")),
+        (None, re.escape(f"a step of an environment {PARTS} None")),
+    ],
 )
-def test_invalid_steps_raise(answer):
+def test_steps_that_are_not_gymnasiums_are_refused(answer, words):
     class Odd(Ring):
         def step(self, action):
             return answer
 
-    with pytest.raises((TypeError, ValueError)):
+    with pytest.raises(cr.errors.TaskError, match=words):
         cr.learn(cr.from_gymnasium(Odd, discount=0.9, live=True), budget=10, evaluation=OFF)
+
+
+@pytest.mark.parametrize("answer", [0, None, (0, {}, {})])
+def test_resets_that_are_not_gymnasiums_are_refused(answer):
+    class Odd(Ring):
+        def reset(self, *, seed=None, options=None):
+            return answer
+
+    words = f"a reset of an environment must return (observation, info): got {answer!r}"
+    with pytest.raises(cr.errors.TaskError, match=re.escape(words)):
+        cr.learn(cr.from_gymnasium(Odd, discount=0.9, live=True), budget=10, evaluation=OFF)
+
+
+@pytest.mark.parametrize("turned", [cr.from_gymnasium, cr.tabulate, cr.observation_task])
+def test_environments_without_spaces_are_refused(turned):
+    class Spaceless(gym.Env):
+        pass
+
+    class Half(gym.Env):
+        observation_space, action_space = TWO, 2
+
+    with pytest.raises(
+        cr.errors.TaskError, match=r"observation_space of an environment must .* has None"
+    ):
+        turned(Spaceless, discount=0.9)
+    with pytest.raises(cr.errors.TaskError, match=r"action_space of an environment must .* has 2"):
+        turned(Half, discount=0.9)

@@ -13,6 +13,7 @@ from curricle.interop.gymnasium import (
     Environment,
     TimeLimit,
     actions_of,
+    checked_environment,
     maker_of,
     refusals_of_make,
 )
@@ -173,6 +174,4 @@ def _opened(environment: Any, make: Any, plan: Plan) -> AbstractContextManager[A
             return nullcontext(environment)
     with refusals_of_make(environment):
         env = make()
-    if not isinstance(env, gym.Env):
-        raise TaskError(f"an environment must be a gymnasium.Env: {environment!r} made {env!r}")
-    return closing(env)
+    return closing(checked_environment(environment, env))

@@ -12,11 +12,11 @@ from curricle.interop.tabulation.observation_table import same_observation
 from curricle.interop.tabulation.random_states import RandomStates, state_of
 from curricle.interop.tabulation.state_access import Environment, SavedState, StateAccess, Words
 from curricle.interop.toy_text import HARMLESS
+from curricle.tasks.live import RETURNED
 
 REPETITIONS = 8
 """Times that a step is taken in all if it draws random numbers; one that draws none, twice."""
-RESET = "observation", "info"
-STEP = "observation", "reward", "terminated", "truncated", "info"
+RESET, STEP = RETURNED["reset"], RETURNED["step"]
 """What Gymnasium's resets and steps return."""
 LONG_AGO = -(2**62)
 """Steps that the clock of a wrapper shows, so that no time limit is met."""

@@ -97,7 +97,7 @@ def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     >>> assignment("aggregate=mean")
     (('aggregate',), {'aggregate': 'mean'})
     """
-    key, equals, value = text.partition("=")
+    key, equals, value = text.partition("=") if isinstance(text, str) else ("", "", "")
     keys = dotted(key)
     if not equals or not keys:
         raise ConfigError(f"a setting is given as key=value, with dots in the key: got {text!r}")

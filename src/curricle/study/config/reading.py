@@ -63,6 +63,10 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
     >>> study.curriculum("transfer").train(study.seeds)["maze"].steps_used
     array([1000, 1000])
     """
+    if not isinstance(path, str | PathLike):
+        raise ConfigError(f"a study file must be a path: got {path!r}")
+    if isinstance(set, str):
+        raise ConfigError(f"set must be a list of settings, each key=value: got {set!r}")
     path = Path(path)
     text, study = toml_of(path)
     given = list[KeyPath]()

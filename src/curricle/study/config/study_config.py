@@ -208,7 +208,10 @@ class StudyConfig(RunTable):
                         learner.algorithm_class()
                         from curricle.deep.models import check_learner
 
-                        check_learner(learner, shaping if curriculum.in_edges(name) else None)
+                        edges = curriculum.in_edges(name)
+                        sources = dict.fromkeys(edge.source for edge in edges)
+                        tables = [one for one in sources if not curriculum.node(one).deep]
+                        check_learner(learner, shaping if edges else None, tables)
                 except ImportError as error:  # it names what to install
                     raise SettingError(f"a task is learnt by a network: {error}") from None
         found.raise_any()
