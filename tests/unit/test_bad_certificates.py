@@ -61,7 +61,7 @@ BAD = {
         SettingError, "ShapingReward takes a function", lambda: certify(MAZE, ShapingReward(ENDED)),
     ),
     "the wrong kind": (
-        SettingError, r"QInitialisation takes a potential phi\(s, a\): got a StatePotential",
+        SettingError, r"QInitialisation takes a potential phi\(s, a\): got StatePotential",
         lambda: certify(MAZE, cr.QInitialisation(cr.StatePotential(MAZE, PHI))),
     ),
     "another task's": (

@@ -106,7 +106,7 @@ SETTINGS = {
         "half_life must be positive: got -1",
     ),
     "half": (lambda: cr.learning.harmonic(half=0), "half must be positive: got 0"),
-    "no shaping": (lambda: ask(shaping=PHI), "shaping must be a Shaping, .* got a StateActionPot"),
+    "no shaping": (lambda: ask(shaping=PHI), "shaping must be a Shaping, .* got StateActionPot"),
     "look-back with Q-learning": (
         lambda: ask(shaping=cr.LookBackAdvice(PHI)),
         "on-policy SARSA .*got QLearning",
@@ -117,7 +117,7 @@ SETTINGS = {
     ),
     "states for pairs": (
         lambda: ask(shaping=cr.QInitialisation(PHI.to_state())),
-        r"QInitialisation takes a potential phi\(s, a\): got a StatePotential",
+        r"QInitialisation takes a potential phi\(s, a\): got StatePotential",
     ),
     "too many potentials": (
         lambda: ask(shaping=[cr.QInitialisation(PHI)] * 2, seeds=3),

@@ -144,7 +144,7 @@ TASKS = {
     "decode outside": (lambda: ROW.decode([0, 6]), r"0\.\.5: got 0\.\.6"),
     "label outside": (lambda: ROW.label(-1), r"0\.\.5: got -1"),
     # -- mazes
-    "ragged map": (lambda: GridWorld(["S.", "T"]), "line 1 has 1 characters, line 0 has 2"),
+    "ragged map": (lambda: GridWorld(["S.", "T"]), "line 1 has 1 character, line 0 has 2"),
     "unknown character": (lambda: GridWorld(["S.", "xT"]), "S T F P # .: row 1, column 0 has 'x'"),
     "lower case": (lambda: GridWorld("s.t"), "row 0, column 0 has 's'"),
     "no treasure": (lambda: GridWorld("S.."), "needs a treasure T"),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.cli.study_preview import print_preview
 from curricle.comparison.controls import check_fit
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import differences
@@ -66,6 +67,13 @@ def test_a_forecast_follows_potentials_through_observations(plan):
     assert "nan%" not in str(found)
     again = forecast(plan, seeds=2, trained=found.trained)
     assert str(again) == str(found)
+
+
+def test_where_a_policy_is_reused_there_is_one_row_and_none_of_perfect_values(read, capsys):
+    print_preview(read(VECTOR_HUNT, set=["seeds=1", "scratch=false", "shaping='PolicyReuse'"]))
+    printed = " ".join(capsys.readouterr().out.split())
+    assert printed.count("its network or policy enters; its values are not read") == 1
+    assert "learnt perfectly" not in printed
 
 
 def test_a_potential_of_states_gets_a_plain_answer(plan):

@@ -278,7 +278,7 @@ REFUSED = {
     "bonus": ({"shaping": cr.RewardBonus(ARRAY)}, "with RewardBonus"),
     "array": (
         {"shaping": cr.QInitialisation(ARRAY)},
-        "got a StateActionPotential, which is an array",
+        "got StateActionPotential, which is an array",
     ),
 }
 

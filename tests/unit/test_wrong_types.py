@@ -137,7 +137,7 @@ def test_a_number_beyond_64_bits_is_refused_in_one_sentence(huge):
 
 
 def test_a_shaping_as_text_is_told_from_a_list_of_shapings():
-    with pytest.raises(SettingError, match=r"^shaping must be a Shaping, .*: got a str$"):
+    with pytest.raises(SettingError, match=r"^shaping must be a Shaping, .*: got str$"):
         run(shaping="state")
 
 

@@ -51,7 +51,7 @@ class ShapingReward:
     def __post_init__(self) -> None:
         if not callable(self.function):
             raise SettingError(
-                f"ShapingReward takes a function F(s, a, s'): got a {type(self.function).__name__}"
+                f"ShapingReward takes a function F(s, a, s'): got {type(self.function).__name__}"
             )
 
     @cached_property
@@ -143,7 +143,7 @@ def check_shaping(
     if not isinstance(shaping, Shaping | ShapingReward):
         raise SettingError(
             "what is certified must be a shaping, such as StateShaping(potential), or a "
-            f"ShapingReward(function): got a {type(shaping).__name__}"
+            f"ShapingReward(function): got {type(shaping).__name__}"
         )
     if isinstance(shaping, Shaping) and not (shaping.for_tables and shaping.potential is not None):
         raise SettingError(

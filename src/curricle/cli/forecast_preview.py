@@ -165,7 +165,7 @@ def _print_trained(
 ) -> None:
     """Print the forecast of each arm from trained sources; those that arms share are trained once.
 
-    A line for sources that are learnt perfectly follows, where they can be solved.
+    A line for sources that are learnt perfectly follows, where they can be solved and are read.
     """
     judged, known = JudgedPotentials(), dict[str, SourceValues]()
     for name, curriculum in curricula.items():
@@ -175,6 +175,8 @@ def _print_trained(
         _print(name, found)
         if isinstance(found, Forecast):
             known |= {own[source]: values for source, values in found.trained.items()}
+            if not curriculum.setting("shaping", arms.target).reads_values:
+                continue  # perfect values would change nothing
             perfect = _forecast(judged, curriculum, perfect=True, only_used=True)
             if isinstance(perfect, Forecast):
                 print_text(_in_a_line(perfect))

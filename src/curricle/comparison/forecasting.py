@@ -170,7 +170,8 @@ def forecast_once(
     found, no_trial, learnt = None, "no source is trained", dict[str, Any]()
     with shown(progress) as bars:
         sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
-        shown_rows = [one for one in each if one.used or not only_used]
+        all_rows = reads_values and not only_used  # without values, potentials do not differ
+        shown_rows = [one for one in each if one.used or all_rows]
         made = ((one, tuple(one.potentials(sources, numbers))) for one in shown_rows)
         judge = partial(_judgement if reads_values else _judgement_of_networks, workers=workers)
         rows = _rows(made, len(shown_rows), any_target, judged, judge, bars)

@@ -161,7 +161,7 @@ def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
         return _QFit(policy, knowledge, knowledge.action_values)
     raise SettingError(
         "a network to distil into must be an actor-critic of numbered actions without memory, or "
-        f"DQN's or QR-DQN's where action values are known: got a {type(policy).__name__}"
+        f"DQN's or QR-DQN's where action values are known: got {type(policy).__name__}"
     )
 
 

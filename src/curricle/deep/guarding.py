@@ -204,7 +204,7 @@ def _check_replay(learner: DeepLearner, replay: Any) -> None:
     if type(replay) not in (ReplayBuffer, DictReplayBuffer) or replay.optimize_memory_usage:
         raise SettingError(
             "a guard needs a replay buffer that keeps each step by itself, as two models take "
-            f"turns to fill it: got a {type(replay).__name__} of {learner}"
+            f"turns to fill it: got {type(replay).__name__} of {learner}"
         )
 
 

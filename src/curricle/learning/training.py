@@ -208,5 +208,5 @@ def _check_sparse(run: Run, each: Sequence[SeedSettings]) -> None:
         if potential is not None and not isinstance(potential, MappedPotential):
             raise SettingError(
                 "a sparse table is made from a potential that is read through mappings by name "
-                f"(project): got a {type(potential).__name__}, which is an array"
+                f"(project): got {type(potential).__name__}, which is an array"
             )

@@ -9,6 +9,7 @@ from curricle.array_types import IntArray
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
 from curricle.tasks.spaces import Space, whole
+from curricle.text_tables import counted
 
 MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 """Name -> rows and columns that a move goes."""
@@ -34,8 +35,8 @@ def read_map(given: Any, characters: str) -> tuple[str, ...]:
     for row, line in enumerate(lines):
         if len(line) != len(lines[0]):
             raise TaskError(
-                f"all lines of a map must be equally long: line {row} has {len(line)} characters, "
-                f"line 0 has {len(lines[0])}"
+                f"all lines of a map must be equally long: line {row} has "
+                f"{counted(len(line), 'character')}, line 0 has {len(lines[0])}"
             )
         for column, character in enumerate(line):
             if character not in characters:

@@ -333,7 +333,7 @@ def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         array = adopted(values, dtype)
     except (TypeError, ValueError, OverflowError):
         raise TaskError(
-            f"{name} must be an array of numbers: got a {type(values).__name__}"
+            f"{name} must be an array of numbers: got {type(values).__name__}"
         ) from None
     if dtype == np.bool_ and not np.array_equal(array, values):
         kind = np.asarray(values).dtype

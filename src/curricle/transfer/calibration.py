@@ -177,7 +177,7 @@ def fit_calibration(
     if not isinstance(potential, StateActionPotential | MappedPotential | ObservationPotential):
         raise PotentialError(
             "a potential to be calibrated must be a StateActionPotential, a MappedPotential or an "
-            f"ObservationPotential: got a {type(potential).__name__}"
+            f"ObservationPotential: got {type(potential).__name__}"
         )
     roll_out: Any = (
         greedy_observation_rollouts
