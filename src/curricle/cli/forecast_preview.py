@@ -75,11 +75,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     by_key = {arms.keys[one.arm, one.task]: one.seconds / one.seeds for one in each}
     a_seed = sum(by_key[key] for key in sources)
     names = ", ".join(dict.fromkeys(sources.values()))
-    distilled = any(
-        one.node(source).takes_no_steps
-        for one in curricula.values()
-        for source in one.ancestors(one.target)
-    )
+    distilled = any(_distils(one) for one in curricula.values())
     longest = LONGEST_DISTILLED if distilled else LONGEST
     counts = [n for n in (min(SEEDS, len(study.seeds)), 1) if n * a_seed <= longest]
     if not counts:
@@ -98,6 +94,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     words = f"training {names} for {counted(len(seeds), 'seed')}"
     words += f" and trials of {counted(tried, 'seed')}" * bool(tried and quick)
     took = duration(len(seeds) * a_seed + seconds * quick)
+    took += " after tabulating what is distilled" * distilled
     print()
     print_text(f"{words}, for the forecast: about {took}")
     if not quick:
@@ -105,6 +102,12 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     sys.stdout.flush()
     trial = None if quick else False
     _print_trained(curricula, arms, seeds, trial=trial, threshold=study.threshold)
+
+
+def _distils(curriculum: Curriculum) -> bool:
+    """Return whether a source's exact answers are fitted by a network."""
+    sources = curriculum.ancestors(curriculum.target)
+    return any(curriculum.node(source).takes_no_steps for source in sources)
 
 
 def _first_settings(study: StudyConfig) -> set[str]:
