@@ -100,7 +100,8 @@ def test_names_with_the_marks_of_terminals_are_shown_as_they_are(name, capsys):
 
 
 def test_pages_write_control_and_format_characters_out():
-    page = render("paper.html", title=f"{REVERSED}\a <\u2066x>\u00a0", counts={}, sections=[])
+    title = f"{REVERSED}\a <\u2066x>\u00a0"
+    page = render("paper.html", title=title, counts={}, sections=[], seeds="")
     assert r"a\u202eb\x07 &lt;\u2066x&gt;" in page
     assert not {"\u202e", "\u2066", "\a"} & set(page)
 
