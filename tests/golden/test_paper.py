@@ -120,12 +120,12 @@ def test_the_results_do_not_depend_on_the_number_of_workers(tmp_path, folder):
 def test_page_and_command_say_how_many_seeds_the_verdicts_rest_on(tmp_path):
     few = tmp_path / "few"
     outcome = CliRunner().invoke(app, ["paper", "--figure", "1", "--seeds", "2", "--out", str(few)])
-    words = "What is learnt has 2 seeds. The verdicts are meant for 30"
+    words = "Every learner is trained with 2 seeds. The verdicts are meant for 30"
     assert words in " ".join(outcome.stdout.split())
     assert words in (few / "index.html").read_text("utf-8")
     reproduce(tmp_path / "all", figures=["1"], progress=False)
     page = (tmp_path / "all" / "index.html").read_text("utf-8")
-    assert "What is learnt has 30 seeds.</p>" in page
+    assert "Every learner is trained with 30 seeds.</p>" in page
 
 
 def test_no_caption_says_that_the_paper_had_fewer_seeds_than_it_had(folder):

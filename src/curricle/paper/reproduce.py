@@ -101,9 +101,9 @@ def seeds_words(seeds: int) -> str:
     Examples
     --------
     >>> seeds_words(30)
-    'What is learnt has 30 seeds.'
+    'Every learner is trained with 30 seeds.'
     """
-    words = f"What is learnt has {counted(seeds, 'seed')}."
+    words = f"Every learner is trained with {counted(seeds, 'seed')}."
     if seeds < INTENDED_SEEDS:
         words += (
             f" The verdicts are meant for {INTENDED_SEEDS}: with fewer they may differ, and a "

@@ -34,7 +34,8 @@ def render(template: str, **values: Any) -> str:
 
     Examples
     --------
-    >>> "<h1>A &lt; B</h1>" in render("paper.html", title="A < B", counts={}, sections=[])
+    >>> page = render("paper.html", title="A < B", counts={}, sections=[], seeds="")
+    >>> "<h1>A &lt; B</h1>" in page
     True
     """
     environment = Environment(
