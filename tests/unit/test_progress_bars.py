@@ -1,6 +1,7 @@
 """What ``progress`` shows on a terminal, in a notebook and elsewhere, and what it calls."""
 
 import io
+from itertools import count
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ SEARCHES = [cr.transfer.by_name, cr.transfer.by_legs]
 PROBLEM = cr.design.Problem(MAZE, steps=20_000)
 RECIPE = cr.design.Recipe([cr.design.Stage(cr.design.Relation("crop", 0.6), 10)])
 BUDGET = cr.design.SearchBudget
+LINE, LENGTHS = cr.GridWorld("S.T"), count(1)
 
 
 def plan():
@@ -89,13 +91,31 @@ LONG = {
         ),
         ["Race", "Race", "Judgement"],
         [
-            *["race 1: round 1: 3 done", "race 1: round 2: 3 done"],
+            *["scratch: 1 done", "race 1: round 1: 3 done", "race 1: round 2: 3 done"],
             *["race 1: round 2, placebo: 1 done", "race 2: round 1: 13 done"],
             *["race 2: round 2: 8 done", "race 2: round 2, placebo: 1 done"],
             *["race 2: round 3: 5 done", "race 2: round 3, placebo: 1 done"],
             *["race 2: round 4: 4 done", "race 2: round 4, placebo: 1 done"],
             *["steps a state: 8 done", "judgement: 4 done"],
         ],
+    ),
+    "auto_mapping": (
+        # other tasks each time: what was found for the same ones is remembered
+        lambda **how: cr.transfer.auto_mapping(
+            cr.GridWorld(f"S{'.' * next(LENGTHS)}T"), LINE, **how
+        ),
+        [one.__name__ for one in cr.transfer.found_mappings.SEARCHES],
+        [f"searches: {len(cr.transfer.found_mappings.SEARCHES)} done"],
+    ),
+    "lax_bisimulation": (
+        lambda **how: cr.transfer.lax_bisimulation(cr.GridWorld("S..T"), LINE, **how),
+        ["float"] * 3,
+        [],
+    ),
+    "timed": (
+        lambda **how: cr.design.timed([PROBLEM], BUDGET(100_000), **how),
+        ["Problem"],
+        ["scratch: 1 done"],
     ),
     "tabulate": (lambda **how: cr.tabulate("FrozenLake-v1", discount=0.9, **how), [], []),
     "design_curriculum": (lambda **how: cr.design.design_curriculum(PROBLEM, **how), [], []),

@@ -19,6 +19,7 @@ from curricle.design.problem import Problem, Training
 from curricle.design.proposals import spread
 from curricle.design.recipe import Recipe
 from curricle.design.search_budget import BudgetSpent, SearchBudget
+from curricle.design.timed_problems import CAP
 from curricle.display import brief_repr, printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.progress import Bars, Progress, shown
@@ -28,10 +29,6 @@ from curricle.text_tables import counted
 
 FIRST_RUNS, MOST_RUNS = 4, 16
 """Runs of each arm in the first round, and in any; a run is one seed of one problem."""
-TIMED_SEEDS = 2
-"""Of scratch, by which the length of trainings is set."""
-CAP = 1.5
-"""A training ends at so many times what scratch takes: what costs more is no better for it."""
 PLACEBO = "placebo"
 """The control of the leader: its values shuffled over the target's pairs."""
 
@@ -149,26 +146,6 @@ class Race:
         ]
         best = sorted(self.rounds[-1].scores.items(), key=lambda pair: pair[1])
         return "\n".join([*lines, *(f"  {score:.3f}  {name}" for name, score in best)])
-
-
-def timed(problems: Sequence[Problem], budget: SearchBudget, first_seed: int = 0) -> list[Problem]:
-    """Return problems whose trainings end at one and a half times what scratch takes.
-
-    Scratch is trained for two seeds in each. Those measured by area keep their length.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> (short,) = timed([Problem(GridWorld("S..T"), steps=20_000)], SearchBudget(40_000))
-    >>> short.steps < 20_000
-    True
-    """
-    found, seeds = [], range(first_seed, first_seed + TIMED_SEEDS)
-    for one in problems:
-        scratch = budget.train(one, one.scratch, seeds).steps
-        most = CAP * scratch.mean() if one.measure == "time" else one.steps
-        found.append(one.within(math.ceil(most)))
-    return found
 
 
 def race(

@@ -13,12 +13,13 @@ from curricle.design.judgement import RECIPE, Judgement, judge, judgement_cost
 from curricle.design.judging import ROUNDING
 from curricle.design.ledger import Ledger
 from curricle.design.problem import Problem
-from curricle.design.racing import PLACEBO, Race, fewest_runs, race, race_cost, timed
+from curricle.design.racing import PLACEBO, Race, fewest_runs, race, race_cost
 from curricle.design.recipe import Recipe, Stage
 from curricle.design.relations import Relation
 from curricle.design.search_budget import SearchBudget
 from curricle.design.standing import STANDING
 from curricle.design.step_trend import with_step_trend
+from curricle.design.timed_problems import timed
 from curricle.display import brief_repr, printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.progress import Bars, Progress, check_progress, shown
@@ -203,9 +204,9 @@ def design_recipe(
     fixed = half_the_size(problems) if fixed is None else fixed
     stays = {} if fixed is None else {FIXED: fixed}
     seeds = count(seed * SEEDS_APART * 10, SEEDS_APART)
-    short = timed(problems, budget, next(seeds))
-    aside = _set_aside(short, budget, len(stays), len(known))
     with shown(progress) as bars:
+        short = timed(problems, budget, next(seeds), bars.within())
+        aside = _set_aside(short, budget, len(stays), len(known))
         races, best = _raced(short, own, stays, budget, aside, seeds, bars)
         if best.stages:
             with budget.share(SHARES["numbers"], aside=aside):

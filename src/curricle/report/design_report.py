@@ -8,9 +8,10 @@ from pathlib import Path
 from curricle.design.judgement import RECIPE
 from curricle.design.ledger import amount
 from curricle.design.problem import Problem
-from curricle.design.racing import CAP, PLACEBO, Race
+from curricle.design.racing import PLACEBO, Race
 from curricle.design.recipe import Recipe
 from curricle.design.recipe_design import BEST, FIXED, LEADER, RecipeDesign
+from curricle.design.timed_problems import CAP
 from curricle.report.design_figures import SIZES, bracket, last_scores, recipe_graph, scatter
 from curricle.report.templates import Script, render, write_page
 from curricle.statistics.curves import SCRATCH

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
+from curricle.progress import SILENT, Bars
 from curricle.tasks.loop_cache import compiled_once
 from curricle.transfer.partition_refinement import Blocks, Model, merged_outcomes, refined
 from curricle.transfer.transport import UNSET, flows_of, scratch, transport_cost
@@ -111,7 +112,7 @@ def work_of_a_round(own: Quotient, other: Quotient) -> int:
 
 
 def fixed_point(
-    own: Quotient, other: Quotient, discount: float, tolerance: float
+    own: Quotient, other: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
 ) -> tuple[Distances, float]:
     """Return the distances, and how far from the fixed point they may be.
 
@@ -133,6 +134,8 @@ def fixed_point(
         change = back_up_states(own.pairs, other.pairs, found.pairs, states, rests_on)
         error = discount / (1 - discount) * change
         most = max(most, float(states.max()))
+        bars.at("rounds", rounds - left)
+        bars.tell(error)
         if error <= tolerance * most or left == 0:
             break
         helps, last = helps and change < last, change

@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import Any
 
 from curricle.errors import CurriculumError, MappingError
+from curricle.progress import Progress, check_progress
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, has_tables
 from curricle.transfer.edges import Transfer
@@ -33,6 +34,7 @@ def auto_mapping(
     fit_unmapped: bool = True,
     scale: float = 1.0,
     shift: float = 0.0,
+    progress: Progress = None,
 ) -> FoundMapping:
     """Return the best mapping of :func:`find_mappings`, if it fits well enough to be used unseen.
 
@@ -51,11 +53,16 @@ def auto_mapping(
         Not for one of several transfers into a task: an aggregate is to skip what it does not know.
     scale, shift : float
         Of the transfer, for that fit.
+    progress : bool or callable, optional
+        Of the search, as in :func:`find_mappings`. What was found for the same tasks before is
+        taken from memory.
 
     Raises
     ------
     MappingError
         When no mapping that is found clears that bar.
+    SettingError
+        When `progress` is none of what it may be.
 
     Examples
     --------
@@ -63,7 +70,8 @@ def auto_mapping(
     >>> auto_mapping(GridWorld("S..T"), GridWorld("T..S")).how
     'exact homomorphism: 100% of pairs have a source pair of the same Q*'
     """
-    best = best_of(_found(target, source, unmapped_value))
+    check_progress(progress)
+    best = best_of(_found(target, source, unmapped_value, progress))
     if not fit_unmapped or unmapped_value is not None:
         return best
     value = best.unmapped_value
@@ -161,15 +169,30 @@ def announced(
     return best
 
 
-def _found(target: Any, source: Any, unmapped_value: float | None) -> FoundMappings:
+class _Search:
+    """A search for the mappings between two tasks, which is made when its result is asked for."""
+
+    def __init__(self, target: Any, source: Any, unmapped_value: float | None):
+        self.tasks, self.unmapped_value = (target, source), unmapped_value
+        self._found: FoundMappings | None = None
+
+    def found(self, progress: Progress) -> FoundMappings:
+        """Return what is found, from memory where it was asked for before."""
+        if self._found is None:
+            how: Any = {"unmapped_value": self.unmapped_value, "progress": progress}
+            self._found = find_mappings(*self.tasks, **how)
+        return self._found
+
+
+def _found(
+    target: Any, source: Any, unmapped_value: float | None, progress: Progress = None
+) -> FoundMappings:
     """Return what is found, from memory where the same tasks were asked for."""
     try:
         hash((target, source))
     except TypeError:  # of a user's own task
-        return find_mappings(target, source, unmapped_value=unmapped_value)
-    return _remembered(target, source, unmapped_value)
+        return _Search(target, source, unmapped_value).found(progress)
+    return _remembered(target, source, unmapped_value).found(progress)
 
 
-@lru_cache(maxsize=REMEMBERED)
-def _remembered(target: Any, source: Any, unmapped_value: float | None) -> FoundMappings:
-    return find_mappings(target, source, unmapped_value=unmapped_value)
+_remembered = lru_cache(maxsize=REMEMBERED)(_Search)

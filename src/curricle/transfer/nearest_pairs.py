@@ -14,6 +14,7 @@ from curricle.array_types import FloatArray, IntArray
 from curricle.display import brief_repr
 from curricle.errors import MappingError
 from curricle.frozen_arrays import Frozen, frozen
+from curricle.progress import SILENT, Bars, Progress, shown
 from curricle.tasks.task import Task
 from curricle.transfer.bisimulation_distance import (
     MOST_WORK,
@@ -74,7 +75,7 @@ class LaxBisimulation(Frozen):
 
 
 def lax_bisimulation(
-    target: Task, source: Task, *, tolerance: float = TOLERANCE
+    target: Task, source: Task, *, tolerance: float = TOLERANCE, progress: Progress = None
 ) -> LaxBisimulation:
     """Return the distances of lax bisimulation between two tasks with tables.
 
@@ -91,6 +92,9 @@ def lax_bisimulation(
     tolerance : float
         How far below the fixed point iteration may end, in units of the largest distance. What is
         missing is added, so that the bound holds.
+    progress : bool or callable, optional
+        True counts the rounds, as nobody knows how many there will be; a function is called after
+        each with how far from the fixed point the distances may be, a float.
 
     Raises
     ------
@@ -98,6 +102,8 @@ def lax_bisimulation(
         When a task has no tables.
     MappingError
         When the tasks are too large, or a pair has more than 120 outcomes.
+    SettingError
+        When `progress` is none of what it may be.
 
     Examples
     --------
@@ -106,7 +112,8 @@ def lax_bisimulation(
     >>> float(found.pairs.max()) < 1e-6
     True
     """
-    return _Fixed(TaskPair(target, source), tolerance).bisimulation
+    with shown(progress) as bars:
+        return _Fixed(TaskPair(target, source), tolerance, bars).bisimulation
 
 
 def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
@@ -140,6 +147,7 @@ class _Fixed:
 
     tasks: TaskPair
     tolerance: float
+    bars: Bars = SILENT
 
     @cached_property
     def quotients(self) -> tuple[tuple[Quotient, Blocks], tuple[Quotient, Blocks]]:
@@ -172,7 +180,7 @@ class _Fixed:
         (own, _), (other, _) = self.quotients
         tasks = self.tasks
         slack = tasks.target_solution.error_bound + tasks.source_solution.error_bound
-        found, error = fixed_point(own, other, tasks.target_mdp.discount, self.tolerance)
+        found, error = fixed_point(own, other, tasks.target_mdp.discount, self.tolerance, self.bars)
         return found, error + slack
 
     @cached_property
