@@ -164,7 +164,7 @@ def test_starts():
 REFUSED = {
     "nothing to do": (lambda: KeyLockPit("S.P"), "needs a key K or a lock L: there is none"),
     "another letter": (lambda: KeyLockPit("SKT"), r"row 0, column 2 has 'T'"),
-    "ragged": (lambda: KeyLockPit(["SK", "L"]), "equally long: line 1 has 1 characters"),
+    "ragged": (lambda: KeyLockPit(["SK", "L"]), "equally long: line 1 has 1 character,"),
     "no map": (lambda: KeyLockPit(3), "a map must be text or a list of lines: got 3"),
     "no start": (lambda: KeyLockPit("KL"), "needs an S on the map"),
     "a start in a pit": (lambda: KeyLockPit("KLP", start=[(0, 2)]), r"end there: got \(0, 2\)"),

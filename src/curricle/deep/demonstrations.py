@@ -39,7 +39,7 @@ def fill_replay_buffer(model: Any, potential: ObservationPotential, n: int) -> N
     buffer, width = model.replay_buffer, model.n_envs
     if type(buffer) not in (ReplayBuffer, DictReplayBuffer) or buffer.optimize_memory_usage:
         raise SettingError(
-            "demonstrations need a replay buffer that keeps each step by itself: got a "
+            "demonstrations need a replay buffer that keeps each step by itself: got "
             f"{type(buffer).__name__} with optimize_memory_usage="
             f"{getattr(buffer, 'optimize_memory_usage', False)}"
         )

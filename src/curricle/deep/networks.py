@@ -65,7 +65,7 @@ class NetworkValues:
         found = [kind for kind in kinds if getattr(policy, kind, None) is not None]
         if not found:
             raise PotentialError(
-                f"a source's policy must have one of {', '.join(kinds)}: got a "
+                f"a source's policy must have one of {', '.join(kinds)}: got "
                 f"{type(policy).__name__}"
             )
         from curricle.deep.plain_networks import plain_network

@@ -106,7 +106,7 @@ def _one_a_seed(what: str, given: Any, n_seeds: int, default: Any) -> list[Any]:
 def _check_shaping(shaping: Any, learner: Any) -> None:
     if not isinstance(shaping, Shaping):
         raise SettingError(
-            "shaping must be a Shaping, such as QInitialisation(potential): got a "
+            "shaping must be a Shaping, such as QInitialisation(potential): got "
             f"{type(shaping).__name__}"
         )
     shaping.check(learner)

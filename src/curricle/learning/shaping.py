@@ -149,7 +149,7 @@ class Shaping(ABC):
     def _taken(self, task: Task, given: Any) -> Any:
         """Return the potential that the shaping uses: of pairs, unless a class overrides it."""
         if isinstance(given, StatePotential):
-            raise SettingError(f"{self.name} takes a potential phi(s, a): got a StatePotential")
+            raise SettingError(f"{self.name} takes a potential phi(s, a): got StatePotential")
         if isinstance(given, StateActionPotential | MappedPotential):
             return given
         return StateActionPotential(task, given)
