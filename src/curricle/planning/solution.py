@@ -20,7 +20,7 @@ from curricle.planning.backups import (
     iterate,
 )
 from curricle.planning.models import PlanningModel, Policy, TabularPlanningModel, model_of
-from curricle.progress import SILENT, Bars, Progress, shown
+from curricle.progress import Bars, Progress, shown
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
 from curricle.tasks.task import Task
@@ -279,7 +279,7 @@ def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -
 
 
 def _iterate(
-    model: PlanningModel, policy: Policy | None, tolerance: float | None, bars: Bars = SILENT
+    model: PlanningModel, policy: Policy | None, tolerance: float | None, bars: Bars
 ) -> tuple[FloatArray, float]:
     """Return the values of a policy, the best if None, and their error bound.
 
