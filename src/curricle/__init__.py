@@ -18,7 +18,7 @@ import lazy_loader
 
 from curricle.interop.registration import register
 
-__version__ = "0.2.0"
+__version__ = "0.3.0.dev0"
 
 __getattr__, __dir__, _offered = lazy_loader.attach_stub(__name__, __file__)
 # Packages are attributes (`curricle.statistics`) and not exported.
