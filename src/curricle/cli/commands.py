@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from curricle.checks import listed
-from curricle.cli.design_commands import apply, design
 from curricle.cli.options import (
     Changes,
     Explain,
@@ -24,7 +23,7 @@ from curricle.cli.options import (
     write_new,
 )
 
-KINDS = ("maze", "pursuit", "gymnasium", "deep", "design")
+KINDS = ("maze", "pursuit", "gymnasium", "deep")
 """What a shell completes after `curricle new`; a test holds that these are all."""
 
 
@@ -32,7 +31,7 @@ def new(
     kind: Annotated[
         str | None,
         typer.Argument(
-            help="maze, pursuit, gymnasium, deep or design; or any id of Gymnasium's registry. "
+            help="maze, pursuit, gymnasium or deep; or any id of Gymnasium's registry. "
             "Left out, they are listed.",
             autocompletion=lambda: list(KINDS),
             show_default=False,
@@ -40,20 +39,17 @@ def new(
     ] = None,
     file: Annotated[Path | None, typer.Argument(help="The file; KIND.toml by default.")] = None,
 ) -> None:
-    """Write a commented study to start from, or a design, which runs as it is."""
-    from curricle.cli.new_files import DESIGN, kinds, new_file
+    """Write a commented study to start from, which runs as it is."""
+    from curricle.cli.new_files import kinds, new_file
 
     if kind is None:
         typer.echo(kinds())
         return
     name, text = new_file(kind)
     path = file or Path(name)
-    write_new(path, text, kind if kind == DESIGN else "study")
+    write_new(path, text)
     typed = quote(str(path))
-    first = f"curricle check {typed}, then curricle run {typed}"
-    if kind == DESIGN:
-        first = f"curricle design {typed} --on miniatures --budget 3_000_000"
-    typer.echo(f"Wrote {path}: {first}")
+    typer.echo(f"Wrote {path}: curricle check {typed}, then curricle run {typed}")
 
 
 def check(
@@ -313,7 +309,5 @@ COMMANDS = (
     play,
     report,
     compare,
-    design,
-    apply,
     paper,
 )

@@ -3,10 +3,9 @@
 from curricle.cli.terminal_tables import line_width
 from curricle.errors import ConfigError
 from curricle.study.config.tables import suggestion
-from curricle.study.config.templates import DESIGN, KINDS, template
+from curricle.study.config.templates import KINDS, template
 from curricle.text_tables import text_table
 
-__all__ = ["DESIGN", "kinds", "new_file"]
 OTHERS = (
     "or the id of an environment of Gymnasium's registry: FrozenLake-v1, CartPole-v1, "
     "MiniGrid-DoorKey-5x5-v0"
