@@ -199,7 +199,9 @@ class ChainCosts:
             except CurricleError:
                 self._known[chain] = float(self.problem.steps)
                 return self._known[chain]
-            self._known[chain] = float(self.budget.train(self.problem, plan, self.seeds).steps.mean())
+            self._known[chain] = float(
+                self.budget.train(self.problem, plan, self.seeds).steps.mean()
+            )
             if self._known[chain] < self.lowest:
                 self.best, self.lowest = chain, self._known[chain]
         return self._known[chain]
@@ -514,7 +516,9 @@ def objects_of(task: Any, target: Any) -> Objects:
 
 def _map(task: Any) -> tuple[str, ...]:
     lines = getattr(task, "map", ())
-    return lines if isinstance(lines, tuple) and all(isinstance(line, str) for line in lines) else ()
+    return (
+        lines if isinstance(lines, tuple) and all(isinstance(line, str) for line in lines) else ()
+    )
 
 
 DESIGNERS: dict[str, Callable[..., Curriculum]] = {

@@ -22,6 +22,7 @@ from curricle.tasks.families.family import FamilyMember
 
 TARGET = "target"
 """What the target is called in a curriculum of a design."""
+EXACT = cr.GreedyEvaluation(method="exact")
 PATIENCE = 3
 """Evaluations in a row that must reach the return that counts as learnt."""
 READING = "threshold", "fraction", "plateau", "drop", "settled"
@@ -55,7 +56,7 @@ class Problem:
     eval_freq: int
     learner: cr.QLearning = field(default_factory=cr.QLearning)
     fraction: float = 0.9  # of the way from the random policy's return to the optimum
-    evaluation: cr.GreedyEvaluation = cr.GreedyEvaluation(method="exact")
+    evaluation: cr.GreedyEvaluation = EXACT
     name: str = TARGET
     threshold: float | None = None  # the return itself, in place of the fraction
     sources: dict[Any, Any] = field(default_factory=dict)
@@ -151,7 +152,8 @@ class SearchBudget:
 
     Examples
     --------
-    >>> problem, budget = Problem(cr.GridWorld("S..T"), steps=2000, eval_freq=20), SearchBudget(5000)
+    >>> problem = Problem(cr.GridWorld("S..T"), steps=2000, eval_freq=20)
+    >>> budget = SearchBudget(5000)
     >>> training = budget.train(problem, problem.scratch, seeds=range(2))
     >>> bool(training.learnt.all()), bool(budget.left == 5000 - training.steps.sum())
     (True, True)

@@ -160,7 +160,9 @@ class Trend:
 
     def at(self, states: float) -> float:
         """Return the number for a target of so many states."""
-        return float(self.level * (states / self.around) ** self.slope) if self.slope else self.level
+        return (
+            float(self.level * (states / self.around) ** self.slope) if self.slope else self.level
+        )
 
     def __str__(self) -> str:
         if self.slope == 0:
@@ -233,7 +235,8 @@ class Recipe:
                 problem.sources[stage.relation] = stage.relation.source_of(problem.target)
             source = problem.sources[stage.relation]
             if not any(
-                (source.member is not None and source.member == other) or same_task(source.task, task)
+                (source.member is not None and source.member == other)
+                or same_task(source.task, task)
                 for task, other in known
             ):
                 known.append((source.task, source.member))
@@ -295,9 +298,7 @@ def half_the_size(problems: Sequence[Problem]) -> Recipe | None:
 CORNERS = Trend(23.5, slope=0.9, around=48.0)
 STANDING = (
     # Found on random mazes of 6x6 and 8x8.
-    Recipe(
-        tuple(Stage(Relation("crop", share), CORNERS) for share in (0.35, 0.7)), annealed=True
-    ),
+    Recipe(tuple(Stage(Relation("crop", share), CORNERS) for share in (0.35, 0.7)), annealed=True),
     # Found on hunts of up to 4,096 states.
     Recipe(
         (Stage(Relation("member", changes=(("predators", 1),)), Trend(74.7, 0.2, 470.0)),),

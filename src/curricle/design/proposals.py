@@ -1,4 +1,4 @@
-"""A candidate for a source of a target, how it reads another, and the draft that it is made from."""
+"""A candidate for a source, how it reads another one, and the draft that it is made from."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
