@@ -1,10 +1,9 @@
-"""MiniGrid's DoorKey rooms as a family: of any size, seen in three ways.
+"""MiniGrid's DoorKey rooms as a family: of any size, seen in two ways.
 
 What is seen of a room is a vector: offsets from the agent to key, door and goal, its direction,
-what is ahead, what it carries. A network learns from the vector itself. A table of cells has a
-state for every place of agent, key and door; a table of errands only for the current errand (fetch
-the key, open the door, reach the goal), the offset to it, and what is ahead. The tables of errands
-of all rooms have the same states, and every other room is read through them.
+what is ahead, what it carries. A network learns from the vector itself. A table of errands has a
+state for the current errand (fetch the key, open the door, reach the goal), the offset to it, and
+what is ahead. The tables of errands of all rooms have the same states, and networks read them.
 
     pip install "minigrid>=3,<4"
 """
@@ -18,7 +17,6 @@ from minigrid.envs import DoorKeyEnv
 
 import curricle as cr
 from curricle.tasks import Parameter, task_family
-from curricle.transfer.mapping import pair_mapping
 
 DISCOUNT = 0.97
 SCALE = 20  # of rewards: 20 for the goal, less with each step taken
@@ -111,64 +109,12 @@ def ahead(seen):
     return np.where(seen[:, 11] + seen[:, 12] > 0, 2, (seen[:, 10] > 0).astype(int))
 
 
-def cells(size):
-    """Return the states of the table of cells of a room."""
-    inner = size - 2
-    return cr.Space([
-        cr.Component("x", inner, low=1),
-        cr.Component("y", inner, low=1),
-        cr.Component("key", inner * inner + 1),  # its cell; the last one is the agent's hand
-        cr.Component("door_x", inner - 2, low=2),
-        cr.Component("door_y", inner, low=1),
-        cr.Component("open", 2),
-        FACING,
-        AHEAD,
-    ])  # fmt: skip
-
-
-def cell(seen, size, states):
-    """Return the state that one observation falls into, of the table of cells of a room."""
-    seen = np.atleast_2d(seen)
-    inner, (key, door, goal) = size - 2, offsets(seen)[0]
-    agent = inner - goal  # the goal is in the corner
-    key, door = agent + key, agent + door
-    held = seen[0, 13] > 0
-    return int(states.encode(
-        x=agent[0], y=agent[1], key=inner * inner if held else (key[1] - 1) * inner + key[0] - 1,
-        door_x=door[0], door_y=door[1], open=int(seen[0, 14] > 0),
-        facing=int(seen[0, 6:10].argmax()), ahead=int(ahead(seen)[0]),
-    ))  # fmt: skip
-
-
-def errands_of_cells(size, source_size):
-    """Return the state of the table of errands of a room for each state of that of cells."""
-    inner, states = size - 2, cells(size)
-    at = states.decode(np.arange(states.size))
-    held = at["key"] == inner * inner
-    errand = np.where(at["open"] == 1, 2, np.where(held, 1, 0))
-    key_x, key_y = at["key"] % inner + 1, at["key"] // inner + 1
-    right = np.choose(errand, [key_x, at["door_x"], inner]) - at["x"]
-    down = np.choose(errand, [key_y, at["door_y"], inner]) - at["y"]
-    return ERRANDS.encode(
-        errand=errand, facing=at["facing"], ahead=at["ahead"],
-        **within(source_size, errand, right, down),
-    )  # fmt: skip
-
-
 def read_as(target, source):
-    """Return how a room reads another one: each errand as the same errand, offsets clipped."""
-    if source["seen"] != "errands":
-        raise cr.errors.MappingError(f"a room reads tables of errands: {source} has none")
-    size = source["size"]
-    if target["seen"] == "vector":
-        counterparts = partial(errands, size=size)
-        return cr.transfer.ObservationMapping(target.task, source.task, counterparts)
-    if target["seen"] == "cells":
-        states = errands_of_cells(target["size"], size)
-    else:
-        at = ERRANDS.decode(np.arange(ERRANDS.size))
-        states = ERRANDS.encode(**at | within(size, at["errand"], at["right"], at["down"]))
-    return pair_mapping(target.task, source.task, states[:, None], np.arange(len(ACTIONS)))
+    """Return how a network of a room reads a table of errands: offsets are clipped."""
+    if (target["seen"], source["seen"]) != ("vector", "errands"):
+        raise cr.errors.MappingError(f"networks read tables of errands: {source} by {target}")
+    counterparts = partial(errands, size=source["size"])
+    return cr.transfer.ObservationMapping(target.task, source.task, counterparts)
 
 
 @task_family(
@@ -176,19 +122,15 @@ def read_as(target, source):
     Parameter("seen", harder="later"),
     mapping=read_as,
 )
-def door_room(size: int, seen: Literal["errands", "cells", "vector"] = "vector"):
+def door_room(size: int, seen: Literal["errands", "vector"] = "vector"):
     """Return the task of a room: a network's for the vector, else a table's."""
     limit = 10 * size**2
     if seen == "vector":
         return cr.tasks.ObservationTask(partial(Room, size), DISCOUNT, limit)
-    if seen == "errands":
-        states, encode = ERRANDS, partial(errand, size=size)
-    else:
-        states = cells(size)
-        encode = partial(cell, size=size, states=states)
     return cr.from_gymnasium(
-        partial(Room, size), encode=encode, states=states, discount=DISCOUNT, time_limit=limit
-    )
+        partial(Room, size), encode=partial(errand, size=size), states=ERRANDS,
+        discount=DISCOUNT, time_limit=limit,
+    )  # fmt: skip
 
 
 def errand(seen, size):

@@ -28,7 +28,7 @@ reference_packages = [
     f"curricle.{name}"
     for name in (
         *("tasks", "learning", "planning", "teaching", "transfer", "curriculum", "certificate"),
-        *("comparison", "design", "design.designers", "statistics", "study", "plotting"),
+        *("comparison", "design", "statistics", "study", "plotting"),
         *("report", "interop", "deep", "errors"),
     )
 ]

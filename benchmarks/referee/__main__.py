@@ -49,7 +49,7 @@ def lengths() -> Iterator[str]:
             medians = []
             for rate in RATES:
                 problem = place.problem(case, rate)
-                found, _ = problem.train(problem.scratch, range(10), workers=1)
+                found, _ = problem.train(problem.scratch, range(10))
                 medians.append(f"{np.median(found.steps):,.0f}")
             rows.append((f"{name}, {case.name}", f"{case.steps:,}", *medians))
     yield "Median steps of learning alone; a full training is one that never arrives"

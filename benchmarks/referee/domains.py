@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import curricle as cr
-from curricle.design import Problem
+from benchmarks.referee.problem import Problem
 from curricle.paper.settings import maze
 from curricle.tasks import (
     block_dude_family,
@@ -144,7 +144,7 @@ def maze_length(task: Any) -> int:
         fraction=MAZE_FRACTION,
         eval_freq=LONGEST // 1000,
     )
-    found, _ = problem.train(problem.scratch, LENGTH_SEEDS, workers=1)
+    found, _ = problem.train(problem.scratch, LENGTH_SEEDS)
     return int(1000 * np.ceil(3 * found.steps.mean() / 1000))
 
 

@@ -8,11 +8,12 @@ Recipe``; it searches on the maps of development, and its recipe is applied to t
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from benchmarks.referee.designers import DESIGNERS
+from benchmarks.referee.problem import Problem, SearchBudget
+from benchmarks.referee.racing import design_recipe
+from benchmarks.referee.recipes import Recipe, half_the_size, standing_recipe
 from curricle.curriculum.curriculum import Curriculum
-from curricle.design import Problem, Recipe, SearchBudget, SourceCandidates, design_recipe
-from curricle.design.designers import DESIGNERS
-from curricle.design.recipe_design import half_the_size
-from curricle.design.standing import standing_recipe
+from curricle.design import SourceCandidates
 
 SCRATCH, FIXED, RACING = "none", ("fixed_recipe", "growing_chain", "half_size"), "race"
 """Learning alone; recipes that are the same for every target, without a search; racing."""
@@ -31,31 +32,30 @@ def half_size(
     problem: Problem, candidates: SourceCandidates, budget: SearchBudget, *, seed: int = 0
 ) -> Curriculum:
     """Return one source of half the size, 50 steps a state: the recipe that racing begins with."""
-    return problem.curriculum(half_the_size([problem]) or Recipe())
+    return (half_the_size([problem]) or Recipe()).curriculum(problem)
 
 
 def standing(
     problem: Problem, candidates: SourceCandidates, budget: SearchBudget, *, seed: int = 0
 ) -> Curriculum:
-    """Return the library's standing recipe for such a target; where it has none, no curriculum.
+    """Return the standing recipe for such a target; where there is none, no curriculum.
 
     Earlier races found it, on other mazes, and on hunts of which one is judged here: it is no
     recipe that a verdict on racing can rest on.
     """
-    found = standing_recipe(problem.target)
-    return problem.scratch if found is None else problem.curriculum(found[1])
+    return (standing_recipe(problem) or Recipe()).curriculum(problem)
 
 
 def race(problems: Sequence[Problem], budget: SearchBudget, *, seed: int = 0) -> Recipe:
     """Return the recipe that races on the maps of development find; none if none pays there."""
-    return design_recipe(problems, budget, standing={}, seed=seed).recipe
+    return design_recipe(problems, budget, seed=seed)
 
 
 def race_on_target(
     problem: Problem, candidates: SourceCandidates, budget: SearchBudget, *, seed: int = 0
 ) -> Curriculum:
     """Return the curriculum that the same races find on the target itself."""
-    return problem.curriculum(design_recipe([problem], budget, standing={}, seed=seed).recipe)
+    return design_recipe([problem], budget, seed=seed).curriculum(problem)
 
 
 PLAYERS = {

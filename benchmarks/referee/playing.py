@@ -25,15 +25,15 @@ import numpy as np
 from benchmarks.referee.domains import Case, Domain, domain
 from benchmarks.referee.lines import Lines, Record, held
 from benchmarks.referee.players import PLAYERS, Player
+from benchmarks.referee.problem import Problem, SearchBudget
+from benchmarks.referee.recipes import Recipe
 from curricle.curriculum.curriculum import Curriculum
-from curricle.design import Problem, Recipe, SearchBudget, SourceCandidates, source_candidates
+from curricle.design import SourceCandidates, source_candidates
 from curricle.errors import CurricleError
 
 RATES = (0.1, 0.2, 0.5, 0.9)
 FIRST_TUNING_SEED, DESIGN_SEED = 1_000_000, 2_000_000
 """Judging begins at seed 0: the three never meet."""
-FREE = {"evaluation": 0.0}
-"""Rollouts of greedy policies stand for exact evaluations, which take no steps."""
 
 
 @dataclass(frozen=True)
@@ -144,11 +144,11 @@ def _trial(
             if player.on_target:
                 plan, cost = _design(player, problem, settings)
             else:
-                found, cost = recipe(rate)
-                plan = problem.curriculum(found)
+                shared, cost = recipe(rate)
+                plan = shared.curriculum(problem)
         except CurricleError as error:  # it has no design for this target: learning alone is left
             plan, cost, facts["refused"] = problem.scratch, 0.0, str(error)
-        trained, _ = problem.train(plan, seeds, workers=1)
+        trained, _ = problem.train(plan, seeds)
         return {
             **facts,
             "steps": trained.steps.tolist(),
@@ -164,19 +164,19 @@ def _trial(
 
 def _design(player: Player, problem: Problem, settings: Settings) -> tuple[Curriculum, float]:
     """Return what a designer made of a problem, and the steps of its search."""
-    budget = SearchBudget(settings.search * problem.steps, prices=FREE, workers=1)
+    budget = SearchBudget(settings.search * problem.steps)
     candidates = _candidates(problem.target, settings.candidates)
     plan = player.design(problem, candidates, budget, seed=DESIGN_SEED)
-    return plan, budget.ledger.cost
+    return plan, float(budget.spent)
 
 
 def _search(player: Player, place: Domain, settings: Settings, rate: float) -> tuple[Recipe, float]:
     """Return the recipe that a designer found on the maps of development, and its steps."""
     problems = [place.problem(case, rate) for case in place.development]
     most = settings.recipe_search * float(np.mean([problem.steps for problem in problems]))
-    budget = SearchBudget(most, prices=FREE, workers=1)
-    found = player.design(problems, budget, seed=DESIGN_SEED)
-    return found, budget.ledger.cost
+    budget = SearchBudget(most)
+    shared = player.design(problems, budget, seed=DESIGN_SEED)
+    return shared, float(budget.spent)
 
 
 @cache

@@ -105,7 +105,7 @@ def _row(designer: str, units: Mapping[str, Unit], fixed: str | None) -> tuple[s
         "" if own else str(against(unit, base)),
         f"{all_steps:.1f} x" if unit.search.any() else "",
         than_fixed,
-        "" if not unit.search.any() else "never" if paid.never else f"{paid.trainings:,}",
+        "" if not unit.search.any() else "never" if paid is None else f"{paid:,}",
         f"{unit.tuning:,}",
     )
 

@@ -1,7 +1,9 @@
 """What the records say: steps of each designer as a share of scratch's, and who beats whom."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -10,7 +12,6 @@ import numpy as np
 from benchmarks.referee.lines import Record
 from benchmarks.referee.players import FIXED, SCRATCH
 from curricle.array_types import BoolArray, FloatArray
-from curricle.design.break_even import BreakEven, break_even
 from curricle.statistics import Interval, mean_interval
 
 MANY_TARGETS = 10
@@ -124,18 +125,20 @@ def against(unit: Unit, base: Unit, *, search: bool = False) -> Verdict:
     return Verdict(mean_interval(saved.mean(axis=axis)))
 
 
-def paid_after(unit: Unit, base: Unit) -> BreakEven:
-    """Return after how many trainings of each target the search has paid, against another.
+def paid_after(unit: Unit, base: Unit) -> int | None:
+    """Return after how many trainings of each target the search has paid; None if it never does.
+
+    The least whole n with n x saving >= search, computed exactly.
 
     Examples
     --------
     >>> base = Unit(0.1, np.full((1, 2), 100.0), np.ones((1, 2), bool), np.zeros(1), 0)
     >>> one = Unit(0.1, np.full((1, 2), 75.0), np.ones((1, 2), bool), np.array([120.0]), 0)
-    >>> paid_after(one, base).trainings
+    >>> paid_after(one, base)
     5
     """
-    saving = float((base.steps - unit.steps).mean())
-    return break_even(float(unit.search.mean()), saving)
+    saving = Fraction(float((base.steps - unit.steps).mean()))
+    return None if saving <= 0 else math.ceil(Fraction(float(unit.search.mean())) / saving)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.design.recipe_design import design_recipe
 from curricle.learning.record import Snapshots
 from curricle.paper.reproduce import reproduce
-from curricle.report.design_report import write_design_report
 from curricle.report.page import study_page
-from curricle.tasks import maze_family
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
@@ -110,17 +107,6 @@ def files(studies, tmp_path_factory):
         found[name] = folder / f"{name}.html"
         found[name].write_text(page, "utf-8")
     return found
-
-
-@pytest.fixture(scope="session")
-def design_file(files):
-    """The page of a design is among the files."""
-    members = [maze_family(size=n, pits=0.2, seed=3) for n in (4, 5)]
-    problems = [cr.design.Problem(one, steps=20_000, miniature=True) for one in members]
-    found = design_recipe(problems, cr.design.SearchBudget(700_000))
-    first = replace(found.races[0], rounds=(found.races[0].rounds * 6)[:6])
-    found = replace(found, races=(first, *found.races[1:]))
-    files["design"] = write_design_report(found, files["maze"].with_name("recipe.html"))
 
 
 @pytest.fixture(scope="session")

@@ -217,24 +217,6 @@ def test_words_on_a_phone_are_large_enough(visit):
     assert min(sizes) >= 9.5
 
 
-@pytest.mark.usefixtures("design_file")
-def test_a_design_fits_a_phone_a_desk_and_paper(visit):
-    page = visit("design", PHONE)
-    for size, viewport in (("narrow", PHONE), ("wide", DESK)):
-        page.set_viewport_size(viewport)
-        assert page.evaluate("document.documentElement.scrollWidth") == viewport["width"]
-        assert visible(page, f".scatter .{size}") == [True]
-        assert sorted(visible(page, ".scatter > div")) == [False, True]
-        inside = """all => all.every(e => {
-            const own = e.getBoundingClientRect(), around = e.closest("td").getBoundingClientRect();
-            return own.right <= around.right + 1;
-        })"""
-        assert page.eval_on_selector_all(".bracket td span", inside)
-    page.set_viewport_size(PAPER)
-    page.emulate_media(media="print")
-    assert page.evaluate("document.documentElement.scrollWidth") == PAPER["width"]
-
-
 def test_paper_shows_both_axes_and_three_moments_of_each_training(visit):
     page = visit("maze")
     page.emulate_media(media="print")

@@ -6,7 +6,7 @@ from curricle.display import block, table
 from curricle.paper.reproduce import FIGURES
 
 WIDTHS = [{"width": 390, "height": 844}, {"width": 1300, "height": 900}]
-PAGES = ["hunt", "maze", "chain", "design", "paper"]
+PAGES = ["hunt", "maze", "chain", "paper"]
 
 # What lies in a box that scrolls, or in a picture, may reach further than the page.
 WIDER = """() => [...document.querySelectorAll("body *")].filter(e => {
@@ -30,7 +30,7 @@ CUT = """() => [...document.querySelectorAll("body *")].filter(e => {
 }).map(e => e.outerHTML.slice(0, 200))"""
 
 
-@pytest.mark.usefixtures("design_file", "paper_file")
+@pytest.mark.usefixtures("paper_file")
 @pytest.mark.parametrize("viewport", WIDTHS, ids=lambda one: one["width"])
 @pytest.mark.parametrize("name", PAGES)
 def test_nothing_is_wider_than_the_page_and_no_text_is_cut(visit, name, viewport):
@@ -44,11 +44,9 @@ def test_nothing_is_wider_than_the_page_and_no_text_is_cut(visit, name, viewport
     assert used > 0.85 * viewport["width"]
 
 
-@pytest.mark.usefixtures("design_file")
 @pytest.mark.parametrize("viewport", WIDTHS, ids=lambda one: one["width"])
-@pytest.mark.parametrize("name", ["maze", "design"])
-def test_what_scrolls_sideways_says_so(visit, name, viewport):
-    page = visit(name, viewport)
+def test_what_scrolls_sideways_says_so(visit, viewport):
+    page = visit("maze", viewport)
     found = page.eval_on_selector_all(
         ".across",
         """all => all.filter(e => e.checkVisibility()).map(e => [

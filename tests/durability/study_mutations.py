@@ -12,9 +12,8 @@ import curricle
 
 ROOT = Path(__file__).parents[2]
 TEMPLATES = Path(curricle.__file__).parent / "study/config/templates"
-FILES = sorted([*TEMPLATES.glob("*.toml"), *(ROOT / "examples").rglob("*.toml")])
-STUDIES = [one for one in FILES if one.stem != "design"]
-"""Every template and every example of a study; the file of a design is none."""
+STUDIES = sorted([*TEMPLATES.glob("*.toml"), *(ROOT / "examples").rglob("*.toml")])
+"""Every template and every example."""
 
 NUMBERS = [0, -1, 1, 2, 3, 7, 100, 10**6, 10**9, 2**31, 2**63, -(2**63), 2**64, 10**40, 10**5000]
 FLOATS = [0.0, -0.0, 0.5, -1.5, 1e-320, 1e300, 1e308, -1e308, math.inf, -math.inf, math.nan]

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 from curricle import evaluate, solve
-from curricle.design import betweenness, source_candidates
-from curricle.design.coarser_tables import coarser_tables
-from curricle.design.likeliest_outcomes import likeliest_outcomes
+from curricle.design import source_candidates
+from curricle.design.bottlenecks import betweenness
 from curricle.design.proposals import design_target, spread
+from curricle.design.simpler_models import coarser_tables, likeliest_outcomes
 from curricle.errors import CurriculumError, TaskError
 from curricle.planning import visit_distribution
 from curricle.tasks import frozen_lake_family, maze_family, random_maze

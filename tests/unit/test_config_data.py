@@ -17,7 +17,7 @@ from curricle.errors import ConfigError
 from curricle.study import StudyConfig, json_schema
 from curricle.study.config.positions import Positions
 from curricle.study.config.reading import configured
-from curricle.study.config.templates import DESIGN, KINDS, template
+from curricle.study.config.templates import KINDS, template
 from tests.studies import HUNT, MAZE, only, reader
 
 
@@ -148,7 +148,7 @@ def test_the_schema_says_what_each_key_means():
     json.dumps(schema)
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {DESIGN}))
+@pytest.mark.parametrize("kind", sorted(KINDS))
 def test_what_a_template_shows_as_defaults_are_the_defaults(read, kind):
     shown = re.sub(r"(?m)^# (?!threshold|encode)([\w.]+ = )", r"\1", template(kind))
     assert shown != template(kind)

@@ -1,25 +1,15 @@
-"""DoorKey rooms as a family: three ways to see them, and how they read one another."""
+"""DoorKey rooms as a family: two ways to see them, and how networks read tables."""
 
 import numpy as np
 import pytest
 
-from curricle.design import Recipe, Relation, Stage
 from curricle.errors import MappingError
 from curricle.transfer import family_mappings
 from tests.refusals import check_refusal
 
 pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
 
-from benchmarks.door_rooms import (
-    ERRANDS,
-    Room,
-    cell,
-    cells,
-    door_room,
-    errands,
-    errands_of_cells,
-    within,
-)
+from benchmarks.door_rooms import ERRANDS, Room, door_room, errands, within
 
 
 def seen_in(size, steps=2000):
@@ -31,16 +21,6 @@ def seen_in(size, steps=2000):
         seen, _, terminated, truncated, _ = room.step(draws.integers(5))
         if terminated or truncated:
             seen, _ = room.reset()
-
-
-@pytest.mark.parametrize("size", [5, 6, 7])
-@pytest.mark.parametrize("source_size", [5, 6])
-def test_a_cell_falls_into_the_errand_that_what_is_seen_falls_into(size, source_size):
-    states, table = cells(size), errands_of_cells(size, source_size)
-    for seen in seen_in(size):
-        state = cell(seen, size, states)
-        assert 0 <= state < states.size
-        assert table[state] == errands(seen, source_size)[0]
 
 
 def test_offsets_are_clipped_to_what_a_room_can_hold():
@@ -58,16 +38,9 @@ def test_nothing_is_clipped_in_a_room_but_what_lies_beyond_reach(size):
         assert own == unlimited
 
 
-def test_a_recipe_names_the_table_of_errands_of_a_smaller_room():
-    relation = Relation("member", changes={"size": "0.75 n", "seen": "errands"})
-    for target, size in ((door_room(size=6, seen="cells"), 5), (door_room(size=8), 6)):
-        ((_, source),) = Recipe([Stage(relation, 30)]).sources(target)
-        assert source.member == door_room(size=size, seen="errands")
-
-
 def test_only_tables_of_errands_are_read():
     check_refusal(
         MappingError,
-        lambda: family_mappings(door_room(size=6), door_room(size=5, seen="cells")),
-        "a room reads tables of errands",
+        lambda: family_mappings(door_room(size=6), door_room(size=5)),
+        "networks read tables of errands",
     )

@@ -17,9 +17,6 @@ CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
 
 
 SEARCHES = [cr.transfer.by_name, cr.transfer.by_legs]
-PROBLEM = cr.design.Problem(MAZE, steps=20_000)
-RECIPE = cr.design.Recipe([cr.design.Stage(cr.design.Relation("crop", 0.6), 10)])
-BUDGET = cr.design.SearchBudget
 LINE, LENGTHS = cr.GridWorld("S.T"), count(1)
 
 
@@ -75,30 +72,6 @@ LONG = {
         ["by_name", "by_legs"],
         ["searches: 2 done"],
     ),
-    "race": (
-        lambda **how: cr.design.race([PROBLEM], {"crop": RECIPE}, BUDGET(400_000), **how),
-        ["Round", "Round"],
-        ["round 1: 2 done", "round 2: 2 done", "round 2, placebo: 1 done"],
-    ),
-    "judge": (
-        lambda **how: cr.design.judge([PROBLEM], RECIPE, BUDGET(2_000_000), **how),
-        ["target"],
-        ["judgement: 3 done"],
-    ),
-    "design_recipe": (
-        lambda **how: cr.design.design_recipe(
-            [PROBLEM], BUDGET(1_000_000), arms={"crop": RECIPE}, seed=1, **how
-        ),
-        ["Race", "Race", "Judgement"],
-        [
-            *["scratch: 1 done", "race 1: round 1: 3 done", "race 1: round 2: 3 done"],
-            *["race 1: round 2, placebo: 1 done", "race 2: round 1: 13 done"],
-            *["race 2: round 2: 8 done", "race 2: round 2, placebo: 1 done"],
-            *["race 2: round 3: 5 done", "race 2: round 3, placebo: 1 done"],
-            *["race 2: round 4: 4 done", "race 2: round 4, placebo: 1 done"],
-            *["steps a state: 8 done", "judgement: 4 done"],
-        ],
-    ),
     "auto_mapping": (
         # other tasks each time: what was found for the same ones is remembered
         lambda **how: cr.transfer.auto_mapping(
@@ -112,13 +85,7 @@ LONG = {
         ["float"] * 3,
         [],
     ),
-    "timed": (
-        lambda **how: cr.design.timed([PROBLEM], BUDGET(100_000), **how),
-        ["Problem"],
-        ["scratch: 1 done"],
-    ),
     "tabulate": (lambda **how: cr.tabulate("FrozenLake-v1", discount=0.9, **how), [], []),
-    "design_curriculum": (lambda **how: cr.design.design_curriculum(PROBLEM, **how), [], []),
     "solve": (lambda **how: cr.solve(MAZE, **how), ["float"], []),
     "evaluate": (lambda **how: cr.evaluate(MAZE, [0] * 15, **how), ["float"], []),
     "certify": (lambda **how: cr.certify(MAZE, zero(), **how), ["Certificate"], []),

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,8 +14,11 @@ from benchmarks.referee.domains import LEAST_OPTIMUM, MAKERS, Domain, domain, ra
 from benchmarks.referee.lines import Lines, held
 from benchmarks.referee.players import FIXED, PLAYERS, RACING, SCRATCH, Player
 from benchmarks.referee.playing import QUICK, best_rate, path_of, play
+from benchmarks.referee.problem import Problem, SearchBudget
+from benchmarks.referee.recipes import STANDING, Recipe, Trend
 from benchmarks.referee.tables import on_racing, read
 from benchmarks.referee.verdicts import Match, Unit, against, paid_after
+from curricle.tasks import random_maze
 
 
 def unit(steps, search=0.0):
@@ -53,8 +57,9 @@ def test_a_search_is_charged_to_one_training_and_may_pay_later():
     base, own = unit([[100, 100, 100]]), unit([[60, 70, 80]], search=90)
     assert against(own, base).beats
     assert not against(own, base, search=True).beats
-    assert paid_after(own, base).trainings == 3  # 30 saved by each
-    assert paid_after(unit([[110, 120, 100]], search=90), base).never
+    assert paid_after(own, base) == 3  # 30 saved by each
+    assert paid_after(unit([[60, 70, 80]], search=91), base) == 4
+    assert paid_after(unit([[110, 120, 100]], search=90), base) is None
 
 
 def record(steps, search=0.0, shared=False, case="a", rate=0.5):
@@ -132,6 +137,43 @@ def test_random_mazes_are_worth_walking():
     assert (member["size"], member["time_limit"], member["walls"]) == (10, 200, 0.0)
 
 
+# -- designers -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def maze():
+    target = random_maze(size=6, pits=0.2, seed=2)
+    return Problem(target, steps=20_000, eval_freq=100), cr.design.source_candidates(target, most=4)
+
+
+@pytest.mark.parametrize("name", PLAYERS)
+def test_a_designer_keeps_to_its_budget_and_makes_the_same_again(maze, name):
+    player, (problem, candidates) = PLAYERS[name], maze
+    plans = []
+    for budget in (SearchBudget(1_500_000), SearchBudget(1_500_000)):
+        if player.on_target:
+            plans.append(player.design(problem, candidates, budget, seed=1))
+        else:
+            plans.append(player.design([problem], budget, seed=1).curriculum(problem))
+        assert budget.spent <= 1_500_000
+    assert len({(plan.order, str(plan)) for plan in plans}) == 1
+    assert plans[0].target == "target"
+
+
+def test_a_search_without_a_budget_learns_the_target_alone(maze):
+    for name in ("greedy_forward", "beam", "hts_cr"):
+        assert PLAYERS[name].design(*maze, SearchBudget(0)).order == ("target",)
+
+
+def test_a_curriculum_whose_sources_may_take_everything_is_not_trained(maze):
+    problem, _ = maze
+    stage = replace(STANDING[0].stages[0], steps=Trend(10_000.0))
+    training, taken = problem.train(Recipe((stage,)).curriculum(problem), [0, 1])
+    assert (training.steps == problem.steps).all()
+    assert not training.learnt.any()
+    assert taken == 0
+
+
 # -- playing and resuming ------------------------------------------------------------------------
 
 
@@ -190,7 +232,7 @@ def test_a_recipe_is_searched_on_other_maps_and_applied(corridor, monkeypatch, t
 
     def searching(problems, budget, *, seed):
         seen.extend(problem.name for problem in problems)
-        return cr.design.Recipe()
+        return Recipe()
 
     monkeypatch.setitem(PLAYERS, "searching", Player("searching", searching, on_target=False))
     assert play("searching", "corridor", QUICK, tmp_path)

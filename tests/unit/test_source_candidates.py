@@ -8,8 +8,10 @@ import pytest
 
 import curricle as cr
 from curricle import Component, FiniteMDP, GridWorld, Pursuit, Space, same_position
-from curricle.design import KINDS, SourceCandidate, betweenness, source_candidates
-from curricle.design.coarser_tables import ordered_components
+from curricle.design import SourceCandidate, mappings_between, source_candidates
+from curricle.design.bottlenecks import betweenness
+from curricle.design.candidates import KINDS
+from curricle.design.simpler_models import ordered_components
 from curricle.errors import CurriculumError, TaskError
 from curricle.interop.bins import Bins
 from curricle.paper.settings import maze as paper_maze
@@ -320,13 +322,53 @@ def test_the_same_in_every_run():
     assert str(one) == str(other)
 
 
-def test_returns_are_exact_and_time_is_booked():
-    found = source_candidates(CORRIDOR)
-    for one in found:
-        assert one.optimum == cr.solve(one.task).start_value
-        assert one.optimum > one.random_return
-    assert found.ledger.total_steps == 0
-    assert found.ledger.seconds["sweeps"] > 0
+def test_returns_are_exact():
+    for candidate in source_candidates(CORRIDOR):
+        assert candidate.optimum == cr.solve(candidate.task).start_value
+        assert candidate.optimum > candidate.random_return
+
+
+def test_a_bottleneck_from_which_the_goal_is_out_of_reach_is_dropped():
+    # A yard of five cells behind a one-way door, into which many ways lead and none out.
+    after = {0: (1, 2), 1: (7, 2), 2: (3, 3), 3: (4, 5), 4: (3, 3), 5: (3, 6), 6: (5, 5)}
+    outcomes = [
+        [[(1.0, to, 10.0 if to == 7 else -1.0)] for to in after.get(state, ())] or [[], []]
+        for state in range(8)
+    ]
+    target = FiniteMDP.from_outcomes(
+        outcomes, terminal=np.arange(8) == 7, start=0, discount=0.9, time_limit=50
+    )
+    found = source_candidates(target)
+    assert ("to state=3", "cannot be made") in [(one.name, one.reason) for one in found.dropped]
+
+
+# -- one candidate after another -----------------------------------------------------------------
+
+
+def test_members_of_a_family_read_each_other_as_it_declares():
+    target = pursuit_family(size=3, predators=2)
+    members = only("member", target)
+    small = members["pursuit(size=2, predators=1)"]
+    for name, ways in (("pursuit(size=3, predators=1)", 1), ("pursuit(size=2)", 2)):
+        mappings = mappings_between(target.task, members[name], small)
+        assert len(mappings) == ways
+        declared = family_mappings(members[name].member, small.member)
+        assert all((a.index == b.index).all() for a, b in zip(mappings, declared, strict=True))
+        assert all(mapping.source is small.task for mapping in mappings)
+
+
+def test_other_candidates_read_each_other_through_the_target():
+    crops = only("crop", MAZE)
+    large, small = crops["rows 0..4, columns 5..9"], crops["rows 0..2, columns 7..9"]
+    (mapping,) = mappings_between(MAZE, large, small)
+    assert (mapping.index == same_position(large.task, small.task).index).all()
+
+
+def test_candidates_without_tables_must_be_members_of_one_family():
+    near = proposed(CORRIDOR.crop(rows=(0, 1), columns=(3, 6)))
+    check_refusal(
+        CurriculumError, lambda: mappings_between(ring(), near, near), "must be members of one"
+    )
 
 
 def test_it_prints_candidates_and_why_others_were_dropped():

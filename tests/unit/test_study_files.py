@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from curricle.study import StudyConfig, json_schema, read_study
-from curricle.study.config.templates import DESIGN, KINDS, template
+from curricle.study.config.templates import KINDS, template
 
 FOLDER = Path(__file__).parents[2] / "examples"
 EXAMPLES = sorted(str(path.relative_to(FOLDER)) for path in FOLDER.rglob("*.toml"))
@@ -16,7 +16,7 @@ STEPS = 400
 """More than ten greedy episodes take, which is what a calibration may spend of them here."""
 
 
-@pytest.fixture(params=[*EXAMPLES, *(kind for kind in KINDS if kind != DESIGN)])
+@pytest.fixture(params=[*EXAMPLES, *KINDS])
 def path(request, tmp_path):
     """A file: an example, or a template as it would be written."""
     if request.param in EXAMPLES:

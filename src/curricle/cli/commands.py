@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from curricle.checks import listed
-from curricle.cli.design_commands import apply, design
 from curricle.cli.options import (
     Changes,
     Explain,
@@ -24,7 +23,7 @@ from curricle.cli.options import (
     write_new,
 )
 
-KINDS = ("maze", "pursuit", "gymnasium", "deep", "design")
+KINDS = ("maze", "pursuit", "gymnasium", "deep")
 """What a shell completes after `curricle new`; a test holds that these are all."""
 
 
@@ -32,7 +31,7 @@ def new(
     kind: Annotated[
         str | None,
         typer.Argument(
-            help="maze, pursuit, gymnasium, deep or design; or any id of Gymnasium's registry. "
+            help="maze, pursuit, gymnasium or deep; or any id of Gymnasium's registry. "
             "Left out, they are listed.",
             autocompletion=lambda: list(KINDS),
             show_default=False,
@@ -40,20 +39,45 @@ def new(
     ] = None,
     file: Annotated[Path | None, typer.Argument(help="The file; KIND.toml by default.")] = None,
 ) -> None:
-    """Write a commented study to start from, or a design, which runs as it is."""
-    from curricle.cli.new_files import DESIGN, kinds, new_file
-
+    """Write a commented study to start from, which runs as it is."""
     if kind is None:
-        typer.echo(kinds())
+        typer.echo(_what_new_writes())
         return
-    name, text = new_file(kind)
+    name, text = _new_study(kind)
     path = file or Path(name)
-    write_new(path, text, kind if kind == DESIGN else "study")
+    write_new(path, text)
     typed = quote(str(path))
-    first = f"curricle check {typed}, then curricle run {typed}"
-    if kind == DESIGN:
-        first = f"curricle design {typed} --on miniatures --budget 3_000_000"
-    typer.echo(f"Wrote {path}: {first}")
+    typer.echo(f"Wrote {path}: curricle check {typed}, then curricle run {typed}")
+
+
+def _what_new_writes() -> str:
+    """Return the studies that can be written, as a table."""
+    from curricle.cli.terminal_tables import line_width
+    from curricle.study.config import templates
+    from curricle.text_tables import text_table
+
+    environments = (
+        "or the id of an environment of Gymnasium's registry: FrozenLake-v1, CartPole-v1, "
+        "MiniGrid-DoorKey-5x5-v0"
+    )
+    rows = [*templates.KINDS.items(), ("ID", environments)]
+    return "\n".join(text_table(("curricle new", "writes"), rows, line_width(), words=True))
+
+
+def _new_study(kind: str) -> tuple[str, str]:
+    """Return the name and the text of a file; ConfigError if nothing is called so."""
+    from curricle.errors import ConfigError
+    from curricle.study.config import templates
+    from curricle.study.config.tables import suggestion
+
+    if kind in templates.KINDS:
+        return f"{kind}.toml", templates.template(kind)
+    from curricle.study.config.templates.of_environment import environment_study
+
+    if kind.isalpha() and kind.islower() and (meant := suggestion(kind, templates.KINDS)):
+        raise ConfigError(f"there is no study {kind!r} to start from{meant}")
+    text = environment_study(kind)
+    return f"{kind.rpartition(':')[2].replace('/', '-')}.toml", text
 
 
 def check(
@@ -313,7 +337,5 @@ COMMANDS = (
     play,
     report,
     compare,
-    design,
-    apply,
     paper,
 )

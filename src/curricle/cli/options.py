@@ -28,17 +28,17 @@ Changes = Annotated[
 Explain = Annotated[bool, typer.Option("--explain", help="Also what the words mean.")]
 
 
-def write_new(path: Path, text: str, what: str) -> None:
-    """Write a file that was not there; StoreError if it was, or cannot be written."""
+def write_new(path: Path, text: str) -> None:
+    """Write a study that was not there; StoreError if it was, or cannot be written."""
     from curricle.errors import StoreError
 
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise StoreError(f"a new {what} needs a new file: {path} is there already") from None
+        raise StoreError(f"a new study needs a new file: {path} is there already") from None
     except OSError as error:
-        raise StoreError(f"a {what} cannot be written to {path}: {error.strerror}") from None
+        raise StoreError(f"a study cannot be written to {path}: {error.strerror}") from None
 
 
 def read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyConfig":

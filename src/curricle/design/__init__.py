@@ -1,4 +1,4 @@
-"""Designing curricula: candidates for the sources of a target, and what a design costs."""
+"""Candidates for the sources of a target: easier relatives that are made of the target itself."""
 
 import lazy_loader
 

@@ -110,8 +110,8 @@ def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
     for state in order[found[order]][:MOST_BOTTLENECKS].tolist():
         name = mdp.states.label(state)
         words = f"the goal is a bottleneck, on {share[state]:.0%} of shortest paths: {name}"
-        build, part = partial(_ending_in, target, state), float(way[state]) / far
-        yield Draft("bottleneck", _short(f"to {name}"), words, build, "", part)
+        build = partial(_ending_in, target, state, int(way[state]))
+        yield Draft("bottleneck", _short(f"to {name}"), words, build, float(way[state]) / far)
 
 
 def _short(name: str) -> str:
@@ -176,8 +176,10 @@ def _by_neighbours(mdp: FiniteMDP, share: FloatArray) -> tuple[FloatArray, Float
     return each, strongest
 
 
-def _ending_in(target: DesignTarget, state: int) -> Made:
-    """Return the target as a task that ends in a state, with its mapping."""
+def _ending_in(target: DesignTarget, state: int, way: int) -> Made:
+    """Return the target as a task that ends in a state, `way` steps from the goal; its mapping."""
+    if way < 0:
+        raise TaskError(f"a bottleneck must be on a way to the goal: state {state} is on none")
     mdp = target.mdp
     used = np.zeros(len(mdp.probability), bool)
     used[mdp.outcome_row[~mdp.terminal]] = True

@@ -2,34 +2,61 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import zip_longest
-from time import process_time_ns
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import BoolArray
+from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import one_of, whole_number
-from curricle.design.judging import LARGEST, Judged, judged, same_up_to_homomorphism
-from curricle.design.ledger import Ledger
-from curricle.design.makers import KINDS, MAKERS
+from curricle.design.bottlenecks import bottlenecks
+from curricle.design.parts import crops, family_members, start_rings
 from curricle.design.proposals import (
     PROPOSED,
     DesignTarget,
     Draft,
     Made,
     SourceCandidate,
+    aims,
     design_target,
 )
-from curricle.design.relations import relation_of
+from curricle.design.simpler_models import coarser_tables, likeliest_outcomes, removals
 from curricle.display import block, brief_repr, table
 from curricle.errors import CurricleError, CurriculumError
+from curricle.planning.solution import evaluate, solve
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.reachability import reachable_states
+from curricle.tasks.start_states import goal_distance
 from curricle.tasks.task import generative_model, same_task, tables
+from curricle.transfer.partition_refinement import model_for_refinement, refined
 
+MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
+    "member": family_members,
+    "crop": crops,
+    "removed": removals,
+    "deterministic": likeliest_outcomes,
+    "starts": start_rings,
+    "bottleneck": bottlenecks,
+    "coarser": coarser_tables,
+}
+KINDS = tuple(MAKERS)
+"""What candidates are made by, in the order of their turns."""
 MOST = 20
 """Candidates, unless told otherwise."""
+LARGEST = 20_000_000
+"""State-action pairs up to which a task is judged, as they are refined together."""
+ROUNDING = 1e-9
+"""Difference of returns, in units of the larger, that counts as none."""
+FINGERPRINT = 1e-6
+"""The same of fingerprints: far more than equal tasks can differ by."""
+# Why a task is no candidate; the same words for all that are dropped for one reason.
 NOT_MADE = "cannot be made"
+TOO_LARGE = "too large to be judged"
+NO_SOLUTION = "no exact solution"
+NEVER_REACHED = "goal never reached from the start"
+AVOIDED = "goal avoided by every optimal policy"
+NOTHING_TO_LEARN = "nothing to learn: the random policy is optimal"
 AS_TARGET, AS_ANOTHER = "same as the target", "same as another candidate"
 
 Propose = Callable[[Any], Iterable[SourceCandidate]]
@@ -46,10 +73,6 @@ class DroppedCandidate(NamedTuple):
     """The sentence of the error, or the name of the candidate that is the same task."""
 
 
-JudgedDrafts = tuple[tuple[SourceCandidate, ...], tuple[DroppedCandidate, ...], bool, int]
-"""Those that are left and dropped, whether there are more, and nanoseconds of evaluations."""
-
-
 @dataclass(frozen=True, eq=False)
 class SourceCandidates:
     """Candidates for the sources of a target, in order. Prints as a table.
@@ -63,15 +86,12 @@ class SourceCandidates:
         What was proposed before the last of them, and why it is none.
     cut : bool
         Whether `most` ended the list while there was more to look at.
-    ledger : Ledger
-        Processor time of proposing, solving and evaluating them; no steps.
     """
 
     target: Any
     candidates: tuple[SourceCandidate, ...]
     dropped: tuple[DroppedCandidate, ...]
     cut: bool
-    ledger: Ledger = field(repr=False)
 
     __repr__ = brief_repr
 
@@ -121,6 +141,17 @@ class SourceCandidates:
         return "\n".join([*lines, *self._left_out()])
 
 
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What is known of a task: its returns, and its fingerprint."""
+
+    mdp: FiniteMDP
+    refusal: str  # why it can be no candidate; empty if it can
+    optimum: float = float("nan")
+    random_return: float = float("nan")
+    fingerprint: FloatArray | None = None
+
+
 def source_candidates(
     target: Any,
     *,
@@ -139,7 +170,7 @@ def source_candidates(
     target : Task or FamilyMember
         With tables of at most 20 million pairs; a larger one is designed for on smaller members.
     kinds : sequence of str
-        Of :data:`KINDS`:
+        By default all of these, which take turns in this order:
 
         - ``"member"``: easier members of the target's family;
         - ``"crop"``: the part around the goal, of a task with `crop`;
@@ -170,7 +201,6 @@ def source_candidates(
     """
     most = whole_number("the number of candidates", most, 1, CurriculumError)
     wanted = _checked_kinds(kinds, propose)
-    begin = process_time_ns()
     found = design_target(target)
     if found.mdp.outcome_row.size > LARGEST:
         raise CurriculumError(
@@ -181,17 +211,14 @@ def source_candidates(
     drafts += [list(MAKERS[kind](found)) for kind in KINDS if kind in wanted]
     if not any(drafts):
         raise CurriculumError(_nothing_proposed(found, wanted))
-    kept, dropped, cut, evaluation = _judged_drafts(found, _in_turns(drafts), most)
-    # Whatever else reads tables is booked as sweeps: solving, comparing, counting paths.
-    times = {"exact_evaluations": evaluation, "sweeps": process_time_ns() - begin - evaluation}
-    return SourceCandidates(found.task, kept, dropped, cut, Ledger(nanoseconds=times))
+    return _judged_drafts(found, _in_turns(drafts), most)
 
 
-def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> JudgedDrafts:
+def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> SourceCandidates:
     """Return the drafts that are built, can be learnt and are new, in order; and the others."""
     known = {AS_TARGET: judged(target.mdp)}
     kept, dropped = list[SourceCandidate](), list[DroppedCandidate]()
-    evaluation, cut = known[AS_TARGET].evaluation, False
+    cut = False
     for draft in drafts:
         if len(kept) == most:
             cut = True
@@ -199,15 +226,12 @@ def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> 
         name = draft.name if draft.name not in known else f"{draft.name} ({draft.kind})"
         try:
             task, mappings = draft.build()
-            words = draft.kind, draft.words
-            candidate = SourceCandidate(
-                name, task, mappings, *words, relation_of(draft), draft.member
-            )
+            of_draft = draft.kind, draft.words, draft.share, draft.member
+            candidate = SourceCandidate(name, task, mappings, *of_draft)
             found = judged(tables(task), _goal_of(target, candidate))
         except CurricleError as error:
             dropped.append(DroppedCandidate(name, draft.kind, NOT_MADE, str(error)))
             continue
-        evaluation += found.evaluation
         reason, detail = _refusal(found, known)
         if reason:
             dropped.append(DroppedCandidate(name, draft.kind, reason, detail))
@@ -218,7 +242,7 @@ def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> 
         reasons = Counter(one.reason for one in dropped).most_common()
         why = "; ".join(f"{n} {reason}" for reason, n in reasons)
         raise CurriculumError(f"a target needs a candidate that can be learnt: {why}")
-    return tuple(kept), tuple(dropped), cut, evaluation
+    return SourceCandidates(target.task, tuple(kept), tuple(dropped), cut)
 
 
 def _goal_of(target: DesignTarget, candidate: SourceCandidate) -> BoolArray | None:
@@ -236,7 +260,7 @@ def _goal_of(target: DesignTarget, candidate: SourceCandidate) -> BoolArray | No
 
 
 def _refusal(found: Judged, known: dict[str, Judged]) -> tuple[str, str]:
-    """Return why a task is no candidate, and which one it is again; empty if it is one."""
+    """Return why a task is no candidate, and the candidate that it repeats; empty if it is one."""
     if found.refusal:
         return found.refusal, ""
     for name, one in known.items():
@@ -295,3 +319,86 @@ def _own(target: Any, propose: Propose) -> Iterator[Draft]:
 
 def _as_it_is(one: SourceCandidate) -> Callable[[], Made]:
     return lambda: (one.task, one.mappings)
+
+
+# -- whether a task can be learnt, and whether two are the same ----------------------------------
+
+
+def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
+    """Return what is known of a task, and why it can be no candidate if it cannot.
+
+    `goal`, (S,), is where it wants to get; by default what its rewards say (:func:`aims`).
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> judged(GridWorld("S.T").mdp).refusal, judged(GridWorld("S#T").mdp).refusal
+    ('', 'goal never reached from the start')
+    """
+    n_states, n_actions = mdp.outcome_row.shape
+    if mdp.outcome_row.size > LARGEST:
+        return Judged(mdp, TOO_LARGE)
+    try:
+        best = solve(mdp)
+    except CurricleError:
+        return Judged(mdp, NO_SOLUTION)
+    if refusal := _missed(mdp, aims(mdp) if goal is None else goal, best.optimal):
+        return Judged(mdp, refusal)
+    chance = evaluate(mdp, np.full((n_states, n_actions), 1 / n_actions))
+    optimum, random_return = float(best.start_value), float(chance.start_value)
+    error = best.error_bound + chance.error_bound
+    error += ROUNDING * max(1.0, abs(optimum), abs(random_return))
+    values = best.values[reachable_states(mdp)]
+    return Judged(
+        mdp,
+        NOTHING_TO_LEARN if optimum - random_return <= error else "",
+        optimum,
+        random_return,
+        np.array([optimum, values.min(), values.max()]),
+    )
+
+
+def _missed(mdp: FiniteMDP, goal: BoolArray, optimal: BoolArray) -> str:
+    """Return why an episode misses the goal; empty if an optimal policy can reach it in time."""
+    if mdp.terminal.any() and not mdp.terminal[goal].any():
+        # It has ends, and none can be entered: its largest rewards are no goal.
+        return NEVER_REACHED
+    far = goal_distance(mdp, goal)[mdp.start_states]
+    far = far[far >= 0]
+    if not far.size or (mdp.time_limit is not None and int(far.min()) > mdp.time_limit):
+        return NEVER_REACHED
+    return "" if (reachable_states(mdp, optimal) & goal).any() else AVOIDED
+
+
+def same_up_to_homomorphism(one: Judged, other: Judged) -> bool:
+    """Return whether two tasks are one, up to an exact homomorphism of both onto the same task.
+
+    Their states and actions may be numbered in any way, and one may have several states for one of
+    the other. Discount, time limit, and the chance to start in each block are equal. Tasks whose
+    fingerprints differ, the optimal values that homomorphisms keep, are not refined.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> maze, turned = judged(GridWorld("S.T").mdp), judged(GridWorld("T.S").mdp)
+    >>> same_up_to_homomorphism(maze, turned)
+    True
+    >>> same_up_to_homomorphism(maze, judged(GridWorld(".ST").mdp))
+    False
+    """
+    first, second = one.mdp, other.mdp
+    if (first.discount, first.time_limit) != (second.discount, second.time_limit):
+        return False
+    if one.fingerprint is None or other.fingerprint is None:
+        return False
+    if not np.allclose(one.fingerprint, other.fingerprint, rtol=FINGERPRINT, atol=FINGERPRINT):
+        return False
+    if first.outcome_row.size + second.outcome_row.size > LARGEST:
+        return first is second
+    mine, others = refined([model_for_refinement(first), model_for_refinement(second)])
+    blocks = int(max(mine.states.max(), others.states.max())) + 1
+    start, other_start = (
+        np.bincount(found.states, mdp.start, blocks)
+        for found, mdp in ((mine, first), (others, second))
+    )
+    return bool(np.allclose(start, other_start, rtol=0, atol=ROUNDING))

@@ -1,4 +1,4 @@
-"""Candidates for the sources of one target, and the drafts that they are made from."""
+"""A candidate for a source, how it reads another one, and the draft that it is made from."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -6,21 +6,30 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from curricle.array_types import BoolArray
+from curricle.array_types import BoolArray, IntArray
 from curricle.checks import fit_name, text
 from curricle.errors import CurriculumError, TaskError
 from curricle.frozen_arrays import Frozen
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.start_states import goal_states
-from curricle.tasks.task import tables
+from curricle.tasks.task import generative_model, has_tables, tables
 from curricle.text_tables import counted
-from curricle.transfer.mapping import StateActionMapping, pair_mapping
+from curricle.transfer.family_mapping import member_mappings
+from curricle.transfer.mapping import (
+    ENDED,
+    UNMAPPED,
+    StateActionMapping,
+    pair_mapping,
+    terminal_states,
+)
 from curricle.transfer.observation_mapping import ObservationMapping
 
 Item = TypeVar("Item")
 PROPOSED = "proposed"
 MAPPINGS = (StateActionMapping, ObservationMapping)
+AGREES = 0.99
+"""Share of the target's pairs for which a mapping through it must be one and the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +46,12 @@ class SourceCandidate(Frozen):
         From the target to the task; several where the target reads it in several ways, as each of
         two predators reads the only one of a smaller hunt.
     kind : str
-        What it was made by, one of :data:`KINDS`; "proposed" for a user's own.
+        What it was made by, as in :func:`source_candidates`; "proposed" for a user's own.
     words : str
         What it is, for a person.
-    relation : Relation, optional
-        How it relates to its target, in terms that hold for other targets too; None where they do
-        not, as for a pit in one place.
+    share : float, optional
+        Of the target, where candidates of its kind differ by size or distance: of the side of a
+        crop, of the way that starts or a bottleneck lie from the goal.
     member : FamilyMember, optional
         Its address, if it is a member of the target's family.
     optimum, random_return : float
@@ -68,7 +77,7 @@ class SourceCandidate(Frozen):
     mappings: Any
     kind: str = PROPOSED
     words: str = ""
-    relation: Any = None
+    share: float | None = None
     member: FamilyMember | None = None
     optimum: float = float("nan")
     random_return: float = float("nan")
@@ -98,6 +107,78 @@ class SourceCandidate(Frozen):
         return f"SourceCandidate({self.name!r}, {self.kind}, {states})"
 
 
+def mappings_between(
+    target: Any, after: SourceCandidate, before: SourceCandidate
+) -> tuple[Any, ...]:
+    """Return how a source reads an earlier one: f(s', a') for the later source's pairs.
+
+    Members of one family map onto each other as it declares. Other sources read each other through
+    the target: a pair of the later one reads the pair of the earlier one that most of those target
+    pairs read which read itself. Of several mappings those are taken by which the target's pairs
+    agree, or the one by which they agree the most.
+
+    Parameters
+    ----------
+    target : Task
+        Whose pairs the mappings of both sources are from.
+    after, before : SourceCandidate
+
+    Raises
+    ------
+    CurriculumError
+        When the sources are no members of one family, and have no tables.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.design import source_candidates
+    >>> maze = GridWorld(["S....", ".....", ".....", ".....", "....T"])
+    >>> crops = source_candidates(maze, kinds=["crop"])
+    >>> large, small = crops["rows 1..4, columns 1..4"], crops["rows 3..4, columns 3..4"]
+    >>> (mapping,) = mappings_between(maze, large, small)
+    >>> print(mapping.coverage())
+    20.0% of 60 target pairs mapped, 0.0% at the source's end, 80.0% unmapped; ...
+    """
+    own, other = after.member, before.member
+    if own is not None and other is not None and own.family.factory is other.family.factory:
+        return member_mappings(own, other, after.task, before.task)
+    if not all(has_tables(task) for task in (target, after.task, before.task)):
+        raise CurriculumError(
+            "sources that build on each other must be members of one family, or have tables as "
+            f"the target has: {after.name!r} and {before.name!r} do not"
+        )
+    reader = after.mappings[0].index
+    found = [_through(reader, one.index, after.task, before.task) for one in before.mappings]
+    best = max(agreement for agreement, _ in found)
+    return tuple(
+        StateActionMapping(after.task, before.task, index)
+        for agreement, index in found
+        if agreement >= min(best, AGREES)
+    )
+
+
+def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple[float, IntArray]:
+    """Return the most frequent pair that is read, (S', A'), and in how many it is that one."""
+    shape = after.states.size, generative_model(after).actions.size
+    known = (reader >= 0) & (read != UNMAPPED)
+    index = np.full(shape[0] * shape[1], UNMAPPED, np.int64)
+    if not known.any():
+        return 0.0, index.reshape(shape)
+    size = before.states.size * generative_model(before).actions.size - ENDED
+    both = reader[known].astype(np.int64) * size + (read[known] - ENDED)
+    pairs, counts = np.unique(both, return_counts=True)
+    own, other = np.divmod(pairs, size)
+    order = np.lexsort((other, -counts, own))  # of equal counts the first pair
+    first = order[np.unique(own[order], return_index=True)[1]]
+    index[own[first]] = other[first] + ENDED
+    index = index.reshape(shape)
+    index[terminal_states(after)] = ENDED
+    return float(counts[first].sum() / counts.sum()), index
+
+
+# -- drafts --------------------------------------------------------------------------------------
+
+
 class DesignTarget(NamedTuple):
     """The target of a design, and what the kinds of candidates read of it."""
 
@@ -118,12 +199,8 @@ class Draft(NamedTuple):
     words: str
     build: Callable[[], Made]
     """Returns the task and its mappings; raises a CurricleError where there is no such task."""
-    which: str | None = None
-    """What tells it from others of its kind in any target; None where only this target has it."""
     share: float | None = None
     """Of the target, where candidates of a kind differ by size or distance."""
-    changes: Any = ()
-    """Of a member: its parameters by those of the target."""
     member: FamilyMember | None = None
     """Its address, if it is a member of the target's family."""
 

@@ -4,14 +4,6 @@ from .config.study_tables import json_schema as json_schema
 from .merging import merge as merge
 from .playing import played_episode as played_episode, stored_episode as stored_episode
 from .progress import Progress as Progress
-from .recipes.design_file import DesignPlan as DesignPlan, read_design as read_design
-from .recipes.designing import run_design as run_design
-from .recipes.from_recipe import study_text as study_text
-from .recipes.recipe_file import (
-    StoredRecipe as StoredRecipe,
-    read_recipe as read_recipe,
-    recipe_text as recipe_text,
-)
 from .results import StudyResults as StudyResults, compare_studies as compare_studies
 from .running import run_study as run_study
 from .store import StudyStore as StudyStore

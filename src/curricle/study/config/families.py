@@ -112,12 +112,6 @@ def member_of(family: str, given: Mapping[str, Any], folder: Path) -> FamilyMemb
     return found(**_plain(found, _checked_by(found, given)))
 
 
-def family_of(family: str, folder: Path, defaults: Mapping[str, Any]) -> TaskFamily:
-    """Return a family, which may be the user's own, with defaults as a file writes them."""
-    found = BUILT_IN.get(family) or _own(family, folder)
-    return found.with_defaults(**_plain(found, defaults))
-
-
 def _plain(family: TaskFamily, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return parameters with None where a file writes "none" for it."""
     optional = {one.name for one in family.parameters if one.optional}

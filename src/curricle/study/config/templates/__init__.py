@@ -1,4 +1,4 @@
-"""Files to begin with: studies, and the design of a recipe."""
+"""Studies to begin with."""
 
 from importlib.resources import files
 
@@ -10,11 +10,8 @@ KINDS = {
     "pursuit": "two predators learn to hunt from the values of one",
     "gymnasium": "a slippery lake learnt from one that is not",
     "deep": "two predators learn by a network what one learnt in a table",
-    "design": "a recipe for mazes, designed on small ones",
 }
 """Files that are there, and what they are about."""
-DESIGN = "design"
-"""The one that is no study."""
 
 
 def template(kind: str) -> str:

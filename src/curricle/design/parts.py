@@ -1,25 +1,70 @@
-"""Candidates that are parts of the target around its goal."""
+"""Candidates that are a part of the target: easier members, windows around the goal, near starts.
+
+Starts near the goal, in rings from the goal outwards: Asada et al. 1996, "learning from easy
+missions"; Florensa et al. 2017, "reverse curriculum generation for reinforcement learning".
+"""
 
 from collections.abc import Callable, Iterator
 from functools import partial
 from inspect import signature
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
-from curricle.design.proposals import DesignTarget, Draft, Made, spread
+from curricle.design.proposals import DesignTarget, Draft, Made, by_number, spread
 from curricle.errors import TaskError
 from curricle.tasks.deep_sea import DeepSea
+from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
 from curricle.transfer.component_mapping import project
+from curricle.transfer.family_mapping import family_mappings
 from curricle.transfer.mapping import same_position
 
+MOST_LISTED = 10_000
+"""Easier members that are listed at most; addresses alone, of which few are built."""
 MOST_GOALS = 4
 """Cells of a goal around which parts are taken."""
 COMPONENTS = {"rows": "row", "columns": "column", "positions": "position"}
 """The component of a state that an axis of `crop` cuts."""
 
 Range = tuple[int, int]
+
+
+# -- members of the target's family --------------------------------------------------------------
+
+
+def family_members(target: DesignTarget) -> Iterator[Draft]:
+    """Yield the members that are nowhere harder than the target, spread over all of them.
+
+    Examples
+    --------
+    >>> from curricle.design.proposals import design_target
+    >>> from curricle.tasks import pursuit_family
+    >>> target = design_target(pursuit_family(size=3, predators=2))
+    >>> [draft.name for draft in family_members(target)]
+    ['pursuit(size=2)', 'pursuit(size=2, predators=1)', 'pursuit(size=3, predators=1)']
+    """
+    if target.member is None:
+        return
+    parameters = target.member.parameters
+    for source in spread(islice(target.member.family.easier(target.member), MOST_LISTED)):
+        changes = ", ".join(
+            f"{name} {value} instead of {parameters[name]}"
+            for name, value in source.parameters.items()
+            if value != parameters[name]
+        )
+        words = f"an easier member of the family: {changes}"
+        build = partial(_member, target.member, source)
+        yield Draft("member", str(source), words, build, member=source)
+
+
+def _member(target: FamilyMember, source: FamilyMember) -> Made:
+    return source.task, family_mappings(target, source)
+
+
+# -- windows around the goal ---------------------------------------------------------------------
 
 
 def crops(target: DesignTarget) -> Iterator[Draft]:
@@ -40,7 +85,7 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
         for rows in spread(range(1, task.size)):
             build = partial(_bottom, task, rows)
             words = f"the lowest {rows} rows alone"
-            yield Draft("crop", f"lowest {rows} rows", words, build, "", rows / task.size)
+            yield Draft("crop", f"lowest {rows} rows", words, build, rows / task.size)
         return
     extents = _extents(task)
     if not extents:
@@ -52,7 +97,7 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
             if part != extents:
                 name = ", ".join(f"{axis} {low}..{high - 1}" for axis, (low, high) in part.items())
                 words = f"the part around the goal: {name}"
-                yield Draft("crop", name, words, partial(_part, task, part), "", side / longest)
+                yield Draft("crop", name, words, partial(_part, task, part), side / longest)
 
 
 def _extents(task: Any) -> dict[str, Range]:
@@ -128,3 +173,32 @@ def _cut(task: Any, part: dict[str, Range]) -> Any:
 def _bottom(task: DeepSea, rows: int) -> Made:
     source = task.bottom(rows)
     return source, project(task, source)
+
+
+# -- starts near the goal ------------------------------------------------------------------------
+
+
+def start_rings(target: DesignTarget) -> Iterator[Draft]:
+    """Yield the target with starts in 1 to d steps from the goal, half the way first.
+
+    There is one for each d below the distance of the farthest start.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.design.proposals import design_target
+    >>> [draft.name for draft in start_rings(design_target(GridWorld("S...T")))]
+    ['starts 1..2 from the goal', 'starts 1 from the goal', 'starts 1..3 from the goal']
+    """
+    far = int(goal_distance(target.mdp, target.goal)[target.mdp.start_states].max(initial=0))
+    for most in spread(range(1, far)):
+        ring = "1" if most == 1 else f"1..{most}"
+        words = f"episodes start {ring} step{'s' * (most > 1)} from the goal"
+        build = partial(_ring, target, most)
+        yield Draft("starts", f"starts {ring} from the goal", words, build, most / far)
+
+
+def _ring(target: DesignTarget, most: int) -> Made:
+    goal = np.flatnonzero(target.goal)
+    source = with_start(target.task, GoalDistance(1, most, goal=goal))
+    return source, by_number(target.task, source)
