@@ -250,13 +250,6 @@ MUTATIONS = [
         ("tests/unit/test_source_candidates.py",),
     ),
     Mutation(
-        "retraining is not booked",
-        "design/spending.py",
-        'found["sources"] += extra',
-        'found["sources"] += 0',
-        ("tests/unit/test_ledger.py",),
-    ),
-    Mutation(
         "shortest paths that are not counted",
         "design/bottlenecks.py",
         "(1 + delta) / safe",

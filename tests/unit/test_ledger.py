@@ -3,7 +3,6 @@
 import json
 import pickle
 import tomllib
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -170,19 +169,6 @@ def test_a_search_for_mappings_is_charged_to_each_seed():
     spent = ledger_of(result).steps
     assert spent["mapping_search"] == 120
     assert spent["sources"] + 120 == result.source_steps("maze").sum()
-
-
-def test_retraining_is_booked_under_sources():
-    # The mean of two optimistic sources starts well and then drops.
-    retrain = cr.curriculum.RetrainSources(drop=0.0, steps=400, times=2, patience=1)
-    learner = cr.QLearning(learning_rate=0.1, epsilon=0.3)
-    plan = replace(pursuit(learner=learner), aggregate=cr.mean, retrain={"hunt": retrain})
-    result = plan.train(seeds=4, charge=True)
-    extra = result.retrained["hunt"].extra.sum()
-    assert extra > 0
-    spent = ledger_of(result).steps
-    assert spent["sources"] == result.source_steps("hunt").sum() == 4 * 5000 + extra
-    assert spent["target"] == result["hunt"].steps_used.sum()
 
 
 def test_what_was_trained_before_is_booked_too():

@@ -27,14 +27,7 @@ def curricula_by_name(arms: Curriculum | Mapping[str, Curriculum]) -> Mapping[st
 
 def most_source_steps(curriculum: Curriculum) -> int:
     """Return an upper bound of the steps that a curriculum's sources take."""
-    most = 0
-    for name in curriculum.ancestors(curriculum.target):
-        most += curriculum.node(name).most_steps
-        retrain = curriculum.setting("retrain", name)
-        if retrain is not None:
-            sources = {edge.source for edge in curriculum.in_edges(name)}
-            most += retrain.times * retrain.steps * len(sources)
-    return most
+    return sum(curriculum.node(name).most_steps for name in curriculum.ancestors(curriculum.target))
 
 
 def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] | None = ()) -> None:

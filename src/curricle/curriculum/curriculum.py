@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from curricle.curriculum.defaults import (
 )
 from curricle.curriculum.node import Node
 from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.retraining import RetrainedResult, RetrainSources, with_retraining
 from curricle.curriculum.sources import (
     Learnt,
     SourceValues,
@@ -44,7 +42,7 @@ from curricle.remote_path import Place, place_at
 from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
-from curricle.transfer.edges import Calibrate, Transfer
+from curricle.transfer.edges import Transfer
 from curricle.transfer.proposal import search_steps
 
 
@@ -73,11 +71,9 @@ class Curriculum(TaskGraph):
         tenth of the target's steps together. ``StoppingRule(5_000)`` is 5,000 steps exactly.
     shaping : Shaping or dict
         How potentials, which sources give, enter learning. Default :class:`QInitialisation`, with a
-        :class:`Guard` where the learner has dense tables and no bonus, up to 10 million pairs, and
-        no sources are retrained; for an actor-critic whose one source is distilled from
-        :func:`miniatures` as they are, ``WeightTransfer(kl=0.1)``.
-    retrain : RetrainSources or dict, optional
-        Train the sources further where the return of a task drops below its start.
+        :class:`Guard` where the learner has dense tables and no bonus, up to 10 million pairs; for
+        an actor-critic whose one source is distilled from :func:`miniatures` as they are,
+        ``WeightTransfer(kl=0.1)``.
     eval_freq : int or dict, optional
         Steps between checkpoints.
     evaluation : GreedyEvaluation or dict, optional
@@ -110,7 +106,6 @@ class Curriculum(TaskGraph):
     learner: Learner | Mapping[str, Learner] = SETTINGS["learner"]
     budget: Budget | Mapping[str, Budget | None] | None = SETTINGS["budget"]
     shaping: Shaping | Mapping[str, Shaping | None] | None = SETTINGS["shaping"]
-    retrain: RetrainSources | Mapping[str, RetrainSources | None] | None = SETTINGS["retrain"]
     eval_freq: int | Mapping[str, int | None] | None = SETTINGS["eval_freq"]
     evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = SETTINGS["evaluation"]
     storage: Storage | Mapping[str, Storage] = SETTINGS["storage"]
@@ -122,11 +117,11 @@ class Curriculum(TaskGraph):
             for name in given if isinstance(given, Mapping) else ():
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
         for name in self.tasks:
-            node, calibration = self.node(name), self.calibration(name)
+            node = self.node(name)
+            self.calibration(name)  # transfers that disagree on it are refused
             if self.in_edges(name):
                 node.shaping.check(node.learner)
                 self._check_handing_on(node)
-            self._check_retraining(node, calibration)
 
     def _check_handing_on(self, node: Node) -> None:
         """Raise CurriculumError if a task hands on values that shaping has changed for good."""
@@ -135,23 +130,6 @@ class Curriculum(TaskGraph):
             raise CurriculumError(
                 "values that are handed on must be in the task's own rewards: "
                 f"{node.shaping.name} changes those of {node.name!r}, which {targets[0]!r} reads"
-            )
-
-    def _check_retraining(self, node: Node, calibration: Calibrate | None) -> None:
-        retrain = self.setting("retrain", node.name)
-        if retrain is None:
-            return
-        instance(f"retrain of {node.name}", retrain, RetrainSources, CurriculumError)
-        if node.deep:
-            raise CurriculumError(
-                f"RetrainSources changes tables: {node.name!r} is learnt by a network"
-            )
-        if self.in_edges(node.name):
-            retrain.watched(node)
-        if calibration is not None:
-            raise CurriculumError(
-                "RetrainSources changes the potential, which must then not be calibrated: "
-                f"{node.name!r} has both"
             )
 
     def unmapped_is_free(self, name: str) -> bool:
@@ -173,7 +151,7 @@ class Curriculum(TaskGraph):
         if value is not None:
             return value
         if which == "shaping":
-            others = (self.setting(one, name) for one in ("learner", "storage", "retrain"))
+            others = (self.setting(one, name) for one in ("learner", "storage"))
             distilled = self._source_is_distilled(name)
             budget = self.setting("budget", name) if distilled else None
             return default_shaping(self.tasks[name], *others, distilled=distilled, budget=budget)
@@ -213,7 +191,7 @@ class Curriculum(TaskGraph):
     def node(self, name: str) -> Node:
         """Return a task with all its settings; SettingError if they make no sense."""
         one_of("a task", name, self.tasks, CurriculumError)
-        settings = {which: self.setting(which, name) for which in SETTINGS if which != "retrain"}
+        settings = {which: self.setting(which, name) for which in SETTINGS}
         return Node.of(name, self.tasks[name], **settings)
 
     def _repr_html_(self) -> str:
@@ -278,7 +256,6 @@ class Curriculum(TaskGraph):
         results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
-        retrained: dict[str, RetrainedResult] = {}
         paying = self.target if charge else None
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
@@ -290,16 +267,14 @@ class Curriculum(TaskGraph):
             for name in [one for one in self.order if one in wanted and one not in given]:
                 potentials[name] = self.potentials(name, sources)
                 spent = self._spent(name, sources) if name == paying else None
-                node, retrain = self.node(name), self.setting("retrain", name)
+                node = self.node(name)
                 fitted = list[Calibration]()
                 if (settings := self.calibration(name)) is not None:
                     fitted = calibrated(node, potentials[name], settings, numbers, spent)
                     warn_of_refusals(name, fitted)
                     calibrations[name] = fitted
                     potentials[name] = [one.potential for one in fitted]
-                retraining = retrain is not None and len(potentials[name]) > 0
-                node = node.solved() if retraining else node
-                results[name] = (retrain.watched(node) if retraining else node).train(
+                results[name] = node.train(
                     numbers,
                     potentials[name],
                     warm_ups=[one.warm_up for one in fitted],
@@ -309,31 +284,9 @@ class Curriculum(TaskGraph):
                     progress=bars.within(),
                     saves=None if saves is None else place_at(saves) / file_name(name),
                 )
-                extra: IntArray | int = 0
-                if retraining:
-                    retrained[name] = self._retrained(
-                        node, results[name], sources, spent, snapshots
-                    )
-                    results[name], extra = retrained[name].result, retrained[name].extra
-                sources[name] = SourceValues.of(results[name], extra)
+                sources[name] = SourceValues.of(results[name])
                 bars.tell(name)
-        return CurriculumResult(self, results, potentials, calibrations, retrained, given)
-
-    def _retrained(
-        self,
-        node: Node,
-        first: LearningResult,
-        sources: Mapping[str, SourceValues],
-        spent: IntArray | None,
-        snapshots: int,
-    ) -> RetrainedResult:
-        """Return a task's training, its sources retrained as often as needed."""
-        name, edges = node.name, self.in_edges(node.name)
-        how: Any = {"aggregate": node.aggregate, "unknown_value": node.unknown_value}
-        potentials_of = partial(source_potentials, node.task, edges, **how)
-        direct = {t.source: (self.node(t.source), sources[t.source]) for t in edges}
-        retrain: RetrainSources = self.setting("retrain", name)
-        return with_retraining(retrain, node, direct, potentials_of, first, spent, snapshots)
+        return CurriculumResult(self, results, potentials, calibrations, given)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
         """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64.

@@ -81,10 +81,6 @@ def result_html(result: Any) -> str:
         learnt_table(result.nodes, ended),
         given and f"learnt before: {', '.join(given)}",
         *(f"{name}: {_calibration(each)}" for name, each in result.calibrations.items()),
-        *(
-            f"{name}: sources retrained for {one.extra.mean():,.0f} steps a seed"
-            for name, one in result.retrained.items()
-        ),
     )
 
 

@@ -12,7 +12,6 @@ from curricle.archives.saved_file import read_saved, write_saved
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.curriculum.curriculum_table import result_html, result_in_brief
-from curricle.curriculum.retraining import RetrainedResult
 from curricle.curriculum.saved_curriculum import Parts, from_file, to_file
 from curricle.curriculum.sources import SourceValues
 from curricle.errors import CurriculumError
@@ -35,8 +34,6 @@ class CurriculumResult:
         Of each task trained here or given.
     potentials : dict of str to list of MappedPotential or StateActionPotential
         For each task trained here, the potential of each seed (empty without sources).
-    retrained : dict of str to RetrainedResult
-        What retraining took of each task that has it.
     calibrations : dict of str to list of Calibration
         Of each seed, where transfers are calibrated: the first steps of the task's own budget.
     given : dict of str to SourceValues
@@ -54,7 +51,6 @@ class CurriculumResult:
     nodes: Mapping[str, LearningResult]
     potentials: Mapping[str, list[AnyPotential]]
     calibrations: Mapping[str, list[Calibration]] = field(default_factory=dict)
-    retrained: Mapping[str, RetrainedResult] = field(default_factory=dict)
     given: Mapping[str, SourceValues] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -70,23 +66,15 @@ class CurriculumResult:
     @cached_property
     def sources(self) -> dict[str, SourceValues]:
         """What each task hands on to those after it, whether it was trained here or before."""
-        extra = {name: one.extra for name, one in self.retrained.items()}
-        own = {name: SourceValues.of(one, extra.get(name, 0)) for name, one in self.nodes.items()}
-        return {**own, **self.given}
+        return {**{name: SourceValues.of(one) for name, one in self.nodes.items()}, **self.given}
 
     def source_steps(self, name: str) -> IntArray:
-        """Return the steps each seed spent on a task's sources, each once, (K,) int64.
-
-        Those of retraining them for `name` included.
-        """
+        """Return the steps each seed spent on a task's sources, each once, (K,) int64."""
         spent = self.curriculum._spent(name, self.sources)
-        total = np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
-        return total + self.retrained[name].extra if name in self.retrained else total
+        return np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
 
     def decisions(self, name: str) -> Decisions:
         """Return what a task's stopping rule decided at each checkpoint of each seed."""
-        if name in self.retrained:
-            return Decisions(self.retrained[name].decisions, self[name].seeds)
         found: Decisions = self.curriculum.node(name).decisions(self[name])
         return found
 
@@ -131,7 +119,7 @@ class CurriculumResult:
         It has no pickles, and equal results give equal bytes. Tasks and transfers are not in it:
         :meth:`load` takes the curriculum again. StoreError when it cannot be written.
         """
-        parts = Parts(self.nodes, self.potentials, self.calibrations, self.retrained, self.given)
+        parts = Parts(self.nodes, self.potentials, self.calibrations, self.given)
         return write_saved(path, type(self).__name__, *to_file(self.curriculum, parts))
 
     @classmethod

@@ -4,15 +4,14 @@ Potentials are not stored: they follow from the sources' values, as they did in 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.archives.saved_file import SavedFile
-from curricle.curriculum.retraining import RetrainedResult
-from curricle.curriculum.sources import Progress, SourceValues
+from curricle.curriculum.sources import SourceValues
 from curricle.curriculum.stored_sources import StoredValues, source_values
 from curricle.deep.result import DeepResult
 from curricle.errors import CurriculumError, SettingError
@@ -21,7 +20,6 @@ from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.learning.result_arrays import all_values_of, arrays_of_values, check_value_arrays
 from curricle.learning.saved_result import as_saved, pairs_of, task_record
-from curricle.learning.stopping import Decision, StoppingKernel, StoppingRule
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.scale_fit import ScaleEvidence
 
@@ -41,7 +39,6 @@ class Parts(NamedTuple):
     nodes: Mapping[str, LearningResult]
     potentials: Mapping[str, list[AnyPotential]]
     calibrations: Mapping[str, list[Calibration]]
-    retrained: Mapping[str, RetrainedResult]
     given: Mapping[str, SourceValues]
 
 
@@ -56,7 +53,6 @@ def to_file(curriculum: Any, parts: Parts) -> tuple[Arrays, dict[str, Any]]:
     nodes = {name: one.parts_of_file() for name, one in parts.nodes.items()}
     put("nodes", nodes, lambda one: one[0])
     put("given", parts.given, _arrays_given)
-    put("retrained", parts.retrained, lambda one: {"extra": one.extra})
     put("calibrations", parts.calibrations, _arrays_calibrated)
     words = {
         "tasks": {name: task_record(task) for name, task in curriculum.tasks.items()},
@@ -64,10 +60,6 @@ def to_file(curriculum: Any, parts: Parts) -> tuple[Arrays, dict[str, Any]]:
                   for name, (_, about) in nodes.items()},
         "trained": list(parts.potentials),
         "given": {name: one.own_rewards for name, one in parts.given.items()},
-        "retrained": {
-            name: [[_plain(one) for one in each] for each in retrained.decisions]
-            for name, retrained in parts.retrained.items()
-        },
         "calibrations": {
             name: [_words_calibrated(one) for one in each]
             for name, each in parts.calibrations.items()
@@ -121,34 +113,20 @@ def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> 
     def source(name: str, arrays: Arrays, own_rewards: bool) -> SourceValues:
         task, seeds = curriculum.tasks[name], tuple(arrays["seeds"].tolist())
         check_value_arrays(arrays, len(seeds), pairs_of(saved, words["tasks"][name], task))
-        values, progress = all_values_of(arrays, len(seeds)), None
-        if "progress_steps" in arrays:
-            progress = Progress(frozen(arrays["progress_steps"]), _visits(arrays))
-        return SourceValues(
-            task, seeds, values, frozen(arrays["steps_used"]), bool(own_rewards), progress
-        )
+        values = all_values_of(arrays, len(seeds))
+        return SourceValues(task, seeds, values, frozen(arrays["steps_used"]), bool(own_rewards))
 
     nodes, given = read("nodes", node), read("given", source)
-    retrained = read(
-        "retrained",
-        lambda name, arrays, about: RetrainedResult(
-            nodes[name],
-            frozen(arrays["extra"]),
-            [[_decision(one) for one in each] for each in about],
-        ),
-    )
     fitted = read("calibrations", _calibrations)
     nodes, given = _with_networks(curriculum, nodes, given, fitted)
-    extra = {name: one.extra for name, one in retrained.items()}
-    sources = {name: SourceValues.of(one, extra.get(name, 0)) for name, one in nodes.items()}
-    sources |= given
+    sources = {**{name: SourceValues.of(one) for name, one in nodes.items()}, **given}
     potentials = {name: curriculum.potentials(name, sources) for name in words["trained"]}
     calibrations = {}
     for name, each in fitted.items():
         pairs = zip(each, potentials[name], strict=True)
         calibrations[name] = [_calibrated(one, phi) for one, phi in pairs]
         potentials[name] = [one.potential for one in calibrations[name]]
-    return Parts(nodes, potentials, calibrations, retrained, given)
+    return Parts(nodes, potentials, calibrations, given)
 
 
 # -- sources trained before ----------------------------------------------------------------------
@@ -156,16 +134,7 @@ def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> 
 
 def _arrays_given(one: SourceValues) -> Arrays:
     found = {"seeds": np.array(one.seeds, dtype=np.int64), "steps_used": one.steps_used}
-    found |= arrays_of_values(one.values)
-    if one.progress is not None:
-        found["progress_steps"] = one.progress.steps
-        if one.progress.visits is not None:
-            found["visits"] = one.progress.visits
-    return found
-
-
-def _visits(arrays: Arrays) -> Any:
-    return frozen(arrays["visits"]) if "visits" in arrays else None
+    return found | arrays_of_values(one.values)
 
 
 def _with_networks(
@@ -200,7 +169,7 @@ def _with_networks(
     return nodes, given
 
 
-# -- calibrations and decisions ------------------------------------------------------------------
+# -- calibrations --------------------------------------------------------------------------------
 
 
 def _arrays_calibrated(each: list[Calibration]) -> Arrays:
@@ -229,12 +198,3 @@ def _calibrations(_: str, arrays: Arrays, about: Any) -> list[Calibration]:
 def _calibrated(one: Calibration, potential: AnyPotential) -> Calibration:
     phi = potential if one.refusal else potential.rescaled(one.scale, one.shift)
     return replace(one, potential=phi)
-
-
-def _plain(one: Decision) -> dict[str, Any]:
-    return {**asdict(one), "kernel": list(one.kernel)}
-
-
-def _decision(about: Mapping[str, Any]) -> Decision:
-    rule, kernel = StoppingRule(**about["rule"]), StoppingKernel(*about["kernel"])
-    return Decision(**{**about, "rule": rule, "kernel": kernel})

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from curricle.curriculum.node import Node
 from curricle.display import brief_repr
 from curricle.errors import CurriculumError
 from curricle.learning.budget import limits
-from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
@@ -22,20 +21,6 @@ from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibra
 from curricle.transfer.edges import Calibrate, Transfer
 from curricle.transfer.potentials import ObservationPotential, combined_potential
 from curricle.transfer.value_sources import TableValues, ValueSource
-
-
-class Progress(NamedTuple):
-    """Where the training of K seeds stopped: schedules and counts go on from there."""
-
-    steps: IntArray
-    """(K,) in the task itself."""
-    visits: IntArray | None
-    """(K, n, S, A) updates in each of n tables, if the learning rate counts them."""
-
-    def of_seed(self, k: int) -> WarmUp:
-        """Return what the k-th seed did, for training to go on from."""
-        visits = None if self.visits is None else self.visits[k]
-        return WarmUp(self.steps[k : k + 1], np.zeros(1), visits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +35,9 @@ class SourceValues:
     values : (K, S, A) float array or K ValueSource
         None if they were not kept.
     steps_used : (K,) int64
-        Steps that each seed spent on the task, those of retraining its own sources included.
+        Steps that each seed spent on the task.
     own_rewards : bool
         Whether the values are in the task's own rewards (:class:`LearningResult`).
-    progress : Progress or None
-        Where the training stopped, for :class:`RetrainSources`; None if that is unknown.
 
     Examples
     --------
@@ -68,25 +51,14 @@ class SourceValues:
     values: Any
     steps_used: IntArray
     own_rewards: bool = True
-    progress: Progress | None = None
 
     __repr__ = brief_repr
 
     @classmethod
-    def of(cls, result: "Learnt", extra_steps: IntArray | int = 0) -> Self:
-        """Return what a result hands on; `extra_steps` were spent on retraining its sources."""
-        if isinstance(result, LearningResult):
-            progress: Progress | None = Progress(result.steps_used, result.visits)
-        else:
-            progress = result.progress
-        return cls(
-            result.task,
-            result.seeds,
-            result.values,
-            result.steps_used + extra_steps,
-            bool(np.all(result.own_rewards)),
-            progress,
-        )
+    def of(cls, result: "Learnt") -> Self:
+        """Return what a result hands on."""
+        own_rewards = bool(np.all(result.own_rewards))
+        return cls(result.task, result.seeds, result.values, result.steps_used, own_rewards)
 
     def first(self, n: int) -> "SourceValues":
         """Return those of the first n seeds."""

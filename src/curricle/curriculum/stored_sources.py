@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from curricle.array_types import IntArray
 from curricle.curriculum.node import Node
-from curricle.curriculum.sources import Progress, SourceValues
+from curricle.curriculum.sources import SourceValues
 
 
 class StoredValues(NamedTuple):
@@ -14,10 +14,9 @@ class StoredValues(NamedTuple):
     values: Any
     """(K, S, A) float array, or K dicts of a network's parameters; None where they are not read."""
     steps_used: IntArray
-    """(K,) including those of retraining its own sources."""
+    """(K,) in the task."""
     calibrations: Sequence[tuple[float, float]] = ()
     """Scale and shift of each seed's potential; empty unless its transfers are calibrated."""
-    progress: Progress | None = None
 
 
 def sources_read(curriculum: Any, name: str) -> set[str]:
@@ -47,14 +46,14 @@ def source_values(
     for name in curriculum.order:
         if name in sources:
             node, stored = curriculum.node(name), sources[name]
-            values, steps_used, calibrations, progress = stored
+            values, steps_used, calibrations = stored
             if node.deep and values is not None:
                 potentials: list[Any] = curriculum.potentials(name, found)
                 if calibrations:
                     pairs = zip(potentials, calibrations, strict=True)
                     potentials = [phi.rescaled(scale, shift) for phi, (scale, shift) in pairs]
                 values = _networks(node, potentials or [None] * len(seeds), values)
-            found[name] = SourceValues(node.task, seeds, values, steps_used, progress=progress)
+            found[name] = SourceValues(node.task, seeds, values, steps_used)
     return found
 
 

@@ -29,8 +29,8 @@ def ledger_of(
     ----------
     spent : LearningResult, CurriculumResult, Comparison, Trial or Forecast
         - of a :class:`CurriculumResult` the steps of its targets are ``target``, those of all
-          before them ``sources``, retraining and what was trained before included. Calibration is
-          the first part of a task's steps, and booked apart;
+          before them ``sources``, what was trained before included. Calibration is the first part
+          of a task's steps, and booked apart;
         - of a :class:`Comparison` each arm costs its total budget, part of it sources. It does not
           say how many steps its evaluations took;
         - of a :class:`Trial` as of a comparison, and as a miniature where it was made on a smaller
@@ -98,10 +98,7 @@ def _of_curriculum(result: CurriculumResult) -> dict[str, int]:
     for name, values in result.sources.items():
         kind = "target" if name in plan.last_tasks else "sources"
         # A result that was handed in says by itself what it took; its calibration is not known.
-        extra = _sum(result.retrained[name].extra) if name in result.retrained else 0
-        own = _sum(values.steps_used) - extra
-        found[kind] += own - fitted.get(name, 0)
-        found["sources"] += extra
+        found[kind] += _sum(values.steps_used) - fitted.get(name, 0)
     found["calibration"] = sum(fitted.values())
     trained = [one for one in plan.transfers if one.target in result.sources]
     seeds = len(next(iter(result.sources.values())).seeds) if result.sources else 0
