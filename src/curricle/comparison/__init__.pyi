@@ -1,6 +1,4 @@
 from .arms import Arm as Arm
-from .attribution import Attribution as Attribution, Region as Region, attribute as attribute
-from .choice_flips import flips as flips
 from .comparing import compare as compare
 from .comparison import Comparison as Comparison, Contrast as Contrast
 from .forecasting import forecast as forecast

@@ -13,6 +13,8 @@ from curricle.paper.trust_runs import EXAMINED, SWEEP, TrustRuns, tenths
 from curricle.statistics import Curve, Interval, paired_difference, time_to_threshold
 
 WHERE = "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, truncated at 100, 400,000 steps"
+MOSTLY = 0.5
+"""Share of seeds in which the choice in a cell must have become wrong."""
 NEAR = 1.05
 """Cost of a calibrated arm at most, relative to the best scale set by hand."""
 
@@ -29,7 +31,7 @@ def claims(found: TrustRuns) -> tuple[Claim, ...]:
         _not_just_longer(found),
         _refused(found),
         _guarded(found),
-        _attributed(found),
+        _left_out(found),
     )
 
 
@@ -198,19 +200,18 @@ def _guarded(found: TrustRuns) -> Claim:
     )
 
 
-def _attributed(found: TrustRuns) -> Claim:
-    regions = found.attribution.regions(found.attribution.names[0])
-    cells = {
-        tuple(int(x) for x in found.scratch.maze.cells[state])
-        for region in regions
-        for state in region.states
-    }
+def _left_out(found: TrustRuns) -> Claim:
     exits = {(2, 8), (2, 9)}
+    added = {
+        f"row {row}, column {column}": float(share)
+        for (row, column), share in zip(found.scratch.maze.cells, found.added_wrong, strict=True)
+        if (row, column) in exits
+    }
     return Claim(
         "trust.whose-doing",
         "The harm of size 3 lies where the optimal path leaves the corner and comes back: there "
         "the source makes the greedy choice wrong",
         f"10x10 maze, step reward -5, after {EXAMINED:,} steps; source left out, all else the same",
-        answer(bool(cells & exits)),
-        {f"worse in region {n + 1}": str(region) for n, region in enumerate(regions[:3])},
+        answer(max(added.values()) >= MOSTLY),
+        {f"wrong choices added in {cell}, share of seeds": x for cell, x in added.items()},
     )

@@ -1,4 +1,4 @@
-"""Beyond the paper: forecast, calibration, controls, guard and attribution."""
+"""Beyond the paper: forecast, calibration, controls, guard and a source left out."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from curricle.paper.settings import (
     stacked,
     whiskers,
 )
-from curricle.paper.trust_claims import claims
+from curricle.paper.trust_claims import MOSTLY, claims
 from curricle.paper.trust_runs import EXAMINED, HUNTS, LARGE_SEEDS, TrustRuns, run
 from curricle.plotting import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
 from curricle.statistics import Curve
@@ -40,7 +40,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         _draw_hunt(panel, found, size)
     _draw_controls(axes[1, 0], found)
     _draw_guard(axes[1, 1], found)
-    _draw_attribution(axes[1, 2], found)
+    _draw_left_out(axes[1, 2], found)
     return FigureResult(
         name="trust",
         title="Beyond the paper: can the transfer be trusted?",
@@ -135,12 +135,12 @@ def _draw_guard(panel: Any, found: TrustRuns) -> None:
     panel.legend(loc="lower right")
 
 
-def _draw_attribution(panel: Any, found: TrustRuns) -> None:
-    one, arena = found.attribution, found.scratch.maze
-    title = f"attribution to the 3x3 corner, after {EXAMINED:,} steps"
+def _draw_left_out(panel: Any, found: TrustRuns) -> None:
+    title = f"the 3x3 corner left out, after {EXAMINED:,} steps"
     unit = "wrong choices added by the source (% of seeds)"
-    draw_potential(panel, arena, 100 * one.wrong[0], label=title, unit=unit, difference=True)
-    frame_cells(panel, arena, one.changed_states(one.names[0]))
+    arena, added = found.scratch.maze, found.added_wrong
+    draw_potential(panel, arena, 100 * added, label=title, unit=unit, difference=True)
+    frame_cells(panel, arena, added >= MOSTLY)
 
 
 def _table(found: TrustRuns) -> dict[str, Any]:

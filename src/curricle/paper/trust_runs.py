@@ -1,4 +1,4 @@
-"""The runs of the trust figure: forecast, calibration, controls, guard, attribution."""
+"""The runs of the trust figure: forecast, calibration, controls, guard, a source left out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,13 +21,15 @@ from curricle import (
     mean,
     minimum,
     project,
+    solve,
 )
 from curricle.array_types import FloatArray
-from curricle.comparison import Attribution, Comparison, Forecast, attribute
+from curricle.comparison import Comparison, Forecast
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult
 from curricle.paper import maze_runs as runs
 from curricle.paper.settings import LEARNER, Progress, maze
+from curricle.planning.solution import right_choices
 from curricle.transfer import Calibrate
 
 AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
@@ -60,7 +62,9 @@ class TrustRuns:
     # The maze from scratch, from the 3x3 corner, and from there with a guard.
     maze: Mapping[str, LearningResult]
     scratch: runs.Scratch  # with the paper's budget; sets the threshold
-    attribution: Attribution  # of harm to the 3x3 corner
+    # (S,) of the maze: the share of seeds whose greedy choice is wrong with the 3x3 corner, less
+    # that without.
+    added_wrong: FloatArray
     refused: Mapping[int, float]  # size of a maze source -> share of seeds with no calibration
 
 
@@ -83,11 +87,11 @@ def run(seeds: int, workers: int | None, progress: Progress) -> TrustRuns:
         hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
         progress(f"pursuit {size}x{size}, uncalibrated and calibrated")
     scratch = runs.scratch(maze(-5), seeds, workers)
-    mazes, attribution = _mazes(seeds, workers)
+    mazes, added_wrong = _mazes(seeds, workers)
     progress("maze, guarded")
     refused = {size: _refused(size, seeds, workers) for size in SIZES}
     progress("maze, calibration")
-    return TrustRuns(predicted, compared, controls, hunts, mazes, scratch, attribution, refused)
+    return TrustRuns(predicted, compared, controls, hunts, mazes, scratch, added_wrong, refused)
 
 
 def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
@@ -134,7 +138,7 @@ def corner_plan(size: int) -> Curriculum:
     return runs.plan(arena, runs.corner(arena, size), MAZE_STEPS, "corner")
 
 
-def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], Attribution]:
+def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], FloatArray]:
     plan = corner_plan(3)
     sources = plan.train(seeds, only=["corner"], workers=workers).sources
     arms = {
@@ -144,7 +148,14 @@ def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], 
     results = {"scratch": runs.learnt_alone(maze(-5), MAZE_STEPS, seeds, workers)}
     for name, arm in arms.items():
         results[name] = arm.train(seeds, trained=sources, workers=workers)["target"]
-    return results, attribute(plan, steps=EXAMINED, seeds=seeds, trained=sources, workers=workers)
+    # All random numbers are the same without the source.
+    short = plan.replace("target", budget=EXAMINED, eval_freq=EXAMINED)
+    optimal = solve(plan.tasks["target"]).optimal
+    wrong = [
+        ~right_choices(arm.train(seeds, trained=sources, workers=workers)["target"].values, optimal)
+        for arm in (short, replace(short, transfers=()))
+    ]
+    return results, wrong[0].mean(axis=0) - wrong[1].mean(axis=0)
 
 
 def _refused(size: int, seeds: int, workers: int | None) -> float:

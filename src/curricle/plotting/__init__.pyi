@@ -1,4 +1,3 @@
-from .choice_flips import collapse_figure as collapse_figure, draw_flips as draw_flips
 from .comparison import draw_comparison as draw_comparison
 from .forecast import draw_forecast as draw_forecast
 from .grids import draw_maze as draw_maze, frame_cells as frame_cells
