@@ -29,7 +29,6 @@ from curricle.errors import CalibrationError
 from curricle.learning import LearningResult
 from curricle.paper import maze_runs as runs
 from curricle.paper.settings import LEARNER, Progress, maze
-from curricle.planning.solution import right_choices
 from curricle.transfer import Calibrate
 
 AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
@@ -151,11 +150,12 @@ def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], 
     # All random numbers are the same without the source.
     short = plan.replace("target", budget=EXAMINED, eval_freq=EXAMINED)
     optimal = solve(plan.tasks["target"]).optimal
-    wrong = [
-        ~right_choices(arm.train(seeds, trained=sources, workers=workers)["target"].values, optimal)
-        for arm in (short, replace(short, transfers=()))
-    ]
-    return results, wrong[0].mean(axis=0) - wrong[1].mean(axis=0)
+    wrong = []
+    for arm in (short, replace(short, transfers=())):
+        values = arm.train(seeds, trained=sources, workers=workers)["target"].values
+        greedy = values == values.max(axis=-1, keepdims=True)
+        wrong.append((greedy & ~optimal).any(axis=-1).mean(axis=0))
+    return results, wrong[0] - wrong[1]
 
 
 def _refused(size: int, seeds: int, workers: int | None) -> float:
