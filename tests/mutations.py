@@ -131,7 +131,7 @@ MUTATIONS = [
     ),
     Mutation(
         "a fifth of a gain is nothing beside the rest",
-        "comparison/reasons.py",
+        "comparison/verdicts.py",
         "SHARE = 0.1",
         "SHARE = 0.2",
         ("tests/unit/test_reasons.py",),

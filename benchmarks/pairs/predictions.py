@@ -27,8 +27,7 @@ from scipy.stats import rankdata
 
 from benchmarks.pairs import family_names, pairs
 from curricle.comparison.candidates import candidates_of
-from curricle.comparison.forecasts import ForecastRow
-from curricle.comparison.potential_words import anti_knowledge
+from curricle.comparison.forecasts import ForecastRow, anti_knowledge
 from curricle.comparison.trial import run_trial
 from curricle.planning.target import Target
 from curricle.statistics import mean_interval

@@ -5,7 +5,7 @@ import pytest
 
 from curricle.comparison import Arm, Comparison
 from curricle.comparison.levels import Level
-from curricle.comparison.reasons import ASKING
+from curricle.comparison.verdicts import ASKING
 from curricle.statistics import Curve
 
 NOISE = 0.1 * np.random.default_rng(5).permutation(12)

@@ -12,6 +12,7 @@ import pytest
 import curricle as cr
 from curricle.archives.saved_file import write_saved
 from curricle.curriculum import CurriculumResult
+from curricle.curriculum.result import to_file
 from curricle.errors import CurriculumError, SettingError, StoreError
 from curricle.learning import LearningResult, TabularPolicy
 
@@ -251,10 +252,7 @@ def test_another_curriculum_is_refused(tmp_path, trained):
 
 @pytest.mark.parametrize("missing", ["nodes", "tasks", "trained"])
 def test_words_that_are_missing_are_one_sentence(tmp_path, trained, missing):
-    from curricle.curriculum.saved_curriculum import Parts, to_file
-
-    parts = (trained.nodes, trained.potentials, trained.calibrations)
-    arrays, words = to_file(trained.curriculum, Parts(*parts, trained.given))
+    arrays, words = to_file(trained)
     del words[missing]
     file = write_saved(tmp_path / "one", "CurriculumResult", arrays, words)
     with pytest.raises(StoreError, match="is not as save") as found:

@@ -251,7 +251,7 @@ def test_a_control_that_fails_is_left_out(monkeypatch):
     def broken(*_):
         raise BROKEN
 
-    monkeypatch.setattr("curricle.comparison.comparison_plan.learn_changed", broken)
+    monkeypatch.setattr("curricle.comparison.comparing.learn_changed", broken)
     found = compare(corner(), seeds=2, controls=["placebo", "pretraining"])
     assert list(found.arms) == ["scratch", "transfer", "transfer, pretraining"]
     assert found.failed == {"transfer, placebo": BROKEN}

@@ -8,10 +8,10 @@ from .learnt_sources import (
     source_learning as source_learning,
 )
 from .levels import Level as Level
-from .reasons import Reason as Reason
 from .task_differences import differences as differences
 from .trial import Trial as Trial
 from .verdicts import (
+    Reason as Reason,
     Verdict as Verdict,
     seeds_needed as seeds_needed,
     verdicts_of as verdicts_of,

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 import numpy as np
 
 from curricle.array_types import IntArray
-from curricle.checks import instance, one_of
-from curricle.curriculum.curriculum_table import curriculum_html
+from curricle.checks import fit_name, instance, one_of
 from curricle.curriculum.defaults import (
     DEFAULT_STEPS,
     SETTINGS,
@@ -26,8 +27,8 @@ from curricle.curriculum.sources import (
     source_potentials,
     warn_of_refusals,
 )
-from curricle.curriculum.task_graph import TaskGraph
 from curricle.deep.miniature_task import Miniatures
+from curricle.display import block, brief_value, shortened, table
 from curricle.errors import CurriculumError
 from curricle.files import file_name
 from curricle.learning.budget import Budget, limits
@@ -39,15 +40,18 @@ from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
 from curricle.remote_path import Place, place_at
-from curricle.tasks.task import same_task
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import Task, generative_model, same_task
+from curricle.text_tables import counted
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
-from curricle.transfer.edges import Transfer
+from curricle.transfer.chosen_mapping import with_mapping
+from curricle.transfer.edges import Calibrate, Transfer
 from curricle.transfer.proposal import search_steps
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Curriculum(TaskGraph):
+class Curriculum:
     """A directed acyclic graph of tasks whose edges carry potentials.
 
     Every setting below may be one value for all tasks or a dict from task name to value; tasks
@@ -101,6 +105,8 @@ class Curriculum(TaskGraph):
     array([5200, 3900])
     """
 
+    tasks: Mapping[str, Task]
+    transfers: Sequence[Transfer] = ()
     aggregate: Aggregate | Mapping[str, Aggregate] = SETTINGS["aggregate"]
     unknown_value: float | Mapping[str, float] = SETTINGS["unknown_value"]
     learner: Learner | Mapping[str, Learner] = SETTINGS["learner"]
@@ -111,7 +117,7 @@ class Curriculum(TaskGraph):
     storage: Storage | Mapping[str, Storage] = SETTINGS["storage"]
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        self._check_graph()
         for setting in SETTINGS:
             given = getattr(self, setting)
             for name in given if isinstance(given, Mapping) else ():
@@ -122,6 +128,42 @@ class Curriculum(TaskGraph):
             if self.in_edges(name):
                 node.shaping.check(node.learner)
                 self._check_handing_on(node)
+
+    def _check_graph(self) -> None:
+        """Find the mappings left open; CurriculumError unless tasks and transfers are a graph."""
+        instance("tasks", self.tasks, Mapping, CurriculumError)
+        instance("transfers", self.transfers, Sequence, CurriculumError)
+        object.__setattr__(self, "tasks", dict(self.tasks))
+        object.__setattr__(self, "transfers", tuple(self.transfers))
+        if not self.tasks:
+            raise CurriculumError("a curriculum needs at least one task: got none")
+        for name, task in self.tasks.items():
+            fit_name("a task", name, CurriculumError)
+            if not is_observation_task(task):
+                generative_model(task)
+        for transfer in self.transfers:
+            instance("each of transfers", transfer, Transfer, CurriculumError)
+            for role in ("source", "target"):
+                one_of(f"a transfer's {role}", getattr(transfer, role), self.tasks, CurriculumError)
+        found = (
+            with_mapping(
+                one,
+                self.tasks[one.target],
+                self.tasks[one.source],
+                fit_unmapped=self.unmapped_is_free(one.target),
+            )
+            for one in self.transfers
+        )
+        object.__setattr__(self, "transfers", tuple(found))
+        for transfer in self.transfers:
+            for role in ("source", "target"):
+                name = getattr(transfer, role)
+                if not same_task(self.tasks[name], getattr(transfer.mapping, role)):
+                    raise CurriculumError(
+                        f"a transfer's mapping must be made for its tasks: the mapping's {role} is "
+                        f"not the task {name!r} in {transfer.source} -> {transfer.target}"
+                    )
+        _ = self.order
 
     def _check_handing_on(self, node: Node) -> None:
         """Raise CurriculumError if a task hands on values that shaping has changed for good."""
@@ -135,10 +177,72 @@ class Curriculum(TaskGraph):
     def unmapped_is_free(self, name: str) -> bool:
         """Return whether a mapping that is found may state a value where it knows nothing.
 
-        Not where several transfers lead into a task, nor where `unknown_value` is given.
+        Not where several transfers lead into a task, of which each is to be skipped where it knows
+        nothing, nor where `unknown_value` is given.
         """
         given = self.setting("unknown_value", name)
-        return super().unmapped_is_free(name) and given == SETTINGS["unknown_value"]
+        return len(self.in_edges(name)) == 1 and given == SETTINGS["unknown_value"]
+
+    @property
+    def target(self) -> str:
+        """The task that all others lead to; CurriculumError unless there is exactly one."""
+        last = self.last_tasks
+        if len(last) != 1:
+            raise CurriculumError(
+                f"a curriculum must have one task that no other builds on: got {', '.join(last)}"
+            )
+        return last[0]
+
+    @property
+    def last_tasks(self) -> tuple[str, ...]:
+        """The tasks that no other builds on."""
+        sources = {transfer.source for transfer in self.transfers}
+        return tuple(name for name in self.tasks if name not in sources)
+
+    def __repr__(self) -> str:
+        return graph_in_brief(self)
+
+    @cached_property
+    def order(self) -> tuple[str, ...]:
+        """The tasks' names, every source before its targets."""
+        graph: dict[str, list[str]] = {name: [] for name in self.tasks}
+        for transfer in self.transfers:
+            graph[transfer.target].append(transfer.source)
+        try:
+            return tuple(TopologicalSorter(graph).static_order())
+        except CycleError as error:
+            cycle = " -> ".join(error.args[1])
+            raise CurriculumError(f"a curriculum must have no cycle: {cycle}") from None
+
+    def in_edges(self, name: str) -> tuple[Transfer, ...]:
+        """Return the transfers into a task."""
+        one_of("a task", name, self.tasks, CurriculumError)
+        return tuple(t for t in self.transfers if t.target == name)
+
+    def calibration(self, name: str) -> Calibrate | None:
+        """Return how the potential of a task is calibrated; None if it is not."""
+        settings = {transfer.calibration for transfer in self.in_edges(name)}
+        if len(settings) > 1:
+            raise CurriculumError(
+                "all transfers into a task are calibrated together and must agree on it: those "
+                f"into {name!r} do not"
+            )
+        calibration = settings.pop() if settings else None
+        if calibration is not None and isinstance(self.tasks[name], Miniatures):
+            raise CurriculumError(
+                f"a calibration takes steps in a task, and miniatures take none: a transfer into "
+                f"{name!r} has calibrate={calibration}"
+            )
+        return calibration
+
+    def ancestors(self, name: str) -> tuple[str, ...]:
+        """Return the tasks that have to be trained before `name`, in training order."""
+        one_of("a task", name, self.tasks, CurriculumError)
+        wanted = {name}
+        for node in reversed(self.order):
+            if node in wanted:
+                wanted.update(t.source for t in self.in_edges(node))
+        return tuple(node for node in self.order if node in wanted and node != name)
 
     def setting(self, which: str, name: str) -> Any:
         """Return what a setting, such as ``"learner"``, is for one task."""
@@ -347,3 +451,49 @@ class Curriculum(TaskGraph):
                     f"{result.seeds}"
                 )
         return {name: SourceValues.of(result) for name, result in trained.items()}
+
+
+def graph_in_brief(graph: Any) -> str:
+    """Return the tasks of a curriculum and its transfers in a few words."""
+    edges = [f"{one.source} -> {one.target}" for one in graph.transfers]
+    parts = [", ".join(graph.order), *([", ".join(edges)] if edges else [])]
+    return shortened(f"{type(graph).__name__}({'; '.join(parts)})")
+
+
+def curriculum_html(curriculum: Any) -> str:
+    """Return a curriculum as a table of its tasks and one of its transfers."""
+    tasks = [
+        (
+            name,
+            _task_in_words(curriculum.tasks[name]),
+            type(curriculum.setting("learner", name)).__name__,
+            _budget_in_words(curriculum.node(name).budget),
+        )
+        for name in curriculum.order
+    ]
+    transfers = [
+        (one.source, one.target, brief_value(one.mapping), one.scale, one.shift, _calibrated(one))
+        for one in curriculum.transfers
+    ]
+    head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
+    return block(
+        f"Curriculum: {counted(len(tasks), 'task')}, {counted(len(transfers), 'transfer')}",
+        table(["task", "", "learner", "budget"], tasks, wide=["budget"]),
+        transfers and table(head, transfers, wide=["mapping"]),
+    )
+
+
+def _task_in_words(task: Any) -> str:
+    if is_observation_task(task):
+        return brief_value(task)
+    model = generative_model(task)
+    states, actions = counted(model.states.size, "state"), counted(model.actions.size, "action")
+    return f"{type(task).__name__}, {states}, {actions}"
+
+
+def _budget_in_words(budget: Any) -> str:
+    return counted(budget, "step") if isinstance(budget, int) else str(budget)
+
+
+def _calibrated(transfer: Any) -> str:
+    return "yes" if transfer.calibrate else "no"

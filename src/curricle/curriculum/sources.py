@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -142,3 +142,63 @@ def warn_of_refusals(name: str, calibrations: Sequence[Calibration]) -> None:
             f"potential as it is: {refused[0]}",
             stacklevel=3,
         )
+
+
+class StoredValues(NamedTuple):
+    """What K seeds learnt in a task, as plain data."""
+
+    values: Any
+    """(K, S, A) float array, or K dicts of a network's parameters; None where they are not read."""
+    steps_used: IntArray
+    """(K,) in the task."""
+    calibrations: Sequence[tuple[float, float]] = ()
+    """Scale and shift of each seed's potential; empty unless its transfers are calibrated."""
+
+
+def sources_read(curriculum: Any, name: str) -> set[str]:
+    """Return the tasks whose values are needed to train a task.
+
+    They are its sources. A network that learnt on top of a potential needs that potential, so its
+    own sources are read too.
+    """
+    read, waiting = set[str](), [name]
+    while waiting:
+        for edge in curriculum.in_edges(waiting.pop()):
+            if edge.source not in read and curriculum.node(edge.source).deep:
+                waiting.append(edge.source)
+            read.add(edge.source)
+    return read
+
+
+def source_values(
+    curriculum: Any, seeds: tuple[int, ...], sources: Mapping[str, StoredValues]
+) -> dict[str, SourceValues]:
+    """Return what sources learnt as :meth:`Curriculum.train` takes it; networks are rebuilt.
+
+    `sources` has the values of all tasks that :func:`sources_read` names for a network. Rebuilding
+    one needs Stable-Baselines3, or raises ImportError.
+    """
+    found: dict[str, SourceValues] = {}
+    for name in curriculum.order:
+        if name in sources:
+            node, stored = curriculum.node(name), sources[name]
+            values, steps_used, calibrations = stored
+            if node.deep and values is not None:
+                potentials: list[Any] = curriculum.potentials(name, found)
+                if calibrations:
+                    pairs = zip(potentials, calibrations, strict=True)
+                    potentials = [phi.rescaled(scale, shift) for phi, (scale, shift) in pairs]
+                values = _networks(node, potentials or [None] * len(seeds), values)
+            found[name] = SourceValues(node.task, seeds, values, steps_used)
+    return found
+
+
+def _networks(node: Node, potentials: Sequence[Any], each: Sequence[Any]) -> tuple[Any, ...]:
+    """Return the values of each seed's network, from its parameters."""
+    node.learner.algorithm_class()  # raises ImportError that names what to install
+    from curricle.deep.models import network_values
+
+    return tuple(
+        network_values(node.task, node.learner, node.shaping.with_potential(potential), parameters)
+        for potential, parameters in zip(potentials, each, strict=True)
+    )

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from curricle.comparison.arms import Arm
-from curricle.comparison.comparable import most_source_steps
+from curricle.comparison.comparing import most_source_steps
 from curricle.errors import SettingError
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.stored_sources import StoredValues, source_values
+from curricle.curriculum.sources import StoredValues, source_values
 from curricle.display import brief_repr
 from curricle.learning.budget import ended_by
 from curricle.learning.result_arrays import arrays_of

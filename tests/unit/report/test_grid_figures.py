@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import CurriculumError, SettingError
+from curricle.plotting.grids import draw_potential, draw_sources, shared_limits
 from curricle.plotting.picture import save
-from curricle.plotting.potentials import draw_potential, draw_sources, shared_limits
 from curricle.tasks.grid_view import GridView
 
 from .studies import caption_of, texts_of
