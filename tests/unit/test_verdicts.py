@@ -12,7 +12,8 @@ from curricle.cli.app import main
 from curricle.comparison import Arm, Comparison, seeds_needed, verdicts_of
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics import Curve, Looks, holm, mean_interval, sign_flip_test
+from curricle.statistics import Curve, Looks, mean_interval, sign_flip_test
+from curricle.statistics.hypothesis_tests import holm
 from curricle.study import StudyResults
 from tests.comparisons import corner
 

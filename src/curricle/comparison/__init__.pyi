@@ -2,17 +2,8 @@ from .arms import Arm as Arm
 from .comparing import compare as compare
 from .comparison import Comparison as Comparison, Contrast as Contrast
 from .forecasting import forecast as forecast
-from .forecasts import Forecast as Forecast, ForecastRow as ForecastRow
-from .learnt_sources import (
-    SourceLearning as SourceLearning,
-    source_learning as source_learning,
-)
-from .levels import Level as Level
+from .forecasts import Forecast as Forecast
+from .learnt_sources import source_learning as source_learning
 from .task_differences import differences as differences
 from .trial import Trial as Trial
-from .verdicts import (
-    Reason as Reason,
-    Verdict as Verdict,
-    seeds_needed as seeds_needed,
-    verdicts_of as verdicts_of,
-)
+from .verdicts import Verdict as Verdict, seeds_needed as seeds_needed, verdicts_of as verdicts_of

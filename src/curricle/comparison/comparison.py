@@ -60,7 +60,7 @@ class Contrast:
         "pays", "costs more than it brings", "no difference shown", or that there are too few seeds
         for any verdict; empty for a control, which only its curriculum is compared with.
     reason : str
-        Why it pays: "by what it knows", "by optimism alone" and the like (:class:`Reason`); empty
+        Why it pays: "by what it knows", "by optimism alone" and the like (``Reason``); empty
         where that was not asked.
     """
 

@@ -220,7 +220,7 @@ def forecast_once(
 
     With `only_used` it has a row for the potential that the curriculum would use, and no other.
     """
-    name, edges = transfers_into(curriculum, target, "a forecast")
+    name, edges = _transfers_into(curriculum, target)
     for function in aggregates:
         if not callable(function):
             raise CurriculumError(
@@ -437,16 +437,14 @@ def _judgement_of_networks(
     return Judgement(tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ())
 
 
-def transfers_into(
-    curriculum: Curriculum, target: str | None, what: str
-) -> tuple[str, tuple[Transfer, ...]]:
+def _transfers_into(curriculum: Curriculum, target: str | None) -> tuple[str, tuple[Transfer, ...]]:
     """Return the name of a target, the curriculum's by default, and the transfers into it.
 
-    `what` needs them, such as "a forecast"; CurriculumError if there are none.
+    CurriculumError if there are none.
     """
-    instance(f"the curriculum of {what}", curriculum, Curriculum, CurriculumError)
+    instance("the curriculum of a forecast", curriculum, Curriculum, CurriculumError)
     name = curriculum.target if target is None else target
     edges = curriculum.in_edges(name)
     if not edges:
-        raise CurriculumError(f"{what} needs a task with transfers into it: {name!r} has none")
-    return name, tuple(edges)
+        raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
+    return name, edges
