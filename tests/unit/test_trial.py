@@ -382,7 +382,3 @@ def test_one_seed_against_the_others_is_noise():
     assert "below the random" in anti_knowledge(row((-5.0, 0.2), (-5.1, 0.3), (-4.9, 0.1)), 0.0)
     assert "below the random" in anti_knowledge(row((-5.0, np.nan)), 0.0)
     assert anti_knowledge(row((1.0, -0.2)), 0.0).startswith("may be anti-knowledge: its order")
-
-
-def test_a_trial_holds_its_comparison():
-    assert isinstance(cr.forecast(corner(), seeds=1).trial, Trial)
