@@ -218,7 +218,7 @@ class LearntAlone:
         """Return a task's result without its values; `train` makes it where it is the first."""
         known = self._known(node, seeds)
         if known is None:
-            known = replace(train(node), values=None, visits=None, snapshots=None)
+            known = replace(train(node), values=None, snapshots=None)
             self._found.append((node, tuple(seeds), known))
         return known
 

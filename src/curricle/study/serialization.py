@@ -128,7 +128,7 @@ def group_of(name: str) -> str:
     """
     if name.startswith("snapshot_"):
         return SNAPSHOTS
-    return VALUES if re.match(r"values|states|visits", name) else RUN
+    return VALUES if re.match(r"values|states", name) else RUN
 
 
 def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Table:
