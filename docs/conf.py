@@ -47,7 +47,7 @@ nitpick_ignore_regex = [
     ("py:class", r"ValueError|Exception|concurrent\.futures\._base\.BrokenExecutor"),
     ("py:exc", r"pydantic\.ValidationError"),
     ("py:class", "Arms|FactoredModel"),
-    ("py:func", "right_states|shared_limits|arm_styles"),
+    ("py:func", "shared_limits|arm_styles"),
 ]
 
 html_theme = "furo"

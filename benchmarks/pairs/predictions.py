@@ -1,20 +1,19 @@
-"""What each predictor says of each pair, before its target is learnt; and what came of it.
+"""What a trial says of each pair, before its target is learnt; and what came of it.
 
     python -m benchmarks.pairs.predictions --split development --out predictions.parquet
     python -m benchmarks.pairs.predictions --realised pairs.parquet --out predictions.parquet
 
 The first command takes seconds a pair: three seeds of the source, whose potentials are looked at,
 and a trial of 20 seeds on random streams of its own. The second joins the predictions with the
-gains that the runner of the pairs measured, sources charged, and prints for each predictor
+gains that the runner of the pairs measured, sources charged, and prints
 
 - rank: the rank correlation with the realised gain within targets, pooled. Both are ranked among
   the pairs of a target, the ranks scaled to [-1, 1], and correlated over all pairs;
 - sign: of the pairs whose gain differs from 0 (95 % intervals over seeds) the share of which the
-  predictor names the right sign;
+  trial names the right sign;
 - choice: the share of targets in which the first choice is at most a tenth of the best gain below
-  it. The first choice has the highest score, or is to learn from scratch where no score is above 0.
-
-Nothing is fitted here: constants come from the development families.
+  it. The first choice has the highest gain in the trial, or is to learn from scratch where none is
+  above 0.
 """
 
 import argparse
@@ -28,9 +27,7 @@ from scipy.stats import rankdata
 
 from benchmarks.pairs import family_names, pairs
 from curricle.comparison.candidates import candidates_of
-from curricle.comparison.forecasts import ForecastRow
-from curricle.comparison.potential_words import anti_knowledge
-from curricle.comparison.predictors import PREDICTORS, Case
+from curricle.comparison.forecasts import ForecastRow, anti_knowledge
 from curricle.comparison.trial import run_trial
 from curricle.planning.target import Target
 from curricle.statistics import mean_interval
@@ -41,44 +38,30 @@ CLOSE = 0.1
 """Share of the best in hindsight that a first choice may lose."""
 
 
-def case_of(pair):
-    """Return what is known of a pair before its target is learnt."""
+def predictions_of(pair):
+    """Return the row of a pair: what its sources' potentials and a trial say."""
+    started = time.perf_counter()
     plan = pair.curriculum()
     (candidate,) = (one for one in candidates_of(plan, "target") if one.used)
     sources = plan.train(SOURCE_SEEDS, only="source", workers=1).sources
     target = Target.of(pair.target, plan.setting("evaluation", "target"))
     potentials = candidate.potentials(sources, SOURCE_SEEDS)
-    quality = [potential_quality(phi, target, seed=k) for k, phi in enumerate(potentials)]
-    return Case(candidate, target, sources, potentials, quality)
-
-
-def predictions_of(pair):
-    """Return the row of a pair: scores, and what a trial says."""
-    started = time.perf_counter()
-    case = case_of(pair)
+    quality = tuple(potential_quality(phi, target, seed=k) for k, phi in enumerate(potentials))
     row = {
         "pair": pair.name,
         "family": pair.family,
         "split": pair.split,
         "kind": pair.kind,
         "target": pair.target_name,
-        "source_share": case.source_share,
-        "span": case.target.optimum - case.target.random_return,
+        "anti_knowledge": anti_knowledge(
+            ForecastRow("", True, True, quality, ()), target.random_return
+        ),
     }
-    for measure in ("start", "optimistic", "excess", "mean_absolute_value", "rank"):
-        row[measure] = float(np.mean([getattr(one, measure) for one in case.quality]))
-    named = ForecastRow("", True, True, tuple(case.quality), ())
-    row["anti_knowledge"] = anti_knowledge(named, case.target.random_return)
-    row["agreement"] = float(np.mean([one.greedy_agreement for one in case.quality]))
-    for name, predictor in PREDICTORS.items():
-        if name != "trial":
-            row[name] = predictor(case).score
     row["seconds"] = time.perf_counter() - started
-    trial = run_trial([case.candidate], workers=1)
-    arm, scratch = trial.comparison[case.candidate.name], trial.comparison.scratch
-    row["trial_gains"] = arm.strong_gain(scratch).tolist()
-    row["trial"] = float(np.mean(row["trial_gains"]))
-    gain = trial.gain(case.candidate.name)
+    trial = run_trial([candidate], workers=1)
+    arm, scratch = trial.comparison[candidate.name], trial.comparison.scratch
+    row["trial"] = float(np.mean(arm.strong_gain(scratch)))
+    gain = trial.gain(candidate.name)
     row["trial_low"], row["trial_high"] = float(gain.low), float(gain.high)
     row["trial_seconds"] = time.perf_counter() - started - row["seconds"]
     return row
@@ -127,17 +110,15 @@ def regrets(score, gain, target):
 
 
 def judge(predictions, realised):
-    """Print the bars of each predictor; `realised` are gain, low and high of each pair."""
+    """Print the bars of the trial; `realised` are gain, low and high of each pair."""
     rows = [row for row in predictions if row["pair"] in realised]
     gain, low, high = np.array([realised[row["pair"]] for row in rows]).T
     target = np.array([f"{row['family']}: {row['target']}" for row in rows])
+    score = np.array([row["trial"] for row in rows], dtype=float)
+    rank, (sign, n) = pooled_rank(score, gain, target), right_signs(score, gain, low, high)
+    choice = float((regrets(score, gain, target) <= CLOSE).mean())
     print(f"{len(rows)} pairs, {len(np.unique(target))} targets")
-    print(f"{'':<18}{'rank':>6}{'sign':>7}{'choice':>8}")
-    for name in PREDICTORS:
-        score = np.array([row[name] for row in rows], dtype=float)
-        rank, (sign, n) = pooled_rank(score, gain, target), right_signs(score, gain, low, high)
-        choice = float((regrets(score, gain, target) <= CLOSE).mean())
-        print(f"{name:<18}{rank:>6.2f}{sign:>7.0%}{choice:>8.0%}")
+    print(f"rank {rank:.2f}, sign {sign:.0%}, choice {choice:.0%}")
     print(
         f"the gains of {n} pairs differ from 0; {(gain[(low > 0) | (high < 0)] > 0).mean():.0%} "
         "of these are above it"

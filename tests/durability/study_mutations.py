@@ -90,7 +90,7 @@ KEYS = [
     "unmapped_value", "project", "mapping", "function", "observations", "actions", "status",
     "episodes", "method", "discounted", "storage", "save_values", "memory_limit", "precision",
     "snapshots", "threshold", "window", "scratch", "seeds_per_unit", "eval_freq", "aggregate",
-    "shaping", "guard", "retrain", "evaluation", "max_steps", "patience", "drop", "of", "type",
+    "shaping", "guard", "evaluation", "max_steps", "patience", "drop", "of", "type",
 ]  # fmt: skip
 """Keys that mean something somewhere."""
 N = "a number"
@@ -106,7 +106,6 @@ ADDED = {
         {"budget": {"episodes": N}}, {"budget": {"max_steps": N, "threshold": N}},
         {"budget": {"max_steps": N, "plateau": N, "patience": N}}, {"eval_freq": N},
         {"evaluation": {"method": "rollouts", "episodes": N}}, {"evaluation": {"episodes": N}},
-        {"retrain": {"steps": N, "drop": N, "times": N}}, {"retrain": {}},
         {"storage": {"memory_limit": N}}, {"storage": {"precision": N}}, {"start": [[N, N]]},
         {"shaping": {"type": "DecayingAdvice", "weight": N}}, {"shaping": "StateShaping"},
         {"shaping": {"type": "RewardBonus", "weight": N}}, {"shaping": "LookBackAdvice"},

@@ -58,8 +58,8 @@ target = "long"
 mapping = "same_position"
 unmapped_value = 0.0
 """
-RETRAINED = """
-name = "retrained"
+STAGES = """
+name = "stages"
 seeds = "0-5"
 seeds_per_unit = 2
 eval_freq = 100
@@ -75,7 +75,6 @@ budget = { max_steps = 1000, threshold = 90.0, patience = 2 }
 type = "maze"
 map = "S......T"
 budget = 2000
-retrain = { drop = 1.0, steps = 300, times = 2 }
 [[transfers]]
 source = "first"
 target = "second"
@@ -103,7 +102,7 @@ source = "cards"
 target = "same"
 mapping = "identity"
 """
-STUDIES = {"maze": MAZE, "own_code": OWN_CODE, "retrained": RETRAINED, "live": LIVE}
+STUDIES = {"maze": MAZE, "own_code": OWN_CODE, "stages": STAGES, "live": LIVE}
 OWN = """
 import curricle as cr
 from .rules import TREASURE

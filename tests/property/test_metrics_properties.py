@@ -7,19 +7,18 @@ from hypothesis.extra import numpy as hnp
 from curricle.statistics import (
     Curve,
     asymptotic_performance,
-    charge_source,
-    fraction_of_optimum,
     interquartile_interval,
-    interquartile_mean,
     jumpstart,
     mean_interval,
     mean_return,
     midpoint,
-    smooth,
     steps_saved,
     time_to_threshold,
     transfer_ratio,
 )
+from curricle.statistics.curves import charge_source, smooth
+from curricle.statistics.intervals import interquartile_mean
+from curricle.statistics.thresholds import fraction_of_optimum
 
 RETURNS = st.floats(-1e4, 1e4).map(lambda value: round(value, 6))
 SHAPES = st.tuples(st.integers(1, 5), st.integers(2, 12))

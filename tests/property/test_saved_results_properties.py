@@ -68,9 +68,7 @@ def results(draw):
         name: draw(array((n_seeds,), st.booleans(), "bool"))
         for name in ("out_of_memory", "own_rewards")
     }
-    visits = snapshots = None
-    if draw(st.booleans()):
-        visits = draw(array((n_seeds, 2, N_STATES, N_ACTIONS), counts, "int64"))
+    snapshots = None
     if draw(st.booleans()):
         tables = array((2, N_STATES, N_ACTIONS), st.floats(width=32, allow_infinity=False), "f4")
         snapshots = Snapshots(draw(st.sampled_from(seeds)), np.array([0, 5]), draw(tables))
@@ -80,7 +78,6 @@ def results(draw):
         seeds=tuple(seeds),
         values=draw(values(n_seeds)),
         steps=np.arange(n) * freq,
-        visits=visits,
         snapshots=snapshots,
         **curves,
         **totals,

@@ -6,8 +6,7 @@ A verdict may be wrong in 5 % of studies; allowed are 3 standard errors of the s
 import numpy as np
 import pytest
 
-from curricle.comparison.reasons import Reason
-from curricle.comparison.verdicts import verdicts_of
+from curricle.comparison.verdicts import Reason, verdicts_of
 
 pytestmark = pytest.mark.slow
 STUDIES = 2000

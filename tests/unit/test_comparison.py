@@ -11,7 +11,8 @@ import curricle as cr
 from curricle import compare
 from curricle.comparison import Arm, Comparison
 from curricle.errors import CurriculumError
-from curricle.statistics import Curve, charge_source
+from curricle.statistics import Curve
+from curricle.statistics.curves import charge_source
 from tests.comparisons import ALL, HERE, corner
 
 STEPS = np.array([0, 10, 20, 30, 40])
@@ -120,7 +121,7 @@ def test_tests_are_corrected_for_the_number_of_curricula():
     assert len(found.contrasts) == 6
     assert "scratch" not in found.contrasts
     own = [found.contrasts[name] for name in ("one", "two")]
-    adjusted = cr.statistics.holm([one.p for one in own])
+    adjusted = cr.statistics.hypothesis_tests.holm([one.p for one in own])
     assert [one.adjusted_p for one in own] == adjusted.tolist()
     assert any(one.adjusted_p > one.p for one in own)
     controls = [one for name, one in found.contrasts.items() if ", " in name]

@@ -29,7 +29,6 @@ from curricle import (
     project,
 )
 from curricle.checks import number
-from curricle.curriculum import RetrainSources
 from curricle.curriculum.defaults import SETTINGS
 from curricle.errors import SettingError
 from curricle.learning import OPIQ, Learner, UCBQLearning, exponential, harmonic, linear
@@ -299,16 +298,14 @@ def test_an_arm_guards_the_shaping_of_the_study(read):
     assert made == [LookAheadAdvice(), LookAheadAdvice(guard=Guard())]
 
 
-def test_retraining_and_stopping_rules_are_those_described(read):
+def test_stopping_rules_are_those_described(read):
     study = read(
         HUNT,
         set=[
-            "tasks.hunt.retrain={ drop = 3, steps = 500 }",
             "tasks.chase.budget={ max_steps = 5000, min_steps = 10, threshold = -3.5 }",
             "tasks.chase.budget.when=all",
         ],
     )
-    assert only(study).setting("retrain", "hunt") == RetrainSources(drop=3.0, steps=500)
     assert only(study).setting("budget", "chase") == StoppingRule(
         5000, min_steps=10, threshold=-3.5, when="all"
     )

@@ -316,7 +316,7 @@ def test_mistakes_in_ones_own_families_are_sentences(complaints, old, new, sente
 
 @pytest.mark.parametrize("kind", ['type = "river_swim"', 'family = "river_swim"'])
 def test_a_parameter_may_be_called_as_a_setting_once_was(read, kind):
-    """`back` is a chance of a river, and `retrain` was called so."""
+    """`back` is a chance of a river."""
     study = read(f"""
         name = "river"
         [tasks]

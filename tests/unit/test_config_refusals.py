@@ -117,7 +117,7 @@ def test_a_map_s_file_that_cannot_be_read(complaints, tmp_path):
             [
                 "line 22: arms.a.seeds is unknown: known are tasks, transfers, aggregate, "
                 "unknown_value, learner, budget, "
-                "shaping, retrain, eval_freq, evaluation, storage"
+                "shaping, eval_freq, evaluation, storage"
             ],
         ),
         (

@@ -60,7 +60,6 @@ def results(tmp_path_factory):
     found["forecast"] = forecast = cr.forecast(plan(), seeds=2, trial=True)
     found["row"], found["trial"] = forecast.rows[0], forecast.trial
     found["source learning"] = forecast.sources[EVIL]
-    found["attribution"] = cr.comparison.attribute(plan(), steps=200, seeds=3)
     found["solution"] = cr.solve(HUNT)
     found["values"] = cr.evaluate(maze, np.zeros(maze.states.size, int))
     found["episode"] = cr.planning.rollout(maze, np.zeros(maze.states.size, int))
@@ -91,7 +90,7 @@ def results(tmp_path_factory):
 
 NAMED = (
     *["curriculum", "training", "transfer", "comparison", "forecast"],
-    *["attribution", "teaching", "study", "study results", "trial", "source learning"],
+    *["teaching", "study", "study results", "trial", "source learning"],
 )
 """Results that show the user's names."""
 SHOWN_ALONE = {"snapshots", "source", "potential", "reason", "store", "policy"}

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import ConfigError
-from curricle.plotting.potentials import draw_potential
+from curricle.plotting.grids import draw_potential
 from curricle.report.svg import GridDrawing
 from curricle.study.record import ViewRecord
 from curricle.tasks.grid_view import GridView

@@ -349,12 +349,6 @@ def test_a_name_that_is_no_row():
     assert str(caught.value) == "a row of a forecast must be one of mean: got 'minimum'"
 
 
-def test_sources_of_other_seeds_are_refused():
-    plan, sources = copy_of(LINE, Q)
-    with pytest.raises(cr.errors.CurriculumError, match=r"must have the seeds asked for, \(0, 1\)"):
-        look(plan, seeds=2, trained=sources)
-
-
 def test_a_calibrated_curriculum_has_a_calibrated_row():
     raw, plain = pursuit(3, cr.mean, budget=25_000), cr.transfer.Calibrate(cautious=False)
     transfers = [

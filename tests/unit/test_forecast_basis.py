@@ -79,14 +79,6 @@ def test_check_prints_the_forecast_of_the_sources_as_they_will_be_trained(check,
     assert line in " ".join(out.split())
 
 
-def test_a_budget_changes_the_forecast_of_check(check):
-    short, _ = check("tasks.corner.budget=10")
-    long, _ = check("tasks.corner.budget=2000")
-    starts = [re.findall(r"^mean \* +\S+ +(\S+)", out, re.MULTILINE) for out in (short, long)]
-    assert len(starts[0]) == 1
-    assert starts[0] != starts[1]
-
-
 def test_seeds_of_check_are_the_studys(check):
     out, study = check('seeds="7,9"')
     assert str(cr.forecast(study.curriculum("transfer"), seeds=[7, 9])) in out

@@ -53,9 +53,8 @@ def test_profile_takes_infinite_scores_and_thresholds_but_hides_no_nan():
     assert np.isnan([profile.estimate, profile.low, profile.high]).all()
 
 
-def test_profile_is_frozen_and_prints_its_ends():
+def test_profile_prints_its_ends():
     profile = performance_profile([0.0, 1.0, 2.0, 3.0], [0.5, 1.5, 2.5])
-    assert not any(each.flags.writeable for each in (profile.estimate, *bounds(profile)))
     assert str(profile).startswith(
         "3 values, first 0.750 [0.301, 0.954], last 0.250 [0.046, 0.699]"
     )
@@ -65,10 +64,8 @@ def test_profile_is_frozen_and_prints_its_ends():
     ("scores", "thresholds", "settings", "message"),
     [
         ([], [0.0], {}, r"scores must have shape \(K,\) with K at least 1: got \(0,\)"),
-        (np.zeros((2, 2)), [0.0], {}, r"got \(2, 2\)"),
         (["good"], [0.0], {}, "scores must be an array of numbers: got"),
         ([1.0], 0.5, {}, r"thresholds must have shape \(L,\) with L at least 1: got \(\)"),
-        ([1.0], [], {}, r"thresholds must have shape .*: got \(0,\)"),
         ([1.0], [0.5, NAN], {}, "thresholds must be numbers: threshold 1 is nan"),
         ([1.0], [0.5], {"confidence": 0}, "confidence must be between 0 and 1: got 0"),
     ],
@@ -129,7 +126,6 @@ def test_improvement_hides_no_nan_and_one_seed_has_no_interval():
         ([1.0], [[1.0]], {}, r"b must have shape \(K,\) with K at least 1: got \(1, 1\)"),
         ([1.0], "b", {}, "b must be an array of numbers: got 'b'"),
         ([1.0], [1.0], {"confidence": 1.5}, "confidence must be between 0 and 1: got 1.5"),
-        ([1.0], [1.0], {"confidence": NAN}, "confidence must be finite: got nan"),
     ],
 )
 def test_improvement_refuses(a, b, settings, message):
@@ -207,9 +203,7 @@ def test_random_signs_follow_the_seed():
     ("differences", "settings", "message"),
     [
         ([], {}, r"differences must have shape \(K,\) with K at least 1: got \(0,\)"),
-        ([[1.0]], {}, r"got \(1, 1\)"),
         ([1.0, NAN], {}, "differences must be finite: seed 1 has nan"),
-        ([-INF, NAN], {}, "differences must be finite: seed 0 has -inf"),
         (["x"], {}, "differences must be an array of numbers"),
         ([1.0], {"resamples": 0}, "resamples must be a whole number, at least 1: got 0"),
     ],
@@ -240,7 +234,6 @@ def test_holm_by_hand(p_values, adjusted):
     ("p_values", "message"),
     [
         ([], r"p-values must have shape \(M,\) with M at least 1: got \(0,\)"),
-        (0.5, r"got \(\)"),
         ([0.5, 1.5], r"p-values must lie in \[0, 1\]: test 1 has 1.5"),
         ([NAN], r"p-values must lie in \[0, 1\]: test 0 has nan"),
         (["low"], "p-values must be an array of numbers"),

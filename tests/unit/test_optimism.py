@@ -112,4 +112,4 @@ def test_a_curriculum_takes_them_as_learners():
     )
     result = curriculum.train(seeds=2)
     assert result["target"].greedy_return[:, -1].min() > 190
-    assert result["source"].visits.sum() == 1000
+    assert result["source"].steps_used.sum() == 1000

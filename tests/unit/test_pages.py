@@ -15,8 +15,7 @@ import pytest
 import typer
 
 from curricle.cli.app import app
-from curricle.comparison.reasons import Reason, not_asked
-from curricle.comparison.verdicts import Verdict, too_few_seeds
+from curricle.comparison.verdicts import Reason, Verdict, not_asked, too_few_seeds
 from curricle.statistics import Interval
 from tests.pages import Command, File, Table, blocks, commands_of, put, stated_seconds, steps
 from tests.walk import Ended, faults, walk

@@ -57,11 +57,6 @@ LONG = {
         ["mean"],
         ["corner: 2 done", "potentials: 1 done"],
     ),
-    "attribute": (
-        lambda **how: cr.comparison.attribute(plan(), steps=200, seeds=2, **how),
-        ["corner -> maze"],
-        ["corner: 2 done", "maze: 2 done", "without corner -> maze: maze: 2 done"],
-    ),
     "teach": (
         lambda **how: cr.teaching.teach({"maze": MAZE}, target="maze", budget=500, **how),
         [0],

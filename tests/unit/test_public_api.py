@@ -80,9 +80,8 @@ def test_import_alone_loads_nothing_heavy(heavy):
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("kind", DATACLASSES, ids=lambda kind: kind.__name__)
-def test_public_dataclasses_are_frozen(kind):
-    assert kind.__dataclass_params__.frozen
+def test_public_dataclasses_are_frozen():
+    assert [kind for kind in DATACLASSES if not kind.__dataclass_params__.frozen] == []
 
 
 def test_the_tree_of_exceptions():

@@ -5,7 +5,7 @@ import pytest
 
 from curricle.comparison import Arm, Comparison
 from curricle.comparison.levels import Level
-from curricle.comparison.reasons import ASKING
+from curricle.comparison.verdicts import ASKING
 from curricle.statistics import Curve
 
 NOISE = 0.1 * np.random.default_rng(5).permutation(12)
@@ -42,6 +42,7 @@ def compared(pays, constant, *, placebo=None, level=4.0, base=0.0):
         (10.0, 11.0, 4.0, "by optimism alone"),
         (10.0, 11.0, -4.0, "by pessimism alone"),
         (10.0, 9.6, 4.0, "nearly all by optimism"),
+        (10.0, 8.5, 4.0, "by what it knows"),  # 15 % of the gain is more than nothing
         (0.7, 0.65, 4.0, "not shown to be by what it knows"),
         (-3.0, -5.0, 4.0, ""),
         (-3.0, 5.0, 4.0, ""),

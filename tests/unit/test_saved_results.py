@@ -11,9 +11,10 @@ import pytest
 
 import curricle as cr
 from curricle.archives.saved_file import write_saved
-from curricle.curriculum import CurriculumResult, RetrainSources
+from curricle.curriculum import CurriculumResult
+from curricle.curriculum.result import to_file
 from curricle.errors import CurriculumError, SettingError, StoreError
-from curricle.learning import LearningResult, TabularPolicy, harmonic
+from curricle.learning import LearningResult, TabularPolicy
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
@@ -210,26 +211,14 @@ def same(one, other):
     assert [*one.given] == [*other.given]
 
 
-RETRAINED = {
-    "retrain": RetrainSources(drop=0.5, steps=200, patience=2),
-    "shaping": cr.QInitialisation(),
-    "learner": cr.QLearning(learning_rate=harmonic(), epsilon=0.6),
-}
-
-
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"calibrate": cr.transfer.Calibrate(episodes=5)}, RETRAINED],
-    ids=["plain", "calibrated", "retrained"],
+    [{}, {"calibrate": cr.transfer.Calibrate(episodes=5)}],
+    ids=["plain", "calibrated"],
 )
 def test_a_curriculum_is_loaded_as_it_was(tmp_path, settings):
     curriculum = plan(**settings)
     result = curriculum.train(seeds=3)
-    assert (
-        ("retrain" in settings)
-        == bool(result.retrained)
-        == (result.source_steps("maze").sum() > 1200)
-    )
     assert ("calibrate" in settings) == bool(result.calibrations)
     file = result.save(tmp_path / "one")
     again = CurriculumResult.load(file, curriculum)
@@ -246,7 +235,6 @@ def test_sources_that_were_given_are_kept(tmp_path, trained):
     same(result, again)
     assert [*again.nodes] == ["maze"]
     assert np.array_equal(again.given["corner"].values, given.values)
-    assert np.array_equal(again.given["corner"].progress.steps, given.progress.steps)
 
 
 def test_another_curriculum_is_refused(tmp_path, trained):
@@ -264,10 +252,7 @@ def test_another_curriculum_is_refused(tmp_path, trained):
 
 @pytest.mark.parametrize("missing", ["nodes", "tasks", "trained"])
 def test_words_that_are_missing_are_one_sentence(tmp_path, trained, missing):
-    from curricle.curriculum.saved_curriculum import Parts, to_file
-
-    parts = (trained.nodes, trained.potentials, trained.calibrations, trained.retrained)
-    arrays, words = to_file(trained.curriculum, Parts(*parts, trained.given))
+    arrays, words = to_file(trained)
     del words[missing]
     file = write_saved(tmp_path / "one", "CurriculumResult", arrays, words)
     with pytest.raises(StoreError, match="is not as save") as found:

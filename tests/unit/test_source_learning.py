@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison import SourceLearning, source_learning
+from curricle.comparison import source_learning
+from curricle.comparison.learnt_sources import SourceLearning
 from curricle.curriculum import SourceValues
 from curricle.planning import target as target_module
 from curricle.planning.target import Target

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from curricle.report.study_report import write_report
-from curricle.study import StudyResults
+from curricle.study import StudyResults, compare_studies, read_study, run_study
 from curricle.study.results import ANALYSIS, DECISIONS as ALL_DECISIONS, RESULTS
 
 CURVES = {
@@ -167,3 +167,22 @@ def test_a_page_of_a_run_that_has_not_ended_says_what_it_lacks(copied):
     assert "predicted start" not in page
     assert "left out, because the run has not ended: curricle run --resume makes them" in page
     assert page.count('class="moments') == whole.count('class="moments') > 0
+
+
+def test_a_window_ends_with_the_smallest_budget(tmp_path):
+    """4 checkpoints in the first study, but the second has only 3 within its budget."""
+    studies = []
+    for name, budget, window in (("long", 300, 4), ("short", 200, 1)):
+        file = tmp_path / f"{name}.toml"
+        file.write_text(
+            f"name = '{name}'\nseeds = 2\neval_freq = 100\nwindow = {window}\n"
+            f"tasks.near = {{ type = 'maze', map = 'S.T', budget = {{ max_steps = 100 }} }}\n"
+            f"tasks.far = {{ type = 'maze', map = 'S..T', budget = {budget} }}\n"
+            "transfers = [{ source = 'near', target = 'far', mapping = 'same_position',"
+            " unmapped_value = 0 }]\n"
+        )
+        studies.append(run_study(read_study(file), tmp_path / name, workers=1, progress=False))
+    assert compare_studies(studies[:1]).window == 4
+    both = compare_studies(studies)
+    assert (both.budget, both.window) == (200, 3)
+    assert both.rows()[1]["weak_steps_saved"] <= 200

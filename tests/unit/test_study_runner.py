@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.curriculum.stored_sources import StoredValues
+from curricle.curriculum.sources import StoredValues
 from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study, scheduling
 from curricle.study.arms import Arms

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison.task_differences import differences
-from curricle.comparison.task_summary import plain_text, summary_differences, task_summary
+from curricle.comparison.task_differences import (
+    differences,
+    plain_text,
+    summary_differences,
+    task_summary,
+)
 from curricle.study.record import ViewRecord, plain, read_record
 from curricle.tasks.grid_view import GridView
 from tests.tasks import random_mdp

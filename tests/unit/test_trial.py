@@ -11,8 +11,7 @@ from curricle.comparison import trial as trials
 from curricle.comparison.arms import Arm
 from curricle.comparison.candidates import candidates_of, part_of
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.forecasting import forecast_once
-from curricle.comparison.judged_potentials import JudgedPotentials
+from curricle.comparison.forecasting import JudgedPotentials, forecast_once
 from curricle.comparison.trial import Trial, affordable, apart, hindrance, rehearse, run_trial
 from curricle.errors import CurriculumError, SettingError
 from curricle.statistics.curves import Curve
@@ -371,8 +370,7 @@ def test_a_single_transfer_is_named_by_its_row():
 
 
 def test_one_seed_against_the_others_is_noise():
-    from curricle.comparison.forecasts import ForecastRow
-    from curricle.comparison.potential_words import anti_knowledge
+    from curricle.comparison.forecasts import ForecastRow, anti_knowledge
     from curricle.transfer import PotentialQuality
 
     def row(*pairs):
@@ -384,7 +382,3 @@ def test_one_seed_against_the_others_is_noise():
     assert "below the random" in anti_knowledge(row((-5.0, 0.2), (-5.1, 0.3), (-4.9, 0.1)), 0.0)
     assert "below the random" in anti_knowledge(row((-5.0, np.nan)), 0.0)
     assert anti_knowledge(row((1.0, -0.2)), 0.0).startswith("may be anti-knowledge: its order")
-
-
-def test_a_trial_holds_its_comparison():
-    assert isinstance(cr.forecast(corner(), seeds=1).trial, Trial)

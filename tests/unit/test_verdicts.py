@@ -12,7 +12,8 @@ from curricle.cli.app import main
 from curricle.comparison import Arm, Comparison, seeds_needed, verdicts_of
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics import Curve, Looks, holm, sign_flip_test
+from curricle.statistics import Curve, Looks, mean_interval, sign_flip_test
+from curricle.statistics.hypothesis_tests import holm
 from curricle.study import StudyResults
 from tests.comparisons import corner
 
@@ -108,6 +109,15 @@ def test_a_stronger_control_has_to_be_found_among_all():
     assert (verdict.rival, verdict.p, verdict.answer) == ("b", 3 * 2**-7, "no, less")
     alone = verdicts_of(returns, {"mine": "b"})["mine"]
     assert alone.p == 2**-7
+
+
+def test_the_gain_over_several_rivals_has_the_smallest_of_their_bounds():
+    rng = np.random.default_rng(4)
+    returns = {name: mean + rng.normal(size=9) for name, mean in (("mine", 9), ("a", 2), ("b", 7))}
+    gain = verdicts_of(returns, {"mine": "ab"})["mine"].gain
+    over = [returns["mine"] - returns[rival] for rival in "ab"]
+    assert gain.low == min(mean_interval(one).low for one in over)
+    assert gain.high == min(mean_interval(one, confidence=0.975).high for one in over)
 
 
 def test_an_interval_of_one_rival_is_that_of_the_gain():
@@ -242,7 +252,7 @@ def test_a_control_that_fails_is_left_out(monkeypatch):
     def broken(*_):
         raise BROKEN
 
-    monkeypatch.setattr("curricle.comparison.comparison_plan.learn_changed", broken)
+    monkeypatch.setattr("curricle.comparison.comparing.learn_changed", broken)
     found = compare(corner(), seeds=2, controls=["placebo", "pretraining"])
     assert list(found.arms) == ["scratch", "transfer", "transfer, pretraining"]
     assert found.failed == {"transfer, placebo": BROKEN}

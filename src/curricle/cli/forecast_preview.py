@@ -11,9 +11,8 @@ from typing import Any
 
 from curricle.cli.terminal_tables import line_width, print_text
 from curricle.comparison.candidates import AGGREGATES, candidates_of
-from curricle.comparison.forecasting import forecast_once
+from curricle.comparison.forecasting import JudgedPotentials, forecast_once
 from curricle.comparison.forecasts import Forecast
-from curricle.comparison.judged_potentials import JudgedPotentials
 from curricle.comparison.trial import affordable, hindrance
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues

@@ -1,4 +1,4 @@
-"""Before and after: forecast, compare, controls, attribution."""
+"""Before and after: forecast, compare, controls."""
 
 import lazy_loader
 

@@ -1,20 +1,9 @@
 from .arms import Arm as Arm
-from .attribution import Attribution as Attribution, Region as Region, attribute as attribute
-from .choice_flips import flips as flips
 from .comparing import compare as compare
 from .comparison import Comparison as Comparison, Contrast as Contrast
 from .forecasting import forecast as forecast
-from .forecasts import Forecast as Forecast, ForecastRow as ForecastRow
-from .learnt_sources import (
-    SourceLearning as SourceLearning,
-    source_learning as source_learning,
-)
-from .levels import Level as Level
-from .reasons import Reason as Reason
+from .forecasts import Forecast as Forecast
+from .learnt_sources import source_learning as source_learning
 from .task_differences import differences as differences
 from .trial import Trial as Trial
-from .verdicts import (
-    Verdict as Verdict,
-    seeds_needed as seeds_needed,
-    verdicts_of as verdicts_of,
-)
+from .verdicts import Verdict as Verdict, seeds_needed as seeds_needed, verdicts_of as verdicts_of

@@ -87,7 +87,7 @@ class Arm:
         return None if self.level is None else self.level.initial_value
 
     def charged(self, scratch: "Arm") -> Curve:
-        """Return the curve over total steps, source steps included (:func:`charge_source`)."""
+        """Return the curve over total steps, source steps included (``charge_source``)."""
         return charge_source(scratch.curve, self.curve)
 
     def take(self, seeds: IntArray) -> "Arm":

@@ -6,41 +6,43 @@ epsilon-greedy learning falls from there.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from hashlib import blake2b
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from curricle.checks import instance
 from curricle.comparison.candidates import Candidate, candidates_of
-from curricle.comparison.comparing import threshold_of_optimum
-from curricle.comparison.distilled_sources import distilled_sources
-from curricle.comparison.forecasts import Forecast, ForecastRow
-from curricle.comparison.judged_potentials import JudgedPotentials, Judgement
-from curricle.comparison.learnt_sources import source_learning
-from curricle.comparison.potential_words import (
+from curricle.comparison.comparing import LearntAlone, threshold_of_optimum
+from curricle.comparison.forecasts import (
     AnyTarget,
+    Forecast,
+    ForecastRow,
     anti_knowledge,
     network_words,
     start_words,
 )
-from curricle.comparison.targets import transfers_into
+from curricle.comparison.learnt_sources import distilled_sources, source_learning
 from curricle.comparison.trial import Trial, affordable, hindrance, rehearse, run_trial
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt, SourceValues
 from curricle.deep.policy_return import policy_return
 from curricle.errors import CurricleError, CurriculumError
+from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
+from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import Target
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.aggregation import Aggregate
-from curricle.transfer.calibration import AnyPotential, fit_calibration
+from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.coverage import Coverage
 from curricle.transfer.descriptions import countable
 from curricle.transfer.edges import Calibrate, Transfer, transfer_names
 from curricle.transfer.observation_mapping import ObservationCoverage
-from curricle.transfer.observation_rollouts import ObservationTarget
+from curricle.transfer.observation_rollouts import ObservationTarget, target_of
 from curricle.transfer.quality import PotentialQuality, potential_quality
 
 
@@ -134,6 +136,70 @@ def forecast(
     )
 
 
+class Judgement(NamedTuple):
+    """How good the potential of each of K seeds is, and the scale that a calibration finds."""
+
+    seeds: tuple[PotentialQuality, ...]
+    calibrations: tuple[Calibration, ...]
+
+
+@dataclass(frozen=True)
+class JudgedPotentials:
+    """Targets, judgements of their potentials and what trials learn alone, computed once.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> judged, maze = JudgedPotentials(), GridWorld("S.T")
+    >>> judged.target(maze, GreedyEvaluation()) is judged.target(maze, GreedyEvaluation())
+    True
+    """
+
+    alone: LearntAlone = field(default_factory=LearntAlone)
+    _targets: list[tuple[Any, Any, Target | ObservationTarget]] = field(default_factory=list)
+    _found: dict[Any, Judgement] = field(default_factory=dict)
+
+    def target(
+        self, task: Any, evaluation: GreedyEvaluation, episodes: int | None = None
+    ) -> Target | ObservationTarget:
+        """Return a task as a target, solved once."""
+        how = evaluation, episodes
+        for known, settings, target in self._targets:
+            if known is task and settings == how:
+                return target
+        target = target_of(task, evaluation, episodes=episodes)
+        self._targets.append((task, how, target))
+        return target
+
+    def judgement(
+        self,
+        target: Target | ObservationTarget,
+        potentials: tuple[AnyPotential, ...],
+        judge: Callable[[], Judgement],
+    ) -> Judgement:
+        """Return the judgement of K potentials; `judge` makes it where it is the first of them."""
+        tables = MappedPotential | StateActionPotential
+        if not all(isinstance(one, tables) for one in potentials):
+            return judge()
+        key = id(target), *map(_digest, potentials)
+        if key not in self._found:
+            self._found[key] = judge()
+        return self._found[key]
+
+
+def _digest(potential: MappedPotential | StateActionPotential) -> bytes:
+    """Return a digest of the numbers that a potential is made of."""
+    parts: Iterable[Any] = (
+        potential.lookup if isinstance(potential, MappedPotential) else (potential.values,)
+    )
+    found = blake2b(type(potential).__name__.encode())
+    for one in parts:
+        array = np.ascontiguousarray(one)
+        found.update(f"{array.dtype} {array.shape}".encode())
+        found.update(array.data)
+    return found.digest()
+
+
 def forecast_once(
     judged: JudgedPotentials,
     curriculum: Curriculum,
@@ -154,7 +220,7 @@ def forecast_once(
 
     With `only_used` it has a row for the potential that the curriculum would use, and no other.
     """
-    name, edges = transfers_into(curriculum, target, "a forecast")
+    name, edges = _transfers_into(curriculum, target)
     for function in aggregates:
         if not callable(function):
             raise CurriculumError(
@@ -369,3 +435,16 @@ def _judgement_of_networks(
     nan = float("nan")
     starts = [policy_return(one, target, seed=k) for k, one in enumerate(potentials)]
     return Judgement(tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ())
+
+
+def _transfers_into(curriculum: Curriculum, target: str | None) -> tuple[str, tuple[Transfer, ...]]:
+    """Return the name of a target, the curriculum's by default, and the transfers into it.
+
+    CurriculumError if there are none.
+    """
+    instance("the curriculum of a forecast", curriculum, Curriculum, CurriculumError)
+    name = curriculum.target if target is None else target
+    edges = curriculum.in_edges(name)
+    if not edges:
+        raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
+    return name, edges

@@ -1,23 +1,29 @@
-"""A forecast as a record: rows of potentials, the answer of a trial, and both as text."""
+"""A forecast as a record: rows of potentials, the answer of a trial, and both as text and in words.
 
-from collections.abc import Iterable, Mapping
+The words about a potential are about the start and about what it knows. What learning then gains is
+another question: from a low start it can gain more than from scratch.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from curricle.checks import one_of
-from curricle.comparison.distilled_sources import DistilledSource
-from curricle.comparison.forecast_table import as_html, forecast_text, in_brief
-from curricle.comparison.learnt_sources import SourceLearning
+from curricle.comparison.learnt_sources import DistilledSource, SourceLearning
 from curricle.comparison.trial import Trial
 from curricle.curriculum.sources import SourceValues
-from curricle.display import block, brief_repr
+from curricle.display import block, brief_repr, shortened, table
 from curricle.errors import CurriculumError
-from curricle.statistics.intervals import Interval
-from curricle.text_tables import counted
+from curricle.planning.target import Target
+from curricle.statistics.intervals import Interval, mean_interval
+from curricle.tasks.labels import state_name
+from curricle.text_tables import counted, folded, or_dash, text_table
 from curricle.transfer.calibration import Calibration
-from curricle.transfer.coverage import Coverage
+from curricle.transfer.coverage import Coverage, coverage_table
 from curricle.transfer.observation_mapping import ObservationCoverage
+from curricle.transfer.observation_rollouts import ObservationTarget
 from curricle.transfer.quality import PotentialQuality
 
 
@@ -188,3 +194,178 @@ def _steps(source: SourceValues) -> str:
     """Return for how many steps the seeds of a source were trained."""
     steps = source.steps_used
     return f"{steps.mean():,.0f} steps" + " on average" * bool(np.ptp(steps))
+
+
+COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
+    "gain": lambda one: "" if one.gain is None else f"{one.gain.estimate:.3g}",
+    "start": lambda one: or_dash(one.mean("start")),
+    "phi > Q*": lambda one: or_dash(one.mean("optimistic"), ".0%"),
+    "excess": lambda one: or_dash(one.mean("excess"), ".2g"),
+    "rank": lambda one: or_dash(one.mean("rank"), ".2f"),
+    "scale": lambda one: "none" if np.isnan(one.scale) else f"{one.scale:.2g}",
+}
+"""What each column shows of a row."""
+
+
+def in_brief(forecast: Forecast) -> str:
+    """Return a forecast in a few words: its target, its answer, its potentials."""
+    names = ", ".join(one.name for one in forecast.rows)
+    return shortened(f"Forecast({forecast.target!r}: {forecast.answer}; potentials: {names})")
+
+
+def forecast_text(forecast: Forecast, width: int) -> str:
+    """Return a forecast as sentences and a table, in lines of so many characters at most."""
+    above = [_title(forecast), *_reasons(forecast), _start(forecast)]
+    above += [f"{name}: {cover}" for name, cover in forecast.coverage.items()]
+    words = [f"{one.name}: {one.verdict}" for one in forecast.rows if one.aggregate]
+    return "\n".join(
+        [
+            *(folded(line, width) for line in above),
+            *text_table(["", *columns(forecast)], _rows(forecast), width),
+            *(folded(line, width) for line in words),
+        ]
+    )
+
+
+def as_html(forecast: Forecast) -> str:
+    """Return a forecast as its answer, what that rests on, its table and coverage."""
+    words = [one.verdict if one.aggregate else "" for one in forecast.rows]
+    rows = [(*row, text) for row, text in zip(_rows(forecast), words, strict=True)]
+    return block(
+        _title(forecast),
+        *_reasons(forecast),
+        _start(forecast),
+        table(["potential", *columns(forecast), "start, in words"], rows, wide=["start, in words"]),
+        "* the one that the curriculum uses",
+        forecast.coverage and coverage_table(forecast.coverage),
+    )
+
+
+def columns(forecast: Forecast) -> list[str]:
+    """Return those it has: gains where there was a trial, and values where potentials have them."""
+    left_out = set[str]()
+    if all(one.gain is None for one in forecast.rows):
+        left_out = {"gain"}
+    if not _values_are_read(forecast):
+        left_out |= COLUMNS.keys() - {"gain", "start"}
+    return [name for name in COLUMNS if name not in left_out]
+
+
+def _rows(forecast: Forecast) -> list[tuple[str, ...]]:
+    """Return the name of each potential, with a star if it is used, and its columns."""
+    shown = [COLUMNS[name] for name in columns(forecast)]
+    return [(one.name + " *" * one.used, *(cell(one) for cell in shown)) for one in forecast.rows]
+
+
+def _title(forecast: Forecast) -> str:
+    return f"Forecast for {forecast.target!r}: {forecast.answer}"
+
+
+def _reasons(forecast: Forecast) -> list[str]:
+    """Return what the answer rests on, and what speaks against it."""
+    lines = [forecast.basis]
+    if forecast.trial is not None and not forecast.trial.relative and not forecast.best.used:
+        lines.append(f"the highest gain in the trial: {forecast.best.name}")
+    lines += map(str, forecast.sources.values())
+    # The transfers that may be anti-knowledge; a single one is its aggregate's row.
+    alone = [one for one in forecast.rows if not one.aggregate] or forecast.rows[:1]
+    return [*lines, *(f"{one.name} {one.anti_knowledge}" for one in alone if one.anti_knowledge)]
+
+
+def _start(forecast: Forecast) -> str:
+    how = "exact" if forecast.exact else "returns by rollouts"
+    if not forecast.solved and _values_are_read(forecast):
+        how += "; Q* estimated by the values of phi's own policy"
+    optimum = "" if np.isnan(forecast.optimum) else f"optimum {forecast.optimum:.4g}, "
+    return (
+        f"The start with phi, {forecast.computed_from}: {optimum}random policy "
+        f"{forecast.random_return:.4g} ({how})"
+    )
+
+
+def _values_are_read(forecast: Forecast) -> bool:
+    """Return whether potentials are compared with values; not where networks enter."""
+    return not all(np.isnan(one.mean("optimistic")) for one in forecast.rows)
+
+
+AnyTarget = Target | ObservationTarget
+
+# Thresholds of the verdicts; benchmarks/check_forecast.py compares them with training.
+GAIN, GOOD = 0.1, 0.5
+"""Shares of the way from the random policy's return to the optimum: weak start, good start."""
+OPTIMISTIC = 0.5
+"""Share of optimistic pairs above which learning keeps lowering values."""
+SLIPS, COLLAPSES = 0.2, 0.25
+"""Mean excess, in units of mean abs(V*), above which returns then fall under epsilon-greedy."""
+ESTIMATED = 0.45
+"""The same if the excess is over the value of phi's own policy, which is less than V*."""
+UNDERESTIMATE = 20.0
+"""Typical rewards by which phi may be too low in states that the optimal policy visits."""
+RAISED = 1.15
+"""Scale above which a calibration is worth its steps."""
+
+
+def start_words(row: ForecastRow, target: AnyTarget, optimum: float, random_return: float) -> str:
+    """Return what the start with a potential is, whether it lasts, and what to do, in words."""
+    if np.isnan(row.mean("start")):
+        return "is the same for all actions, so it has no greedy policy: use StateShaping"
+    start = row.mean("start")
+    excess = row.mean("excess") / max(row.mean("mean_absolute_value"), 1e-12)
+    words = [f"starts at {start:.3g}"]
+    # If the optimum is unknown, any better start is a good one.
+    gain, whole = start - random_return, np.nan_to_num(optimum - random_return)
+    good = gain > GOOD * whole
+    if not good:
+        weak = gain > GAIN * whole
+        words.append("a weak start" if weak else "near or below the random policy")
+    words.append(f"{row.mean('optimistic'):.0%} optimistic")
+    slips, collapses = (SLIPS, COLLAPSES) if row.seeds[0].exact else (ESTIMATED, ESTIMATED)
+    advice = []
+    # A weak start has little to lose, and its policy is little evidence of phi's scale.
+    if good and row.mean("optimistic") > OPTIMISTIC and excess >= slips:
+        fall = "expect a fall" if excess >= collapses else "returns may fall"
+        advice.append(f"{fall} from there under epsilon-greedy")
+    elif good:
+        advice.append("expect no fall from there")
+    else:
+        advice.append("what learning gains from there is open")
+    if good and excess > 0 and row.scale > RAISED:
+        advice.append(f"calibrate with c = {row.scale:.1f}")
+    worst = max(row.seeds, key=lambda seed: np.nan_to_num(seed.largest_underestimate))
+    if worst.largest_underestimate > UNDERESTIMATE * target.typical_reward:
+        task: Any = target.task
+        where = state_name(task.states, worst.most_underestimated_state)
+        advice.append(
+            f"underestimates {where}, which the optimal policy visits, by"
+            f" {worst.largest_underestimate:.3g}: a guard bounds what that costs"
+        )
+    return ", ".join(words) + (": " + "; ".join(advice) if advice else "")
+
+
+def network_words(row: ForecastRow) -> str:
+    """Return what enters where values are not read, and what its policy returns, in words."""
+    start = row.mean("start")
+    policy = "" if np.isnan(start) else f", which returns {start:.3g} in the target as it is"
+    return f"its network or policy enters{policy}; its values are not read"
+
+
+def anti_knowledge(row: ForecastRow, random_return: float) -> str:
+    """Return in what a potential is worse than knowing nothing, in words; empty if in nothing.
+
+    Its greedy policy returns less than the random one by more than the seeds differ (Student's
+    interval of 95 %; for a single seed, or where all agree, at all), or its order of the pairs is
+    against that of Q* in every seed. The words are weak because some such potentials pay all the
+    same: ``docs/trust.md`` says how many.
+    """
+    found = []
+    starts, ranks = (np.array([getattr(k, of) for k in row.seeds]) for of in ("start", "rank"))
+    high, mean = float(mean_interval(starts).high), float(starts.mean())
+    if (mean if np.isnan(high) else high) < random_return:
+        found.append(
+            f"its policy starts at {mean:.3g}, below the random policy's {random_return:.3g}"
+        )
+    if (ranks < 0).all():
+        other = "Q*" if row.seeds[0].exact else "the returns of its own policy"
+        words = f"its order of the pairs is against that of {other}"
+        found.append(f"{words} (rank {ranks.mean():.2f})")
+    return f"may be anti-knowledge: {'; '.join(found)}" if found else ""

@@ -3,7 +3,8 @@
 A source that never learnt its own task hands on values of what it did not reach, and these can be
 worse than none. No step of an environment is charged for finding out: where the source can be
 solved its optimum is known from its model; elsewhere a fresh learner takes twice the steps, in
-simulation, and is said to have done so.
+simulation, and is said to have done so. Networks distilled from miniatures are examined on held-out
+levels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,6 +17,7 @@ from curricle.array_types import FloatArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.curriculum.sources import SourceValues
+from curricle.deep.miniature_task import Miniatures
 from curricle.display import brief_repr, printed
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.greedy import EqualValues, Values
@@ -23,7 +25,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_
 from curricle.planning.target import Target
 from curricle.progress import Bars, Progress, shown
 from curricle.tasks.live import is_live
-from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.observation_task import is_observation_task, made_by
 from curricle.tasks.task import generative_model
 from curricle.text_tables import counted
 
@@ -247,3 +249,60 @@ def _return(task: Any, view: Any, evaluation: GreedyEvaluation) -> tuple[float, 
         for k in range(BATCHES)
     ]
     return float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(BATCHES))
+
+
+@dataclass(frozen=True, eq=False)
+class DistilledSource(Frozen):
+    """What networks of K seeds regain of the way from the random policy to the optimum.
+
+    Exact, by the miniatures' tables. Prints as a sentence.
+
+    Attributes
+    ----------
+    name : str
+    members : tuple of str
+        The miniatures, then those that are only tested on.
+    levels : tuple of int
+        How many levels each was examined on.
+    shares : (K, M) float64
+        What each seed regains in each.
+    """
+
+    name: str
+    members: tuple[str, ...]
+    levels: tuple[int, ...]
+    shares: FloatArray
+
+    @property
+    def expected(self) -> float:
+        """The share to expect of the target: that of the last member, which is the nearest to it.
+
+        ``benchmarks/deep_forecast.py`` measures how well it ranks sources.
+        """
+        return float(self.shares[:, -1].mean())
+
+    def __str__(self) -> str:
+        each = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
+        told = [
+            f"{round(x, 2) + 0.0:.0%} on {counted(n, 'level')} of {member}" for x, n, member in each
+        ]
+        return (
+            f"{self.name}'s network regains {', '.join(told)}, held out, of the way from random to "
+            "optimal"
+        )
+
+
+def distilled_sources(
+    tasks: Mapping[str, object], sources: Mapping[str, SourceValues]
+) -> dict[str, DistilledSource]:
+    """Return how well each source that was distilled from miniatures acts, by its name."""
+    found = {}
+    for name, learnt in sources.items():
+        task = tasks.get(name)
+        if isinstance(task, Miniatures) and learnt.values is not None:
+            each = [task.examined(values) for values in learnt.values]
+            shares = np.array([[one.regained for one in examined] for examined in each])
+            members = tuple(made_by(one.member.make) for one in each[0])
+            levels = tuple(one.levels for one in each[0])
+            found[name] = DistilledSource(name, members, levels, shares)
+    return found

@@ -12,12 +12,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from curricle.comparison.candidates import Candidate, part_of
-from curricle.comparison.comparable import most_source_steps
-from curricle.comparison.comparing import check_any_left, default_threshold
-from curricle.comparison.comparison import Comparison
-from curricle.comparison.comparison_plan import ComparisonPlan
-from curricle.comparison.comparison_table import as_html
-from curricle.comparison.learnt_alone import LearntAlone
+from curricle.comparison.comparing import (
+    ComparisonPlan,
+    LearntAlone,
+    check_any_left,
+    default_threshold,
+    most_source_steps,
+)
+from curricle.comparison.comparison import Comparison, as_html
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.display import block, brief_repr

@@ -1,5 +1,3 @@
 from .curriculum import Curriculum as Curriculum
-from .node import Node as Node
 from .result import CurriculumResult as CurriculumResult
-from .retraining import RetrainSources as RetrainSources
 from .sources import SourceValues as SourceValues

@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 import numpy as np
 
 from curricle.array_types import IntArray
-from curricle.checks import instance, one_of
-from curricle.curriculum.curriculum_table import curriculum_html
+from curricle.checks import fit_name, instance, one_of
 from curricle.curriculum.defaults import (
     DEFAULT_STEPS,
     SETTINGS,
@@ -19,7 +19,6 @@ from curricle.curriculum.defaults import (
 )
 from curricle.curriculum.node import Node
 from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.retraining import RetrainedResult, RetrainSources, with_retraining
 from curricle.curriculum.sources import (
     Learnt,
     SourceValues,
@@ -28,8 +27,8 @@ from curricle.curriculum.sources import (
     source_potentials,
     warn_of_refusals,
 )
-from curricle.curriculum.task_graph import TaskGraph
 from curricle.deep.miniature_task import Miniatures
+from curricle.display import block, brief_value, shortened, table
 from curricle.errors import CurriculumError
 from curricle.files import file_name
 from curricle.learning.budget import Budget, limits
@@ -41,15 +40,18 @@ from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
 from curricle.remote_path import Place, place_at
-from curricle.tasks.task import same_task
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.task import Task, generative_model, same_task
+from curricle.text_tables import counted
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.chosen_mapping import with_mapping
 from curricle.transfer.edges import Calibrate, Transfer
 from curricle.transfer.proposal import search_steps
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Curriculum(TaskGraph):
+class Curriculum:
     """A directed acyclic graph of tasks whose edges carry potentials.
 
     Every setting below may be one value for all tasks or a dict from task name to value; tasks
@@ -73,11 +75,9 @@ class Curriculum(TaskGraph):
         tenth of the target's steps together. ``StoppingRule(5_000)`` is 5,000 steps exactly.
     shaping : Shaping or dict
         How potentials, which sources give, enter learning. Default :class:`QInitialisation`, with a
-        :class:`Guard` where the learner has dense tables and no bonus, up to 10 million pairs, and
-        no sources are retrained; for an actor-critic whose one source is distilled from
-        :func:`miniatures` as they are, ``WeightTransfer(kl=0.1)``.
-    retrain : RetrainSources or dict, optional
-        Train the sources further where the return of a task drops below its start.
+        :class:`Guard` where the learner has dense tables and no bonus, up to 10 million pairs; for
+        an actor-critic whose one source is distilled from :func:`miniatures` as they are,
+        ``WeightTransfer(kl=0.1)``.
     eval_freq : int or dict, optional
         Steps between checkpoints.
     evaluation : GreedyEvaluation or dict, optional
@@ -105,28 +105,65 @@ class Curriculum(TaskGraph):
     array([5200, 3900])
     """
 
+    tasks: Mapping[str, Task]
+    transfers: Sequence[Transfer] = ()
     aggregate: Aggregate | Mapping[str, Aggregate] = SETTINGS["aggregate"]
     unknown_value: float | Mapping[str, float] = SETTINGS["unknown_value"]
     learner: Learner | Mapping[str, Learner] = SETTINGS["learner"]
     budget: Budget | Mapping[str, Budget | None] | None = SETTINGS["budget"]
     shaping: Shaping | Mapping[str, Shaping | None] | None = SETTINGS["shaping"]
-    retrain: RetrainSources | Mapping[str, RetrainSources | None] | None = SETTINGS["retrain"]
     eval_freq: int | Mapping[str, int | None] | None = SETTINGS["eval_freq"]
     evaluation: GreedyEvaluation | Mapping[str, GreedyEvaluation] = SETTINGS["evaluation"]
     storage: Storage | Mapping[str, Storage] = SETTINGS["storage"]
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        self._check_graph()
         for setting in SETTINGS:
             given = getattr(self, setting)
             for name in given if isinstance(given, Mapping) else ():
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
         for name in self.tasks:
-            node, calibration = self.node(name), self.calibration(name)
+            node = self.node(name)
+            self.calibration(name)  # transfers that disagree on it are refused
             if self.in_edges(name):
                 node.shaping.check(node.learner)
                 self._check_handing_on(node)
-            self._check_retraining(node, calibration)
+
+    def _check_graph(self) -> None:
+        """Find the mappings left open; CurriculumError unless tasks and transfers are a graph."""
+        instance("tasks", self.tasks, Mapping, CurriculumError)
+        instance("transfers", self.transfers, Sequence, CurriculumError)
+        object.__setattr__(self, "tasks", dict(self.tasks))
+        object.__setattr__(self, "transfers", tuple(self.transfers))
+        if not self.tasks:
+            raise CurriculumError("a curriculum needs at least one task: got none")
+        for name, task in self.tasks.items():
+            fit_name("a task", name, CurriculumError)
+            if not is_observation_task(task):
+                generative_model(task)
+        for transfer in self.transfers:
+            instance("each of transfers", transfer, Transfer, CurriculumError)
+            for role in ("source", "target"):
+                one_of(f"a transfer's {role}", getattr(transfer, role), self.tasks, CurriculumError)
+        found = (
+            with_mapping(
+                one,
+                self.tasks[one.target],
+                self.tasks[one.source],
+                fit_unmapped=self.unmapped_is_free(one.target),
+            )
+            for one in self.transfers
+        )
+        object.__setattr__(self, "transfers", tuple(found))
+        for transfer in self.transfers:
+            for role in ("source", "target"):
+                name = getattr(transfer, role)
+                if not same_task(self.tasks[name], getattr(transfer.mapping, role)):
+                    raise CurriculumError(
+                        f"a transfer's mapping must be made for its tasks: the mapping's {role} is "
+                        f"not the task {name!r} in {transfer.source} -> {transfer.target}"
+                    )
+        _ = self.order
 
     def _check_handing_on(self, node: Node) -> None:
         """Raise CurriculumError if a task hands on values that shaping has changed for good."""
@@ -137,30 +174,75 @@ class Curriculum(TaskGraph):
                 f"{node.shaping.name} changes those of {node.name!r}, which {targets[0]!r} reads"
             )
 
-    def _check_retraining(self, node: Node, calibration: Calibrate | None) -> None:
-        retrain = self.setting("retrain", node.name)
-        if retrain is None:
-            return
-        instance(f"retrain of {node.name}", retrain, RetrainSources, CurriculumError)
-        if node.deep:
-            raise CurriculumError(
-                f"RetrainSources changes tables: {node.name!r} is learnt by a network"
-            )
-        if self.in_edges(node.name):
-            retrain.watched(node)
-        if calibration is not None:
-            raise CurriculumError(
-                "RetrainSources changes the potential, which must then not be calibrated: "
-                f"{node.name!r} has both"
-            )
-
     def unmapped_is_free(self, name: str) -> bool:
         """Return whether a mapping that is found may state a value where it knows nothing.
 
-        Not where several transfers lead into a task, nor where `unknown_value` is given.
+        Not where several transfers lead into a task, of which each is to be skipped where it knows
+        nothing, nor where `unknown_value` is given.
         """
         given = self.setting("unknown_value", name)
-        return super().unmapped_is_free(name) and given == SETTINGS["unknown_value"]
+        return len(self.in_edges(name)) == 1 and given == SETTINGS["unknown_value"]
+
+    @property
+    def target(self) -> str:
+        """The task that all others lead to; CurriculumError unless there is exactly one."""
+        last = self.last_tasks
+        if len(last) != 1:
+            raise CurriculumError(
+                f"a curriculum must have one task that no other builds on: got {', '.join(last)}"
+            )
+        return last[0]
+
+    @property
+    def last_tasks(self) -> tuple[str, ...]:
+        """The tasks that no other builds on."""
+        sources = {transfer.source for transfer in self.transfers}
+        return tuple(name for name in self.tasks if name not in sources)
+
+    def __repr__(self) -> str:
+        return graph_in_brief(self)
+
+    @cached_property
+    def order(self) -> tuple[str, ...]:
+        """The tasks' names, every source before its targets."""
+        graph: dict[str, list[str]] = {name: [] for name in self.tasks}
+        for transfer in self.transfers:
+            graph[transfer.target].append(transfer.source)
+        try:
+            return tuple(TopologicalSorter(graph).static_order())
+        except CycleError as error:
+            cycle = " -> ".join(error.args[1])
+            raise CurriculumError(f"a curriculum must have no cycle: {cycle}") from None
+
+    def in_edges(self, name: str) -> tuple[Transfer, ...]:
+        """Return the transfers into a task."""
+        one_of("a task", name, self.tasks, CurriculumError)
+        return tuple(t for t in self.transfers if t.target == name)
+
+    def calibration(self, name: str) -> Calibrate | None:
+        """Return how the potential of a task is calibrated; None if it is not."""
+        settings = {transfer.calibration for transfer in self.in_edges(name)}
+        if len(settings) > 1:
+            raise CurriculumError(
+                "all transfers into a task are calibrated together and must agree on it: those "
+                f"into {name!r} do not"
+            )
+        calibration = settings.pop() if settings else None
+        if calibration is not None and isinstance(self.tasks[name], Miniatures):
+            raise CurriculumError(
+                f"a calibration takes steps in a task, and miniatures take none: a transfer into "
+                f"{name!r} has calibrate={calibration}"
+            )
+        return calibration
+
+    def ancestors(self, name: str) -> tuple[str, ...]:
+        """Return the tasks that have to be trained before `name`, in training order."""
+        one_of("a task", name, self.tasks, CurriculumError)
+        wanted = {name}
+        for node in reversed(self.order):
+            if node in wanted:
+                wanted.update(t.source for t in self.in_edges(node))
+        return tuple(node for node in self.order if node in wanted and node != name)
 
     def setting(self, which: str, name: str) -> Any:
         """Return what a setting, such as ``"learner"``, is for one task."""
@@ -173,7 +255,7 @@ class Curriculum(TaskGraph):
         if value is not None:
             return value
         if which == "shaping":
-            others = (self.setting(one, name) for one in ("learner", "storage", "retrain"))
+            others = (self.setting(one, name) for one in ("learner", "storage"))
             distilled = self._source_is_distilled(name)
             budget = self.setting("budget", name) if distilled else None
             return default_shaping(self.tasks[name], *others, distilled=distilled, budget=budget)
@@ -213,7 +295,7 @@ class Curriculum(TaskGraph):
     def node(self, name: str) -> Node:
         """Return a task with all its settings; SettingError if they make no sense."""
         one_of("a task", name, self.tasks, CurriculumError)
-        settings = {which: self.setting(which, name) for which in SETTINGS if which != "retrain"}
+        settings = {which: self.setting(which, name) for which in SETTINGS}
         return Node.of(name, self.tasks[name], **settings)
 
     def _repr_html_(self) -> str:
@@ -278,7 +360,6 @@ class Curriculum(TaskGraph):
         results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
-        retrained: dict[str, RetrainedResult] = {}
         paying = self.target if charge else None
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
@@ -290,16 +371,14 @@ class Curriculum(TaskGraph):
             for name in [one for one in self.order if one in wanted and one not in given]:
                 potentials[name] = self.potentials(name, sources)
                 spent = self._spent(name, sources) if name == paying else None
-                node, retrain = self.node(name), self.setting("retrain", name)
+                node = self.node(name)
                 fitted = list[Calibration]()
                 if (settings := self.calibration(name)) is not None:
                     fitted = calibrated(node, potentials[name], settings, numbers, spent)
                     warn_of_refusals(name, fitted)
                     calibrations[name] = fitted
                     potentials[name] = [one.potential for one in fitted]
-                retraining = retrain is not None and len(potentials[name]) > 0
-                node = node.solved() if retraining else node
-                results[name] = (retrain.watched(node) if retraining else node).train(
+                results[name] = node.train(
                     numbers,
                     potentials[name],
                     warm_ups=[one.warm_up for one in fitted],
@@ -309,31 +388,9 @@ class Curriculum(TaskGraph):
                     progress=bars.within(),
                     saves=None if saves is None else place_at(saves) / file_name(name),
                 )
-                extra: IntArray | int = 0
-                if retraining:
-                    retrained[name] = self._retrained(
-                        node, results[name], sources, spent, snapshots
-                    )
-                    results[name], extra = retrained[name].result, retrained[name].extra
-                sources[name] = SourceValues.of(results[name], extra)
+                sources[name] = SourceValues.of(results[name])
                 bars.tell(name)
-        return CurriculumResult(self, results, potentials, calibrations, retrained, given)
-
-    def _retrained(
-        self,
-        node: Node,
-        first: LearningResult,
-        sources: Mapping[str, SourceValues],
-        spent: IntArray | None,
-        snapshots: int,
-    ) -> RetrainedResult:
-        """Return a task's training, its sources retrained as often as needed."""
-        name, edges = node.name, self.in_edges(node.name)
-        how: Any = {"aggregate": node.aggregate, "unknown_value": node.unknown_value}
-        potentials_of = partial(source_potentials, node.task, edges, **how)
-        direct = {t.source: (self.node(t.source), sources[t.source]) for t in edges}
-        retrain: RetrainSources = self.setting("retrain", name)
-        return with_retraining(retrain, node, direct, potentials_of, first, spent, snapshots)
+        return CurriculumResult(self, results, potentials, calibrations, given)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
         """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64.
@@ -394,3 +451,49 @@ class Curriculum(TaskGraph):
                     f"{result.seeds}"
                 )
         return {name: SourceValues.of(result) for name, result in trained.items()}
+
+
+def graph_in_brief(graph: Any) -> str:
+    """Return the tasks of a curriculum and its transfers in a few words."""
+    edges = [f"{one.source} -> {one.target}" for one in graph.transfers]
+    parts = [", ".join(graph.order), *([", ".join(edges)] if edges else [])]
+    return shortened(f"{type(graph).__name__}({'; '.join(parts)})")
+
+
+def curriculum_html(curriculum: Any) -> str:
+    """Return a curriculum as a table of its tasks and one of its transfers."""
+    tasks = [
+        (
+            name,
+            _task_in_words(curriculum.tasks[name]),
+            type(curriculum.setting("learner", name)).__name__,
+            _budget_in_words(curriculum.node(name).budget),
+        )
+        for name in curriculum.order
+    ]
+    transfers = [
+        (one.source, one.target, brief_value(one.mapping), one.scale, one.shift, _calibrated(one))
+        for one in curriculum.transfers
+    ]
+    head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
+    return block(
+        f"Curriculum: {counted(len(tasks), 'task')}, {counted(len(transfers), 'transfer')}",
+        table(["task", "", "learner", "budget"], tasks, wide=["budget"]),
+        transfers and table(head, transfers, wide=["mapping"]),
+    )
+
+
+def _task_in_words(task: Any) -> str:
+    if is_observation_task(task):
+        return brief_value(task)
+    model = generative_model(task)
+    states, actions = counted(model.states.size, "state"), counted(model.actions.size, "action")
+    return f"{type(task).__name__}, {states}, {actions}"
+
+
+def _budget_in_words(budget: Any) -> str:
+    return counted(budget, "step") if isinstance(budget, int) else str(budget)
+
+
+def _calibrated(transfer: Any) -> str:
+    return "yes" if transfer.calibrate else "no"

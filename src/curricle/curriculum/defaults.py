@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from curricle.curriculum.retraining import RetrainSources
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import WeightTransfer
 from curricle.learning.budget import Budget, Episodes, limits
@@ -22,13 +21,12 @@ SETTINGS: dict[str, Any] = {
     "learner": QLearning(),
     "budget": None,
     "shaping": None,
-    "retrain": None,
     "eval_freq": None,
     "evaluation": GreedyEvaluation(),
     "storage": Storage(),
 }
 """What may be one value for all tasks or a dict from task to value, and its default."""
-OF_TARGETS = ("aggregate", "unknown_value", "shaping", "retrain")
+OF_TARGETS = ("aggregate", "unknown_value", "shaping")
 """Settings that do not apply to a task without sources."""
 DEFAULT_STEPS = 100_000
 """The budget of a task that no other builds on."""
@@ -81,7 +79,6 @@ def default_shaping(
     task: Any,
     learner: Any,
     storage: Storage,
-    retrain: RetrainSources | None,
     *,
     distilled: bool = False,
     budget: Budget | None = None,
@@ -92,19 +89,19 @@ def default_shaping(
     as that network and is kept near it, unless its budget is one of episodes, of which no half is
     known.
 
-    A guard needs dense tables, a learner without a bonus, and sources that are not retrained. It
-    does not depend on the machine's memory.
+    A guard needs dense tables and a learner without a bonus. It does not depend on the machine's
+    memory.
 
     Examples
     --------
     >>> from curricle import GridWorld
-    >>> default_shaping(GridWorld("S.T"), QLearning(), Storage(), None).guard
+    >>> default_shaping(GridWorld("S.T"), QLearning(), Storage()).guard
     Guard(share_behind=0.05, share_ahead=0.8, memory=20)
     """
     if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
         return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)
     possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticLearner)
-    if possible and retrain is None and storage.kind != "sparse":
+    if possible and storage.kind != "sparse":
         generative = generative_model(task)
         if generative.states.size * generative.actions.size <= MOST_GUARDED:
             return QInitialisation(guard=Guard())

@@ -19,7 +19,7 @@ from curricle.learning.learners import Learner
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.learning.shaping import Shaping
-from curricle.learning.stopping import Decision, StoppingRule, solved, stopping_level
+from curricle.learning.stopping import Decision, StoppingRule, stopping_level
 from curricle.learning.storage import Storage
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
@@ -95,12 +95,6 @@ class Node:
     def replace(self, **settings: Any) -> Self:
         """Return the node with other settings."""
         return replace(self, **settings)
-
-    def solved(self) -> Self:
-        """Return the node with a stopping rule for which its task is not solved again."""
-        if not isinstance(self.budget, StoppingRule):
-            return self
-        return self.replace(budget=solved(self.budget, self.task, self.evaluation))
 
     @property
     def most_steps(self) -> int:

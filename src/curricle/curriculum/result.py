@@ -1,27 +1,41 @@
 """What training a curriculum gave: the results of its tasks, and what each hands on."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from curricle.archives.saved_file import read_saved, write_saved
+from curricle.archives.saved_file import SavedFile, read_saved, write_saved
 from curricle.array_types import IntArray
 from curricle.checks import one_of
-from curricle.curriculum.curriculum_table import result_html, result_in_brief
-from curricle.curriculum.retraining import RetrainedResult
-from curricle.curriculum.saved_curriculum import Parts, from_file, to_file
-from curricle.curriculum.sources import SourceValues
-from curricle.errors import CurriculumError
+from curricle.curriculum.sources import SourceValues, StoredValues, source_values
+from curricle.deep.result import DeepResult
+from curricle.display import beside, block, shortened
+from curricle.errors import CurricleError, CurriculumError, SettingError
+from curricle.frozen_arrays import frozen
 from curricle.learning.curve_frame import curve_columns, data_frame
 from curricle.learning.decisions import Decisions
+from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
-from curricle.learning.result_arrays import arrays_of
+from curricle.learning.result_arrays import (
+    all_values_of,
+    arrays_of,
+    arrays_of_values,
+    check_value_arrays,
+)
+from curricle.learning.results_table import learnt_curve, learnt_table
+from curricle.learning.saved_result import as_saved, pairs_of, task_record
 from curricle.planning.episode import Episode
+from curricle.text_tables import counted
 from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.scale_fit import ScaleEvidence
+
+MOST_CURVES = 4
+"""Tasks whose curves are shown beside each other, the last ones of a curriculum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +49,6 @@ class CurriculumResult:
         Of each task trained here or given.
     potentials : dict of str to list of MappedPotential or StateActionPotential
         For each task trained here, the potential of each seed (empty without sources).
-    retrained : dict of str to RetrainedResult
-        What retraining took of each task that has it.
     calibrations : dict of str to list of Calibration
         Of each seed, where transfers are calibrated: the first steps of the task's own budget.
     given : dict of str to SourceValues
@@ -54,7 +66,6 @@ class CurriculumResult:
     nodes: Mapping[str, LearningResult]
     potentials: Mapping[str, list[AnyPotential]]
     calibrations: Mapping[str, list[Calibration]] = field(default_factory=dict)
-    retrained: Mapping[str, RetrainedResult] = field(default_factory=dict)
     given: Mapping[str, SourceValues] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -70,23 +81,15 @@ class CurriculumResult:
     @cached_property
     def sources(self) -> dict[str, SourceValues]:
         """What each task hands on to those after it, whether it was trained here or before."""
-        extra = {name: one.extra for name, one in self.retrained.items()}
-        own = {name: SourceValues.of(one, extra.get(name, 0)) for name, one in self.nodes.items()}
-        return {**own, **self.given}
+        return {**{name: SourceValues.of(one) for name, one in self.nodes.items()}, **self.given}
 
     def source_steps(self, name: str) -> IntArray:
-        """Return the steps each seed spent on a task's sources, each once, (K,) int64.
-
-        Those of retraining them for `name` included.
-        """
+        """Return the steps each seed spent on a task's sources, each once, (K,) int64."""
         spent = self.curriculum._spent(name, self.sources)
-        total = np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
-        return total + self.retrained[name].extra if name in self.retrained else total
+        return np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
 
     def decisions(self, name: str) -> Decisions:
         """Return what a task's stopping rule decided at each checkpoint of each seed."""
-        if name in self.retrained:
-            return Decisions(self.retrained[name].decisions, self[name].seeds)
         found: Decisions = self.curriculum.node(name).decisions(self[name])
         return found
 
@@ -131,8 +134,7 @@ class CurriculumResult:
         It has no pickles, and equal results give equal bytes. Tasks and transfers are not in it:
         :meth:`load` takes the curriculum again. StoreError when it cannot be written.
         """
-        parts = Parts(self.nodes, self.potentials, self.calibrations, self.retrained, self.given)
-        return write_saved(path, type(self).__name__, *to_file(self.curriculum, parts))
+        return write_saved(path, type(self).__name__, *to_file(self))
 
     @classmethod
     def load(cls, path: str | Path, curriculum: Any) -> Self:
@@ -161,4 +163,200 @@ class CurriculumResult:
         Episode(2 steps, return 198, terminated)
         """
         saved = read_saved(path, cls.__name__)
-        return cls(curriculum, **from_file(saved, curriculum)._asdict())
+        if not (hasattr(curriculum, "tasks") and hasattr(curriculum, "in_edges")):
+            raise CurriculumError(
+                f"a result is loaded with the Curriculum that was trained: got {curriculum!r}"
+            )
+        with as_saved(saved):
+            return cls(curriculum, *_from_words(saved, saved.about, curriculum))
+
+
+def result_in_brief(result: CurriculumResult) -> str:
+    """Return what training gave in a few words: seeds, and the last return of each task."""
+    seeds = len(next(iter(result.nodes.values())).seeds) if result.nodes else 0
+    last = [f"{name} {one.greedy_return[:, -1].mean():.4g}" for name, one in result.nodes.items()]
+    returns = f"last greedy returns: {', '.join(last)}" if last else "nothing was trained"
+    return shortened(f"CurriculumResult({counted(seeds, 'seed')}; {returns})")
+
+
+def result_html(result: CurriculumResult) -> str:
+    """Return what training gave: curves, a table of the tasks, and what calibration came to."""
+    shown = dict([*result.nodes.items()][-MOST_CURVES:])
+    ended = {name: _ended(result, name) for name in result.nodes}
+    given = [name for name in result.given if name not in result.nodes]
+    return block(
+        f"Training of {' -> '.join(result.curriculum.order)}",
+        beside({name: learnt_curve(one) for name, one in shown.items()}),
+        learnt_table(result.nodes, ended),
+        given and f"learnt before: {', '.join(given)}",
+        *(f"{name}: {_calibration(each)}" for name, each in result.calibrations.items()),
+    )
+
+
+def _ended(result: CurriculumResult, name: str) -> str:
+    """Return what ended a task's training in words; nothing where no rule did."""
+    if name not in result.curriculum.tasks:
+        return ""
+    try:
+        return str(result.decisions(name).in_words)
+    except CurricleError:  # a rule that cannot be judged any more
+        return ""
+
+
+def _calibration(each: list[Calibration]) -> str:
+    refused = sum(bool(one.refusal) for one in each)
+    scale = np.mean([one.scale for one in each])
+    words = f"calibrated to scale {scale:.3g} on average over {counted(len(each), 'seed')}"
+    return f"{words}, of which {refused} could not be" if refused else words
+
+
+Arrays = dict[str, npt.NDArray[Any]]
+Read = TypeVar("Read")
+KINDS: dict[str, type[LearningResult]] = {
+    kind.__name__: kind for kind in (LearningResult, DeepResult)
+}
+SCALARS = tuple(
+    one.name for one in fields(Calibration) if one.name not in ("potential", "warm_up", "evidence")
+)
+
+
+def to_file(result: CurriculumResult) -> tuple[Arrays, dict[str, Any]]:
+    """Return the arrays and the words of a file; arrays are named ``part/number/name``."""
+    arrays = Arrays()
+
+    def put(part: str, names: Mapping[str, Any], of: Callable[[Any], Arrays]) -> None:
+        for i, one in enumerate(names.values()):
+            arrays.update({f"{part}/{i}/{name}": array for name, array in of(one).items()})
+
+    nodes = {name: one.parts_of_file() for name, one in result.nodes.items()}
+    put("nodes", nodes, lambda one: one[0])
+    put("given", result.given, _arrays_given)
+    put("calibrations", result.calibrations, _arrays_calibrated)
+    words = {
+        "tasks": {name: task_record(task) for name, task in result.curriculum.tasks.items()},
+        "nodes": {name: {"kind": type(result.nodes[name]).__name__, **about}
+                  for name, (_, about) in nodes.items()},
+        "trained": list(result.potentials),
+        "given": {name: one.own_rewards for name, one in result.given.items()},
+        "calibrations": {
+            name: [_words_calibrated(one) for one in each]
+            for name, each in result.calibrations.items()
+        },
+    }  # fmt: skip
+    return arrays, words
+
+
+def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> tuple[Any, ...]:
+    """Return the fields of a result but its curriculum; its potentials are computed again.
+
+    They follow from the sources' values, as they did in training.
+    """
+    if (stored := {*words["tasks"]}) != {*curriculum.tasks}:
+        raise CurriculumError(
+            f"a result must be loaded with its own curriculum: {saved.path} has the tasks "
+            f"{', '.join(sorted(stored))}, the curriculum {', '.join(sorted(curriculum.tasks))}"
+        )
+
+    def read(part: str, of: Callable[[str, Arrays, Any], Read]) -> dict[str, Read]:
+        found = {}
+        for i, (name, about) in enumerate(words[part].items()):
+            own, arrays = f"{part}/{i}/", saved.arrays
+            mine = {key.removeprefix(own): one for key, one in arrays.items() if
+                    key.startswith(own)}  # fmt: skip
+            found[name] = of(name, mine, about)
+        return found
+
+    def node(name: str, arrays: Arrays, about: Any) -> LearningResult:
+        kind, task = KINDS[about["kind"]], curriculum.tasks[name]
+        found = kind.of_file(saved, arrays, about, task)
+        learner = found.learner or curriculum.setting("learner", name)
+        return replace(found, learner=learner)
+
+    def source(name: str, arrays: Arrays, own_rewards: bool) -> SourceValues:
+        task, seeds = curriculum.tasks[name], tuple(arrays["seeds"].tolist())
+        check_value_arrays(arrays, len(seeds), pairs_of(saved, words["tasks"][name], task))
+        values = all_values_of(arrays, len(seeds))
+        return SourceValues(task, seeds, values, frozen(arrays["steps_used"]), bool(own_rewards))
+
+    nodes, given = read("nodes", node), read("given", source)
+    fitted = read("calibrations", _calibrations)
+    nodes, given = _with_networks(curriculum, nodes, given, fitted)
+    sources = {**{name: SourceValues.of(one) for name, one in nodes.items()}, **given}
+    potentials = {name: curriculum.potentials(name, sources) for name in words["trained"]}
+    calibrations = {}
+    for name, each in fitted.items():
+        pairs = zip(each, potentials[name], strict=True)
+        calibrations[name] = [_calibrated(one, phi) for one, phi in pairs]
+        potentials[name] = [one.potential for one in calibrations[name]]
+    return nodes, potentials, calibrations, given
+
+
+# -- sources trained before ----------------------------------------------------------------------
+
+
+def _arrays_given(one: SourceValues) -> Arrays:
+    found = {"seeds": np.array(one.seeds, dtype=np.int64), "steps_used": one.steps_used}
+    return found | arrays_of_values(one.values)
+
+
+def _with_networks(
+    curriculum: Any,
+    nodes: dict[str, LearningResult],
+    given: dict[str, SourceValues],
+    fitted: Mapping[str, list[Calibration]],
+) -> tuple[dict[str, LearningResult], dict[str, SourceValues]]:
+    """Return the same with networks built from their parameters, sources first."""
+    learnt: dict[str, Any] = {**given, **nodes}
+    if not any(curriculum.node(name).deep for name in learnt):
+        return nodes, given
+    stored = {
+        name: StoredValues(
+            one.values, one.steps_used, [(c.scale, c.shift) for c in fitted.get(name, ())]
+        )
+        for name, one in learnt.items()
+    }
+    seeds = next(iter(learnt.values())).seeds
+    try:
+        built = source_values(curriculum, seeds, stored)
+    except RuntimeError as error:  # of PyTorch
+        raise SettingError(
+            "networks must be loaded with the learners they were trained with: "
+            f"{' '.join(str(error).split())}"
+        ) from None
+    for name, one in built.items():
+        if name in nodes:
+            nodes[name] = replace(nodes[name], values=one.values)
+        if name in given:
+            given[name] = replace(given[name], values=one.values)
+    return nodes, given
+
+
+# -- calibrations --------------------------------------------------------------------------------
+
+
+def _arrays_calibrated(each: list[Calibration]) -> Arrays:
+    found = Arrays()
+    for k, one in enumerate(each):
+        found |= {f"lengths_{k}": one.warm_up.lengths, f"returns_{k}": one.warm_up.returns}
+    return found
+
+
+def _words_calibrated(one: Calibration) -> dict[str, Any]:
+    evidence = None if one.evidence is None else list(one.evidence)
+    return {**{name: getattr(one, name) for name in SCALARS}, "evidence": evidence}
+
+
+def _calibrations(_: str, arrays: Arrays, about: Any) -> list[Calibration]:
+    """Return calibrations whose potentials are not there yet."""
+    found = []
+    for k, one in enumerate(about):
+        warm_up = WarmUp(frozen(arrays[f"lengths_{k}"]), frozen(arrays[f"returns_{k}"]))
+        evidence = None if one["evidence"] is None else ScaleEvidence(*one["evidence"])
+        scalars = {name: one[name] for name in SCALARS}
+        found.append(Calibration(None, warm_up=warm_up, evidence=evidence, **scalars))
+    return found
+
+
+def _calibrated(one: Calibration, potential: AnyPotential) -> Calibration:
+    phi = potential if one.refusal else potential.rescaled(one.scale, one.shift)
+    return replace(one, potential=phi)

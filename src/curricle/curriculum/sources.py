@@ -13,7 +13,6 @@ from curricle.curriculum.node import Node
 from curricle.display import brief_repr
 from curricle.errors import CurriculumError
 from curricle.learning.budget import limits
-from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
@@ -22,20 +21,6 @@ from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibra
 from curricle.transfer.edges import Calibrate, Transfer
 from curricle.transfer.potentials import ObservationPotential, combined_potential
 from curricle.transfer.value_sources import TableValues, ValueSource
-
-
-class Progress(NamedTuple):
-    """Where the training of K seeds stopped: schedules and counts go on from there."""
-
-    steps: IntArray
-    """(K,) in the task itself."""
-    visits: IntArray | None
-    """(K, n, S, A) updates in each of n tables, if the learning rate counts them."""
-
-    def of_seed(self, k: int) -> WarmUp:
-        """Return what the k-th seed did, for training to go on from."""
-        visits = None if self.visits is None else self.visits[k]
-        return WarmUp(self.steps[k : k + 1], np.zeros(1), visits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +35,9 @@ class SourceValues:
     values : (K, S, A) float array or K ValueSource
         None if they were not kept.
     steps_used : (K,) int64
-        Steps that each seed spent on the task, those of retraining its own sources included.
+        Steps that each seed spent on the task.
     own_rewards : bool
         Whether the values are in the task's own rewards (:class:`LearningResult`).
-    progress : Progress or None
-        Where the training stopped, for :class:`RetrainSources`; None if that is unknown.
 
     Examples
     --------
@@ -68,25 +51,14 @@ class SourceValues:
     values: Any
     steps_used: IntArray
     own_rewards: bool = True
-    progress: Progress | None = None
 
     __repr__ = brief_repr
 
     @classmethod
-    def of(cls, result: "Learnt", extra_steps: IntArray | int = 0) -> Self:
-        """Return what a result hands on; `extra_steps` were spent on retraining its sources."""
-        if isinstance(result, LearningResult):
-            progress: Progress | None = Progress(result.steps_used, result.visits)
-        else:
-            progress = result.progress
-        return cls(
-            result.task,
-            result.seeds,
-            result.values,
-            result.steps_used + extra_steps,
-            bool(np.all(result.own_rewards)),
-            progress,
-        )
+    def of(cls, result: "Learnt") -> Self:
+        """Return what a result hands on."""
+        own_rewards = bool(np.all(result.own_rewards))
+        return cls(result.task, result.seeds, result.values, result.steps_used, own_rewards)
 
     def first(self, n: int) -> "SourceValues":
         """Return those of the first n seeds."""
@@ -170,3 +142,63 @@ def warn_of_refusals(name: str, calibrations: Sequence[Calibration]) -> None:
             f"potential as it is: {refused[0]}",
             stacklevel=3,
         )
+
+
+class StoredValues(NamedTuple):
+    """What K seeds learnt in a task, as plain data."""
+
+    values: Any
+    """(K, S, A) float array, or K dicts of a network's parameters; None where they are not read."""
+    steps_used: IntArray
+    """(K,) in the task."""
+    calibrations: Sequence[tuple[float, float]] = ()
+    """Scale and shift of each seed's potential; empty unless its transfers are calibrated."""
+
+
+def sources_read(curriculum: Any, name: str) -> set[str]:
+    """Return the tasks whose values are needed to train a task.
+
+    They are its sources. A network that learnt on top of a potential needs that potential, so its
+    own sources are read too.
+    """
+    read, waiting = set[str](), [name]
+    while waiting:
+        for edge in curriculum.in_edges(waiting.pop()):
+            if edge.source not in read and curriculum.node(edge.source).deep:
+                waiting.append(edge.source)
+            read.add(edge.source)
+    return read
+
+
+def source_values(
+    curriculum: Any, seeds: tuple[int, ...], sources: Mapping[str, StoredValues]
+) -> dict[str, SourceValues]:
+    """Return what sources learnt as :meth:`Curriculum.train` takes it; networks are rebuilt.
+
+    `sources` has the values of all tasks that :func:`sources_read` names for a network. Rebuilding
+    one needs Stable-Baselines3, or raises ImportError.
+    """
+    found: dict[str, SourceValues] = {}
+    for name in curriculum.order:
+        if name in sources:
+            node, stored = curriculum.node(name), sources[name]
+            values, steps_used, calibrations = stored
+            if node.deep and values is not None:
+                potentials: list[Any] = curriculum.potentials(name, found)
+                if calibrations:
+                    pairs = zip(potentials, calibrations, strict=True)
+                    potentials = [phi.rescaled(scale, shift) for phi, (scale, shift) in pairs]
+                values = _networks(node, potentials or [None] * len(seeds), values)
+            found[name] = SourceValues(node.task, seeds, values, steps_used)
+    return found
+
+
+def _networks(node: Node, potentials: Sequence[Any], each: Sequence[Any]) -> tuple[Any, ...]:
+    """Return the values of each seed's network, from its parameters."""
+    node.learner.algorithm_class()  # raises ImportError that names what to install
+    from curricle.deep.models import network_values
+
+    return tuple(
+        network_values(node.task, node.learner, node.shaping.with_potential(potential), parameters)
+        for potential, parameters in zip(potentials, each, strict=True)
+    )

@@ -79,4 +79,4 @@ def _outcome(task: Miniatures, values: Any) -> Outcome:
             "a network distilled from miniatures must act better than at random on held-out "
             f"levels: it regains {regained:.0%} of the way to the optimum of {task}"
         )
-    return Outcome(record, values, 0, 0, out_of_memory=False, evaluation_steps=0, visits=None)
+    return Outcome(record, values, 0, 0, out_of_memory=False, evaluation_steps=0)

@@ -88,7 +88,6 @@ class DeepRun:
             progress.episodes,
             out_of_memory=False,
             evaluation_steps=progress.evaluation_steps,
-            visits=None,
         )
 
     @property

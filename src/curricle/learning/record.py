@@ -128,8 +128,6 @@ class WarmUp:
         Steps of each.
     returns : (E,) float64
         Their unshaped, undiscounted returns.
-    visits : (n, S, A) int64, optional
-        Updates that a learner with n tables made in them, where its learning rate counts updates.
 
     Examples
     --------
@@ -139,7 +137,6 @@ class WarmUp:
 
     lengths: IntArray
     returns: FloatArray
-    visits: IntArray | None = None
 
     __repr__ = brief_repr
 

@@ -74,9 +74,6 @@ class LearningResult(Frozen):
     own_rewards : (K,) bool
         Whether the values are in the task's own rewards. Where they are not, after
         :class:`LookBackAdvice` and :class:`RewardBonus`, no transfer takes them.
-    visits : (K, n, S, A) int64 or None
-        Updates of each pair in each of the learner's n tables, where its learning rate counts them
-        (:func:`harmonic`) and the values are dense and saved. Further training goes on from these.
     snapshots : Snapshots or None
         Values of the first seed on the way, if asked for.
 
@@ -101,7 +98,6 @@ class LearningResult(Frozen):
     out_of_memory: BoolArray
     guard_share: FloatArray
     own_rewards: BoolArray
-    visits: IntArray | None = None
     snapshots: Snapshots | None = None
 
     # -- to take away --------------------------------------------------------------------------
@@ -259,7 +255,6 @@ def learning_result(
         for name in HELD:
             curves[name][k, end + 1 :] = curves[name][k, end]
     last = None if values is None else values[0]
-    visits = [outcome.visits for outcome in outcomes if outcome.visits is not None]
     return LearningResult(
         task=task,
         learner=learner,
@@ -271,7 +266,6 @@ def learning_result(
         evaluation_steps=frozen(np.array([outcome.evaluation_steps for outcome in outcomes])),
         out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in outcomes])),
         own_rewards=frozen(np.array([outcome.own_rewards for outcome in outcomes])),
-        visits=frozen(np.stack(visits)) if visits else None,
         snapshots=_snapshots(seeds[0], outcomes[0], last, eval_freq),
         **{name: frozen(curve) for name, curve in curves.items()},
     )
@@ -291,18 +285,6 @@ def _snapshots(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapsh
     return Snapshots(seed, frozen(steps), frozen(values))
 
 
-def one_seed(result: LearningResult, k: int) -> LearningResult:
-    """Return the result of the k-th seed alone, with the checkpoints of all."""
-    each = ("seeds", *CURVES, *TOTALS)
-    return replace(
-        result,
-        values=None if result.values is None else result.values[k : k + 1],
-        visits=None if result.visits is None else result.visits[k : k + 1],
-        snapshots=None if k else result.snapshots,
-        **{name: getattr(result, name)[k : k + 1] for name in each},
-    )
-
-
 def lengthened(name: str, curves: FloatArray, checkpoints: int) -> FloatArray:
     """Return curves (K, T) of seeds that have ended at more checkpoints, as `name` is continued.
 
@@ -319,16 +301,11 @@ def lengthened(name: str, curves: FloatArray, checkpoints: int) -> FloatArray:
     return np.pad(curves, after, constant_values=np.nan)
 
 
-def joined_results(
-    parts: Sequence[LearningResult], seeds: Sequence[int] | None = None
-) -> LearningResult:
-    """Return the results of several groups of seeds as one, in the order of `seeds`.
-
-    By default that is the order of the seeds' numbers.
-    """
+def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
+    """Return the results of several groups of seeds as one, seeds ascending."""
     longest = max(parts, key=lambda part: len(part.steps))
     place = {seed: k for k, seed in enumerate(chain.from_iterable(part.seeds for part in parts))}
-    seeds = sorted(place) if seeds is None else seeds
+    seeds = sorted(place)
     order = np.array([place[seed] for seed in seeds])
 
     def joined(arrays: Sequence[npt.NDArray[Any]]) -> Any:
@@ -346,13 +323,11 @@ def joined_results(
     else:
         flat = list(chain.from_iterable(values))
         values = tuple(flat[k] for k in order)
-    visits = [part.visits for part in parts if part.visits is not None]
     snapshots = [part.snapshots for part in parts if part.snapshots is not None]
     return replace(
         longest,
         seeds=tuple(seeds),
         values=values,
-        visits=joined(visits) if visits else None,
         snapshots=min(snapshots, key=lambda snapshots: snapshots.seed, default=None),
         **{name: curves(name) for name in CURVES},
         **{name: joined([getattr(part, name) for part in parts]) for name in TOTALS},

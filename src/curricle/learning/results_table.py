@@ -8,8 +8,8 @@ from markupsafe import Markup
 
 from curricle.array_types import FloatArray
 from curricle.display import curves, table
+from curricle.statistics.curves import seed_line
 from curricle.statistics.intervals import mean_interval
-from curricle.statistics.seed_lines import seed_line
 
 HEAD = ("learner", "seeds", "steps a seed", "episodes a seed", "first return", "last return")
 

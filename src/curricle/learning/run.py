@@ -24,7 +24,7 @@ from curricle.learning.optimism import train_optimistically
 from curricle.learning.optimistic_learners import OptimisticLearner
 from curricle.learning.potential import MappedPotential
 from curricle.learning.q_learning import train_q_learning
-from curricle.learning.record import Bounds, Record, Used, WarmUp
+from curricle.learning.record import Bounds, Record, Used
 from curricle.learning.seeds import SeedSettings
 from curricle.learning.shaping import NOTHING_ADDED, QInitialisation, Shaping
 from curricle.learning.stopping import StoppingKernel, stops
@@ -49,7 +49,7 @@ UNROLLED = 64
 class Outcome:
     """What one seed leaves: its record, its values if saved, its totals.
 
-    `evaluation_steps`, `visits` and `own_rewards` are as in :class:`LearningResult`, `advice` is
+    `evaluation_steps` and `own_rewards` are as in :class:`LearningResult`, `advice` is
     what the policy acts on besides values.
     """
 
@@ -59,7 +59,6 @@ class Outcome:
     episodes: int
     out_of_memory: bool
     evaluation_steps: int
-    visits: IntArray | None
     own_rewards: bool = True
     advice: Any = 0.0
 
@@ -112,8 +111,8 @@ class Run:
         n = self.longest // self.eval_freq + 1
         record = Record.empty(n, *kept, unknown_ends=unknown)
         used = settings.warm_up.write(record, self.eval_freq)
-        visits, shaping = self._visits(settings.warm_up), settings.shaping
-        seed = _Seed(start, settings, out, record, used, visits, self.evaluation.for_run(start))
+        shaping, evaluation = settings.shaping, self.evaluation.for_run(start)
+        seed = _Seed(start, settings, out, record, used, self._visits(), evaluation)
         if isinstance(self.learner, OptimisticLearner):
             return self._train_optimistically(seed, self.learner)
         if shaping is not None and shaping.guard is not None:
@@ -140,15 +139,12 @@ class Run:
         values = _visited(table) if self.storage.save_values else None
         early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]
         full = early and not self._stopped(seed.record, steps)
-        return Outcome(seed.record, values, steps, episodes, full, seed.evaluation.steps, None)
+        return Outcome(seed.record, values, steps, episodes, full, seed.evaluation.steps)
 
     def _outcome(self, seed: _Seed, steps: int, episodes: int, **more: Any) -> Outcome:
         """Return what a seed with dense tables leaves."""
-        visits = None
-        if seed.visits is not None and seed.out is not None:
-            visits = seed.visits.reshape(-1, *self.shape)
         spent = seed.evaluation.steps
-        return Outcome(seed.record, seed.out, steps, episodes, False, spent, visits, **more)
+        return Outcome(seed.record, seed.out, steps, episodes, False, spent, **more)
 
     def _stopped(self, record: Record, steps: int) -> bool:
         """Return whether a run that ended at so many steps ended by its stopping rule."""
@@ -215,13 +211,11 @@ class Run:
         q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
         return self._outcome(seed, steps, episodes)
 
-    def _visits(self, warm_up: WarmUp) -> IntArray | None:
-        """Return the counts of updates that learning goes on from; None if none are needed."""
+    def _visits(self) -> IntArray | None:
+        """Return counts of updates, of which there are none yet; None if none are needed."""
         n_tables, n_actions = self.learner.counts, self.task.actions.size
         if not n_tables:
             return None
-        if warm_up.visits is not None:
-            return warm_up.visits.reshape(-1, n_actions).copy()
         rows = self.rows + 1 if self.rows else n_tables * self.task.states.size
         return np.zeros((rows, n_actions), np.int64)
 

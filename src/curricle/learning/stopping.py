@@ -291,8 +291,6 @@ class Decision:
         Their mean less the mean of as many before, return; NaN if there were too few.
     share : float
         The rise over the last three tenths of the steps, as a share of the range; NaN if unknown.
-    then : str
-        What was done, where that was more than to go on or to end.
     evaluation_steps : int
         Steps of the rollouts that a run's decisions read, given with its last one; they are free.
     """
@@ -306,7 +304,6 @@ class Decision:
     highest: float
     rise: float
     share: float
-    then: str = ""
     evaluation_steps: int = 0
 
     @property
@@ -374,27 +371,10 @@ class Decision:
             used += f", and {counted(self.evaluation_steps, 'step')} of evaluations, which are free"
         too_early = self.step < self.rule.min_steps
         early = [f"at least {self.rule.min_steps:,} steps first"] if too_early else []
-        verdict = self.then or ("ends" if self.ends or self.spent else "goes on")
+        verdict = "ends" if self.ends or self.spent else "goes on"
         return "; ".join([verdict, *self.reasons, *early, used])
-
-
-@dataclass(frozen=True)
-class _Solved(StoppingRule):
-    """A rule of a fraction, with the return that it stands for."""
-
-    level: float = math.nan
-
-
-def solved(rule: StoppingRule, task: Task, evaluation: GreedyEvaluation) -> StoppingRule:
-    """Return a rule whose fraction is looked up from now on, so that the task is solved once."""
-    level = stopping_level(rule, task, evaluation)
-    if level is None or isinstance(rule, _Solved):
-        return rule
-    return _Solved(**vars(rule), level=level)
 
 
 def stopping_level(rule: StoppingRule, task: Task, evaluation: GreedyEvaluation) -> float | None:
     """Return the return that a rule's fraction stands for; None if it has none."""
-    if isinstance(rule, _Solved):
-        return rule.level
     return None if rule.fraction is None else Target.of(task, evaluation).level(rule.fraction)

@@ -1,24 +1,207 @@
-"""Beyond the paper: forecast, calibration, controls, guard and attribution."""
+"""Beyond the paper: forecast, calibration, controls, guard and a source left out.
 
+The runs, the figure, and the claims: answers to the paper's questions, each with a control.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from curricle.comparison import Forecast
-from curricle.paper import maze_runs as runs
+from curricle import (
+    Curriculum,
+    GreedyEvaluation,
+    Guard,
+    Pursuit,
+    QInitialisation,
+    RewardBonus,
+    StateShaping,
+    StoppingRule,
+    Transfer,
+    calibrate,
+    certify,
+    compare,
+    forecast,
+    maximum,
+    mean,
+    minimum,
+    project,
+    solve,
+)
+from curricle.array_types import FloatArray
+from curricle.comparison import Comparison, Forecast
+from curricle.errors import CalibrationError
+from curricle.learning import LearningResult
+from curricle.paper import hacking, maze_runs as runs
+from curricle.paper.maze_runs import WINDOW
 from curricle.paper.settings import (
+    LEARNER,
+    Claim,
     FigureResult,
     Progress,
+    answer,
     draw_threshold,
     in_thousands,
+    maze,
+    over_seeds,
     stacked,
     whiskers,
 )
-from curricle.paper.trust_claims import claims
-from curricle.paper.trust_runs import EXAMINED, HUNTS, LARGE_SEEDS, TrustRuns, run
 from curricle.plotting import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
-from curricle.statistics import Curve
+from curricle.statistics import Curve, Interval, paired_difference, time_to_threshold
 from curricle.text_tables import counted
+from curricle.transfer import Calibrate
+
+AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
+ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
+SOURCE_STEPS = 400_000
+HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}
+"""Size -> time limit and target steps; discount 0.95."""
+FITTED = Calibrate(cautious=False)
+"""The scale is the one that fits the returns, neither shrunk nor bounded."""
+SWEEP = (1.2, 1.6, 2.0, 2.5)
+"""Scales set by hand."""
+FORECAST_SEEDS, LARGE_SEEDS = 2, 10
+"""Seeds of the forecast, and the most of 7x7."""
+MAZE_STEPS = 150_000
+"""Target steps in the maze."""
+EXAMINED = 20_000
+"""Steps after which the greedy choices in the maze are examined."""
+SIZES = range(3, 11)
+
+
+@dataclass(frozen=True)
+class TrustRuns:
+    """The results of all runs."""
+
+    forecast: Forecast  # of 5x5 pursuit
+    compared: Comparison  # 5x5: each aggregate uncalibrated, min and mean also calibrated
+    controls: Comparison  # 5x5: mean, calibrated, with all controls
+    # (size, arm) -> training; arms "min" and "mean", each also ", calibrated" or " x c".
+    hunts: Mapping[tuple[int, str], LearningResult]
+    # The maze from scratch, from the 3x3 corner, and from there with a guard.
+    maze: Mapping[str, LearningResult]
+    scratch: runs.Scratch  # with the paper's budget; sets the threshold
+    # (S,) of the maze: the share of seeds whose greedy choice is wrong with the 3x3 corner, less
+    # that without.
+    added_wrong: FloatArray
+    refused: Mapping[int, float]  # size of a maze source -> share of seeds with no calibration
+
+
+def run(seeds: int, workers: int | None, progress: Progress) -> TrustRuns:
+    """Return the results of all runs."""
+    plans = {name: hunt(5, name) for name in AGGREGATES}
+    predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, trial=False, workers=workers)
+    progress("pursuit 5x5, forecast")
+    plans |= {f"{name}, calibrated": hunt(5, name, calibrate=FITTED) for name in ("min", "mean")}
+    compared = compare(plans, seeds=seeds, workers=workers, progress=_prefixed(progress, "5x5"))
+    controls = compare(
+        {"mean, calibrated": plans["mean, calibrated"]},
+        seeds=seeds,
+        controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
+        workers=workers,
+        progress=_prefixed(progress, "5x5, controls"),
+    )
+    hunts = dict[tuple[int, str], LearningResult]()
+    for size in HUNTS:
+        hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
+        progress(f"pursuit {size}x{size}, uncalibrated and calibrated")
+    scratch = runs.scratch(maze(-5), seeds, workers)
+    mazes, added_wrong = _mazes(seeds, workers)
+    progress("maze, guarded")
+    refused = {size: _share_refused(size, seeds, workers) for size in SIZES}
+    progress("maze, calibration")
+    return TrustRuns(predicted, compared, controls, hunts, mazes, scratch, added_wrong, refused)
+
+
+def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
+    """Return two predators learning from one, both having to catch."""
+    limit, steps = HUNTS[size]
+    two, one = (Pursuit(size, n, discount=0.95, time_limit=limit) for n in (2, 1))
+    return Curriculum(
+        tasks={"chase": one, "hunt": two},
+        transfers=[
+            Transfer("chase", "hunt", project(two, one, predator=name), **transfer)
+            for name in two.predator_names
+        ],
+        aggregate=AGGREGATES[aggregate],
+        learner=LEARNER,
+        shaping=QInitialisation(),
+        budget={"chase": StoppingRule(SOURCE_STEPS), "hunt": steps},
+        eval_freq={"chase": SOURCE_STEPS, "hunt": steps // 50},
+        evaluation=ROLLOUTS,
+    )
+
+
+def _prefixed(progress: Progress, where: str) -> Progress:
+    return lambda words: progress(f"{where}: {words}")
+
+
+def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], LearningResult]:
+    """Return min and mean, uncalibrated and calibrated; on 5x5 also scaled by hand."""
+    plans = dict[str, Curriculum]()
+    for name in ("min", "mean"):
+        plans[name] = hunt(size, name)
+        plans[f"{name}, calibrated"] = hunt(size, name, calibrate=FITTED)
+        for scale in SWEEP if size == 5 else ():
+            plans[f"{name} x {scale:g}"] = hunt(size, name, scale=scale)
+    sources = plans["mean"].train(seeds, only=["chase"], workers=workers).sources
+    return {
+        (size, name): plan.train(seeds, trained=sources, workers=workers)["hunt"]
+        for name, plan in plans.items()
+    }
+
+
+def corner_plan(size: int) -> Curriculum:
+    """Return the curriculum from the top-right `size` x `size` corner to the maze."""
+    arena = maze(-5)
+    return runs.plan(arena, runs.corner(arena, size), MAZE_STEPS, "corner")
+
+
+def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], FloatArray]:
+    plan = corner_plan(3)
+    sources = plan.train(seeds, only=["corner"], workers=workers).sources
+    arms = {
+        "from the 3x3 corner": plan,
+        "the same, guarded": replace(plan, shaping=QInitialisation(guard=Guard())),
+    }
+    results = {"scratch": runs.learnt_alone(maze(-5), MAZE_STEPS, seeds, workers)}
+    for name, arm in arms.items():
+        results[name] = arm.train(seeds, trained=sources, workers=workers)["target"]
+    # All random numbers are the same without the source.
+    short = plan.replace("target", budget=EXAMINED, eval_freq=EXAMINED)
+    optimal = solve(plan.tasks["target"]).optimal
+    wrong = []
+    for arm in (short, replace(short, transfers=())):
+        values = arm.train(seeds, trained=sources, workers=workers)["target"].values
+        greedy = values == values.max(axis=-1, keepdims=True)
+        wrong.append((greedy & ~optimal).any(axis=-1).mean(axis=0))
+    return results, wrong[0] - wrong[1]
+
+
+def _share_refused(size: int, seeds: int, workers: int | None) -> float:
+    """Return the share of seeds for which a scale is the wrong model."""
+    plan = corner_plan(size)
+    sources = plan.train(seeds, only=["corner"], workers=workers).sources
+    potentials = plan.potentials("target", sources)
+    return float(np.mean([_is_refused(phi, k) for k, phi in enumerate(potentials)]))
+
+
+def _is_refused(phi: Any, seed: int) -> bool:
+    try:
+        calibrate(phi, cautious=False, seed=seed)
+    except CalibrationError:
+        return True
+    return False
+
+
+def tenths(result: LearningResult) -> FloatArray:
+    """Return the mean training return in each tenth of a run, (K, 10)."""
+    values = result.training_return[:, 1:]
+    parts = np.array_split(np.arange(values.shape[1]), 10)
+    return np.stack([np.nanmean(values[:, part], axis=1) for part in parts], axis=1)
+
 
 STYLES = {
     "min": ("green", "--"),
@@ -40,7 +223,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         _draw_hunt(panel, found, size)
     _draw_controls(axes[1, 0], found)
     _draw_guard(axes[1, 1], found)
-    _draw_attribution(axes[1, 2], found)
+    _draw_left_out(axes[1, 2], found)
     return FigureResult(
         name="trust",
         title="Beyond the paper: can the transfer be trusted?",
@@ -135,12 +318,12 @@ def _draw_guard(panel: Any, found: TrustRuns) -> None:
     panel.legend(loc="lower right")
 
 
-def _draw_attribution(panel: Any, found: TrustRuns) -> None:
-    one, arena = found.attribution, found.scratch.maze
-    title = f"attribution to the 3x3 corner, after {EXAMINED:,} steps"
+def _draw_left_out(panel: Any, found: TrustRuns) -> None:
+    title = f"the 3x3 corner left out, after {EXAMINED:,} steps"
     unit = "wrong choices added by the source (% of seeds)"
-    draw_potential(panel, arena, 100 * one.wrong[0], label=title, unit=unit, difference=True)
-    frame_cells(panel, arena, one.changed_states(one.names[0]))
+    arena, added = found.scratch.maze, found.added_wrong
+    draw_potential(panel, arena, 100 * added, label=title, unit=unit, difference=True)
+    frame_cells(panel, arena, added >= MOSTLY)
 
 
 def _table(found: TrustRuns) -> dict[str, Any]:
@@ -154,4 +337,209 @@ def _table(found: TrustRuns) -> dict[str, Any]:
             "training_return": result.training_return[:, 1:],
         }
         for (size, arm), result in found.hunts.items()
+    )
+
+
+WHERE = "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, truncated at 100, 400,000 steps"
+MOSTLY = 0.5
+"""Share of seeds in which the choice in a cell must have become wrong."""
+NEAR = 1.05
+"""Cost of a calibrated arm at most, relative to the best scale set by hand."""
+
+
+def claims(found: TrustRuns) -> tuple[Claim, ...]:
+    """Return the claims of the trust figure."""
+    return (
+        _certified(found),
+        _ranking(found),
+        _collapse_predicted(found),
+        _calibrated(found),
+        _larger(found),
+        _placebo(found),
+        _not_just_longer(found),
+        _refused(found),
+        _guarded(found),
+        _left_out(found),
+    )
+
+
+def _end(result: LearningResult) -> Any:
+    return tenths(result)[:, -1]
+
+
+def _change(result: LearningResult) -> Interval:
+    parts = tenths(result)
+    return paired_difference(parts[:, -1], parts[:, 0])
+
+
+def _certified(found: TrustRuns) -> Claim:
+    fitted = found.forecast["mean"].calibrations[0].potential
+    safe = certify(fitted.task, QInitialisation(fitted))
+    hint = certify(hacking.MAZE, RewardBonus(hacking.nearness()))
+    control = certify(hacking.MAZE, StateShaping(hacking.nearness()))
+    return Claim(
+        "trust.certified",
+        "Whether a shaping keeps the optimal policy can be proven: the calibrated potential does, "
+        "and so does the hint as a potential; as a bonus it does not, and the state is named",
+        "5x5 pursuit, mean calibrated; the 5x5 grid of the reward hacking",
+        answer(bool(safe) and bool(control) and hint.holds is False),
+        {
+            "calibrated mean": str(safe),
+            "hint as a bonus": str(hint),
+            "as a potential": str(control),
+        },
+    )
+
+
+def _ranking(found: TrustRuns) -> Claim:
+    rows = {name: found.forecast[name].mean("start") for name in found.forecast.ranking}
+    curves = {name: found.compared[name].curve for name in ("min", "mean", "max")}
+    first = {name: over_seeds(curve.values[:, 0]) for name, curve in curves.items()}
+    order = [float(one.estimate) for one in first.values()]
+    seen = rows["minimum"] > rows["mean"] > rows["maximum"]
+    return Claim(
+        "trust.forecast-ranks",
+        "Open question: why does max win? A forecast before training shows that it does not: as "
+        "stated, the exact starts of the greedy policies have the order min, mean, max",
+        f"{WHERE}; forecast from the sources alone, control: the first checkpoint of the runs",
+        answer(seen and order == sorted(order, reverse=True)),
+        {f"{name}, predicted": value for name, value in rows.items()}
+        | {f"{name}, measured": value for name, value in first.items()},
+    )
+
+
+def _collapse_predicted(found: TrustRuns) -> Claim:
+    words = {name: found.forecast[name].verdict for name in ("minimum", "mean")}
+    measured = {name: _change(found.hunts[5, name]) for name in ("min", "mean")}
+    right = "expect a fall" in words["mean"] and "no fall" in words["minimum"]
+    return Claim(
+        "trust.collapse-foretold",
+        "Open question: why does performance collapse? Overestimation; measured before training, "
+        "it predicts which aggregate collapses and which does not",
+        f"{WHERE}; training return, last minus first tenth",
+        answer(right and measured["mean"].high < 0 < measured["min"].low),
+        {f"{name}, predicted": value for name, value in words.items()}
+        | {f"{name}, measured": value for name, value in measured.items()},
+    )
+
+
+def _calibrated(found: TrustRuns) -> Claim:
+    numbers: dict[str, Any] = {}
+    near = rising = True
+    for name in ("min", "mean"):
+        ends = {c: float(_end(found.hunts[5, f"{name} x {c:g}"]).mean()) for c in SWEEP}
+        ends[1.0] = float(_end(found.hunts[5, name]).mean())
+        best = max(ends, key=ends.__getitem__)
+        fitted = found.hunts[5, f"{name}, calibrated"]
+        numbers[f"{name}, calibrated, last tenth"] = over_seeds(_end(fitted))
+        numbers[f"{name}, best scale by hand"] = best
+        numbers[f"{name}, last tenth at that scale"] = ends[best]
+        numbers[f"{name}, calibrated, last minus first tenth"] = _change(fitted)
+        near &= float(_end(fitted).mean()) > NEAR * ends[best]
+        rising &= bool(_change(fitted).low > 0)
+    return Claim(
+        "trust.calibration",
+        "Open question: would scaling the source Q values cure the collapse? A scale fitted to "
+        "the returns of phi's greedy policy in 200 episodes, which count as target steps, does: "
+        "returns rise, and end within 5 % of those of the best scale set by hand",
+        f"{WHERE}; control: scales {', '.join(f'{c:g}' for c in (1.0, *SWEEP))}",
+        answer(near and rising),
+        numbers,
+    )
+
+
+def _larger(found: TrustRuns) -> Claim:
+    arms = ("min", "min, calibrated", "mean", "mean, calibrated")
+    ends = {name: over_seeds(_end(found.hunts[7, name])) for name in arms}
+    halved = all(
+        ends[f"{name}, calibrated"].estimate > ends[name].estimate / 2 for name in ("min", "mean")
+    )
+    return Claim(
+        "trust.calibration-7x7",
+        "On 7x7, where every uncalibrated aggregate collapses, calibration more than halves the "
+        "final cost",
+        "7x7, both must catch, epsilon-greedy 0.1, discount 0.95, limit 200, 1,000,000 steps",
+        answer(halved),
+        {f"{name}, last tenth": value for name, value in ends.items()},
+    )
+
+
+def _placebo(found: TrustRuns) -> Claim:
+    gains = {name: one.strong_gain for name, one in found.controls.contrasts.items()}
+    main = gains["mean, calibrated"]
+    others = [gains[f"mean, calibrated, {name}"] for name in ("placebo", "negated")]
+    return Claim(
+        "trust.placebo",
+        "What the source has learnt helps, not the size of its values: shuffled (placebo) or "
+        "negated they do not help",
+        f"{WHERE}; mean return above scratch, source steps counted",
+        answer(main.low > 0 and all(one.high < main.low / 2 for one in others)),
+        gains,
+    )
+
+
+def _not_just_longer(found: TrustRuns) -> Claim:
+    contrasts = found.controls.contrasts
+    gains = {
+        name: contrasts[f"mean, calibrated, {name}"].strong_gain
+        for name in ("random start", "pretraining")
+    }
+    main = contrasts["mean, calibrated"].strong_gain
+    return Claim(
+        "trust.not-just-longer",
+        "The gain is not due to more steps or to other starts: as many steps in the target itself, "
+        "from its own start or from anywhere, do not give it",
+        f"{WHERE}; mean return above scratch, source steps counted",
+        answer(all(one.high < main.low / 2 for one in gains.values())),
+        gains | {"transfer": main},
+    )
+
+
+def _refused(found: TrustRuns) -> Claim:
+    shares = found.refused
+    return Claim(
+        "trust.scale-is-the-wrong-model",
+        "Where rewards have both signs a scale is the wrong model, and calibration refuses to "
+        "fit one",
+        "10x10 maze, step reward -5, sources of 3x3 to 10x10 cells",
+        answer(float(np.mean(list(shares.values()))) > 0.95),
+        {f"size {size}, share of seeds refused": share for size, share in shares.items()},
+    )
+
+
+def _guarded(found: TrustRuns) -> Claim:
+    threshold = found.scratch.threshold
+    steps = {
+        name: time_to_threshold(Curve.of(result), threshold, window=WINDOW).steps
+        for name, result in found.maze.items()
+    }
+    saved = {
+        name: over_seeds(steps["scratch"] - steps[name])
+        for name in ("from the 3x3 corner", "the same, guarded")
+    }
+    guarded = saved["the same, guarded"]
+    return Claim(
+        "trust.guard",
+        "A harmful source (size 3) does no harm, within noise, to a learner with a guard",
+        "10x10 maze, step reward -5; target steps to the threshold saved",
+        answer(guarded.high >= 0 and saved["from the 3x3 corner"].high < -10_000),
+        {f"{name}, steps saved": value for name, value in saved.items()}
+        | {"scratch, steps to threshold": over_seeds(steps["scratch"])},
+    )
+
+
+def _left_out(found: TrustRuns) -> Claim:
+    exits = {(2, 8), (2, 9)}
+    added = {
+        f"row {row}, column {column}": float(share)
+        for (row, column), share in zip(found.scratch.maze.cells, found.added_wrong, strict=True)
+        if (row, column) in exits
+    }
+    return Claim(
+        "trust.whose-doing",
+        "The harm of size 3 lies where the optimal path leaves the corner and comes back: there "
+        "the source makes the greedy choice wrong",
+        f"10x10 maze, step reward -5, after {EXAMINED:,} steps; source left out, all else the same",
+        answer(max(added.values()) >= MOSTLY),
+        {f"wrong choices added in {cell}, share of seeds": x for cell, x in added.items()},
     )

@@ -140,8 +140,8 @@ class GreedyEvaluation:
     Estimated is the expected return of one episode from the start distribution, cut at the time
     limit, ties broken uniformly, in the task's own (unshaped) rewards. No budget is charged for it:
     an exact evaluation takes a model of the task and no steps, and the steps that rollouts take are
-    counted in ``LearningResult.evaluation_steps``, also where a :class:`StoppingRule` or
-    :class:`RetrainSources` decides on them.
+    counted in ``LearningResult.evaluation_steps``, also where a :class:`StoppingRule` decides
+    on them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Figures of comparisons, forecasts, potentials and greedy choices, in one style."""
+"""Figures of comparisons, forecasts and potentials, in one style."""
 
 import lazy_loader
 

@@ -14,10 +14,9 @@ from curricle.curriculum.result import CurriculumResult
 from curricle.errors import SettingError
 from curricle.files import write_whole
 from curricle.learning.result import LearningResult
-from curricle.plotting.comparison import draw_comparison
 from curricle.plotting.forecast import draw_forecast
-from curricle.plotting.learning_curves import draw_results
-from curricle.plotting.potentials import draw_potential
+from curricle.plotting.grids import draw_potential
+from curricle.plotting.learning_curves import draw_comparison, draw_results
 from curricle.plotting.styles import STYLE, new_figure
 
 METADATA: dict[str, dict[str, Any]] = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.reasons import not_asked
+from curricle.comparison.verdicts import not_asked
 from curricle.plotting.scales import rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval

@@ -1,7 +1,7 @@
 """Which arm is better: profiles, the probability of improvement, tests and their correction.
 
 An interval shows how large a difference is, a test whether chance alone could produce it. Several
-tests raise more false alarms than one; :func:`holm` corrects for that. A NaN is never dropped: it
+tests raise more false alarms than one; ``holm`` corrects for that. A NaN is never dropped: it
 makes an estimate NaN, and a test refuses it.
 
 Sources: Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice",

@@ -155,7 +155,7 @@ def mean_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> I
 def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> Interval:
     """Return the interquartile mean over seeds with the interval of Tukey and McLaughlin.
 
-    m +- t s_w sqrt((K - 1) / (h (h - 1))), where m is :func:`interquartile_mean`, s_w the standard
+    m +- t s_w sqrt((K - 1) / (h (h - 1))), where m is ``interquartile_mean``, s_w the standard
     deviation of the K values after the floor(K / 4) at each end are replaced by the nearest one
     that is left, h the number of values left, and t has h - 1 degrees of freedom.
 

@@ -1,7 +1,7 @@
 """Measures of transfer, computed from learning curves.
 
 Weak transfer ignores the steps spent on source tasks. Strong transfer charges them, so that both
-arms are compared at the same total number of steps (:func:`charge_source`).
+arms are compared at the same total number of steps (``charge_source``).
 
 Sources: Taylor and Stone, "Transfer learning for reinforcement learning domains: a survey", JMLR
 10, 2009; Narvekar et al., "Curriculum learning for reinforcement learning domains: a framework and

@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from curricle.comparison.comparable import check_comparable, most_source_steps
+from curricle.comparison.comparing import check_comparable, most_source_steps
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS
 from curricle.errors import ConfigError, SettingError

@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from curricle.array_types import IntArray
-from curricle.comparison.task_summary import TaskSummary
+from curricle.comparison.task_differences import TaskSummary
 from curricle.statistics.curves import SCRATCH
 from curricle.study.plain_data import Count, Floats, Ints, Plain
 from curricle.tasks.grid_view import MOST_CELLS, GridView, Marker

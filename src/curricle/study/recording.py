@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import Any
 
 from curricle.comparison.comparing import threshold_of_optimum
-from curricle.comparison.task_summary import plain_text, task_summary
+from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
 from curricle.statistics.curves import SCRATCH

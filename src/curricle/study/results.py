@@ -14,8 +14,7 @@ from curricle.checks import one_of
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.sources import SourceValues
-from curricle.curriculum.stored_sources import source_values, sources_read
+from curricle.curriculum.sources import SourceValues, source_values, sources_read
 from curricle.deep.policy import policies_of
 from curricle.errors import StoreError, StudyError
 from curricle.learning.record import MAX_SNAPSHOT_BYTES

@@ -41,7 +41,7 @@ class UnitResult(NamedTuple):
 
     arrays: Arrays
     """Those of the :class:`LearningResult` (:func:`arrays_of`), and by seed (K,) ``source_steps``,
-    of them ``retraining_steps``, and ``scale``, ``shift`` and ``refusal`` if it was calibrated."""
+    and ``scale``, ``shift`` and ``refusal`` if it was calibrated."""
     decisions: pa.Table
     """Why each seed went on or stopped, a row a checkpoint, of `DECISION_SCHEMA`."""
 
@@ -128,7 +128,7 @@ def group_of(name: str) -> str:
     """
     if name.startswith("snapshot_"):
         return SNAPSHOTS
-    return VALUES if re.match(r"values|states|visits", name) else RUN
+    return VALUES if re.match(r"values|states", name) else RUN
 
 
 def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Table:

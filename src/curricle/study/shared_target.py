@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from curricle.comparison.task_summary import summary_differences
+from curricle.comparison.task_differences import summary_differences
 from curricle.errors import CurriculumError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.record import StudyRecord

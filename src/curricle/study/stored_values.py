@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.curriculum.sources import Progress
-from curricle.curriculum.stored_sources import StoredValues
+from curricle.curriculum.sources import StoredValues
 from curricle.learning.result_arrays import values_of
 from curricle.study.serialization import RUN, VALUES
 from curricle.study.store import StoredUnit
@@ -47,12 +46,10 @@ def stored_values(
     values: Any = None  # not needed, or not saved: training raises an error then
     if all(one is not None for one in each):
         values = np.stack(each) if isinstance(each[0], np.ndarray) else each
-    own = np.array([found["steps_used"][k] for found, k in rows])
-    steps = own + [found["retraining_steps"][k] for found, k in rows]
-    visits = [found["visits"][k] for found, k in rows if "visits" in found]
+    steps = np.array([found["steps_used"][k] for found, k in rows])
     scales = [
         (float(found["scale"][k]), float(found["shift"][k]))
         for found, k in rows
         if "scale" in found
     ]
-    return StoredValues(values, steps, scales, Progress(own, np.stack(visits) if visits else None))
+    return StoredValues(values, steps, scales)

@@ -3,7 +3,7 @@
 from typing import Any
 
 from curricle.checks import listed
-from curricle.comparison.comparison_table import as_html
+from curricle.comparison.comparison import as_html
 from curricle.display import block, shortened, table
 from curricle.errors import CurricleError
 from curricle.text_tables import counted

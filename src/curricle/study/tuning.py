@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from curricle.comparison.arms import Arm
-from curricle.comparison.comparable import most_source_steps
+from curricle.comparison.comparing import most_source_steps
 from curricle.errors import SettingError
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
@@ -37,8 +37,6 @@ AT_ONCE = 4
 depend on the number of workers."""
 MOST_BUDGETS = 200
 """Combinations of listed budgets whose steps are counted beforehand."""
-OF_STEPS = ("budget", "retrain")
-"""Settings on which the steps of sources depend."""
 DIGEST_BYTES = 8
 
 Settings = Mapping[str, Any]
@@ -91,7 +89,7 @@ def _largest(tune: Tuning) -> Iterator[Settings]:
     of_steps = {
         name: (space.high,) if isinstance(space, RangeTable) else space
         for name, space in tune.space.items()
-        if any({*OF_STEPS} & {*place} for places in tune.places.values() for place in places[name])
+        if any("budget" in place for places in tune.places.values() for place in places[name])
     }
     if (number := math.prod(map(len, of_steps.values()))) > MOST_BUDGETS:
         raise SettingError(

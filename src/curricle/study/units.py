@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.stored_sources import StoredValues, source_values
+from curricle.curriculum.sources import StoredValues, source_values
 from curricle.display import brief_repr
 from curricle.learning.budget import ended_by
 from curricle.learning.result_arrays import arrays_of
@@ -187,7 +187,6 @@ def train_unit(given: UnitInput) -> UnitResult:
     result = found[unit.task]
     arrays = arrays_of(result)
     arrays["source_steps"] = found.source_steps(unit.task)
-    arrays["retraining_steps"] = found.sources[unit.task].steps_used - result.steps_used
     if fitted := found.calibrations.get(unit.task):
         parts = ("scale", "shift", "refusal")
         arrays |= {part: np.array([getattr(one, part) for one in fitted]) for part in parts}

@@ -12,9 +12,8 @@ import curricle as cr
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparison import Comparison
 from curricle.errors import SettingError
-from curricle.plotting.comparison import draw_comparison
 from curricle.plotting.forecast import draw_forecast
-from curricle.plotting.learning_curves import draw_learning_curves
+from curricle.plotting.learning_curves import draw_comparison, draw_learning_curves
 from curricle.plotting.picture import plot, save
 from curricle.plotting.scales import return_scale, steps_scale
 from curricle.plotting.styles import COLOURS

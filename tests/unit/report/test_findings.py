@@ -103,6 +103,18 @@ def test_saved_steps_are_bounds_where_seeds_never_got_there():
     assert table(reverse)["bad"]["weak_steps_saved"].text == "−80.0"
 
 
+def test_steps_saved_of_target_steps_are_read_without_the_sources():
+    """Reached after 70 of 80 target steps: 110 with those of the source, beyond all 100 steps."""
+    steps, values = np.arange(0, 101, 10), np.repeat([[0.0] * 7 + [10.0] * 4], 8, axis=0)
+    late = Arm(Curve(steps, values, np.full(8, 40)), values, values, False)
+    cells = table(compared(late=late))["late"]
+    assert (cells["weak_steps_saved"].text, cells["weak_steps_saved"].below) == ("10.0", "")
+    assert (cells["strong_steps_saved"].text, cells["strong_steps_saved"].below) == (
+        "–",
+        "never reached",
+    )
+
+
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=5))
 def test_a_forest_keeps_order_and_stays_on_its_axis(gains):
     ordered = [sorted(gain) for gain in gains]

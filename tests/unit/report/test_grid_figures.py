@@ -1,4 +1,4 @@
-"""Figures on grids: views, potentials, choices that flip. No pixels are compared."""
+"""Figures on grids: views, potentials, sources. No pixels are compared."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,11 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import CurriculumError, SettingError
-from curricle.plotting.choice_flips import collapse_figure, draw_flips
+from curricle.plotting.grids import draw_potential, draw_sources, shared_limits
 from curricle.plotting.picture import save
-from curricle.plotting.potentials import draw_potential, draw_sources, shared_limits
 from curricle.tasks.grid_view import GridView
 
-from .studies import caption_of, labelled, texts_of
+from .studies import caption_of, texts_of
 
 
 def test_a_view_of_a_pursuit_is_one_predator_s_cell(hunt):
@@ -201,77 +200,3 @@ def test_sources_alone_are_drawn_before_the_target_is_learnt(plan):
     result = plan.train(only=["chase"])
     figure = draw_sources(result, at={"prey": 0, "predator_1": 4})
     assert "φ: mean" in [axes.get_title() for axes in figure.axes]
-
-
-def test_flips_are_marked_in_their_cells(hunt):
-    at = {"prey": (1, 1), "predator_2": (0, 0)}
-    turned = np.zeros(hunt.states.size, int)
-    shown = GridView.of(hunt, at)
-    turned[shown.states[[1, 2]]] = 1
-    turned[shown.states[5]] = -1
-    axes = Figure().subplots()
-    draw_flips(axes, hunt, turned, at=at)
-    marks = labelled(axes)
-    assert set(marks) == {"became right: 2", "became wrong: 1"}
-    wrong = marks["became wrong: 1"]
-    assert (wrong.get_xdata().round().tolist(), wrong.get_ydata().round().tolist()) == ([2], [1])
-    assert marks["became right: 2"].get_marker() != wrong.get_marker()
-    assert {"P", "2"} == set(texts_of(axes))
-
-
-@pytest.mark.parametrize("flips", [[1, 0], [2, 0, 0], [0.5, 0, 0], [[1, 0, 0]]])
-def test_flips_of_other_states_are_refused(flips):
-    with pytest.raises(SettingError, match=r"\+1, -1 or 0 for each of 3 states"):
-        draw_flips(Figure().subplots(), cr.GridWorld("S.T"), flips)
-
-
-def test_a_collapse_is_shown_over_time(plan, trained, hunt, tmp_path):
-    phi = trained.potentials["hunt"]
-    learner = cr.QLearning(epsilon=0.2)
-    figure = collapse_figure(hunt, phi, learner, 4_000, [4_000, 100, 1_000], seeds=2, stream="hunt")
-    returns, alike, visited = figure.axes
-    assert set(labelled(returns)) == {"training episodes", "greedy policy"}
-    optimal, alive = cr.solve(hunt, tolerance=1e-6).optimal, ~hunt.mdp.terminal
-    for time, place in ((0, 0), (100, 1), (4_000, 3)):
-        tables = [one.values for one in phi]
-        if time:
-            shaping = [cr.QInitialisation(one) for one in phi]
-            learning = {"seeds": 2, "shaping": shaping, "stream": "hunt", "eval_freq": 50}
-            tables = cr.learn(hunt, learner, time, **learning).values
-        greedy = [values == values.max(axis=1, keepdims=True) for values in tables]
-        right = np.array([(optimal | ~each).all(axis=1)[alive].mean() for each in greedy])
-        line = labelled(alike)["right"]
-        assert line.get_xdata().tolist() == [0, 100, 1_000, 4_000]
-        assert line.get_ydata()[place] == pytest.approx(right.mean())
-    for axes in (alike, visited):
-        drawn = {name: line.get_ydata() for name, line in labelled(axes).items()}
-        assert drawn["became wrong"][0] == drawn["became right"][0] == 0
-        balance = drawn["right"][0] + drawn["became right"] - drawn["became wrong"]
-        assert drawn["right"] == pytest.approx(balance)
-        assert len(axes.collections) == 3
-    assert alike.get_ylim() == visited.get_ylim()
-    assert "2 seeds" in caption_of(figure)
-    save(figure, tmp_path / "collapse.pdf")
-
-
-def test_a_learning_in_which_no_episode_ends_is_drawn_too():
-    maze = cr.GridWorld(["S..", "..T"])
-    phi = cr.StateActionPotential(maze, np.zeros((6, 4)))
-    figure = collapse_figure(maze, phi, cr.QLearning(), 2, [1])
-    assert set(labelled(figure.axes[0])) == {"greedy policy"}
-    assert caption_of(figure).startswith("One seed: no intervals")
-
-
-def test_a_collapse_has_a_budget_in_steps():
-    maze = cr.GridWorld("S.T")
-    phi = cr.StateActionPotential(maze, np.zeros((3, 4)))
-    with pytest.raises(SettingError, match="a budget in steps"):
-        collapse_figure(maze, phi, cr.QLearning(), cr.Episodes(5), [1])
-
-
-@pytest.mark.parametrize("times", [[], [0, 5], [11], [2.5]])
-def test_times_outside_the_budget_are_refused(times):
-    maze = cr.GridWorld("S.T")
-    phi = cr.StateActionPotential(maze, np.zeros((3, 4)))
-    with pytest.raises(SettingError, match="times"):
-        collapse_figure(maze, phi, cr.QLearning(), 10, times)

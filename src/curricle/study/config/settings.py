@@ -5,7 +5,6 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, JsonValue
 
-from curricle.curriculum.retraining import RetrainSources
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer
 from curricle.learning.budget import Episodes
@@ -105,7 +104,6 @@ SHAPINGS = tuple(
     )
 )
 """The ways a potential or a network enters learning; the sources give the potential."""
-RetrainTable = table_of(RetrainSources)
 EvaluationTable = table_of(GreedyEvaluation)
 StorageTable = table_of(
     Storage,
@@ -167,9 +165,6 @@ class Settings(Table):
         default=None,
         description="How a potential, or a network, enters learning: its name, or "
         '{ type = "QInitialisation", guard = true }, which is the default where it is possible.',
-    )
-    retrain: Annotated[Any, only(RetrainTable)] = Field(
-        default=None, description="When to retrain the sources, if the target's return drops."
     )
     eval_freq: Whole | None = Field(
         default=None, description="Steps between checkpoints; a hundredth of the budget by default."

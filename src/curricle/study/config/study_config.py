@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from pydantic import PrivateAttr, ValidationError, model_validator
 
-from curricle.comparison.scratch import from_scratch, scratch_curricula
+from curricle.comparison.comparing import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.deep.learner import DeepLearner
 from curricle.errors import ConfigError, CurricleError, SettingError

@@ -58,8 +58,6 @@ def _mismatches_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath
     left_out = f"must be left out for {name}: it is for tables, and a network learns {name}"
     if getattr(task, "start_states", None) is not None:
         yield ("start_states",), left_out
-    if task.retrain is not None:
-        yield ("retrain",), left_out
 
 
 def _mismatches_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
