@@ -92,10 +92,8 @@ def mappings_digest(transfers: Iterable[Transfer]) -> str:
     for transfer in transfers:
         mapping = transfer.mapping
         digest.update(np.asarray(mapping.index, dtype=np.int64).tobytes())
-        shifts = getattr(mapping, "shifts", None)
-        values = () if shifts is None else shifts.ravel()
-        for value in (mapping.unmapped_value, *values):
-            digest.update(("-" if value is None else f"{value:.{SIGNIFICANT}g} ").encode())
+        value = mapping.unmapped_value
+        digest.update(("-" if value is None else f"{value:.{SIGNIFICANT}g} ").encode())
     return digest.hexdigest()
 
 
@@ -106,6 +104,4 @@ def _parts(mapping: Any) -> tuple[Any, ...]:
     if isinstance(mapping, ObservationMapping):
         actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
         return mapping.observations, actions, mapping.status, mapping.unmapped_value
-    shifts = getattr(mapping, "shifts", None)
-    own = None if shifts is None else shifts.tobytes()
-    return mapping.index.shape, mapping.index.tobytes(), mapping.unmapped_value, own
+    return mapping.index.shape, mapping.index.tobytes(), mapping.unmapped_value

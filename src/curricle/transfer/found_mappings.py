@@ -14,11 +14,9 @@ from curricle.tasks.task import Task, same_task
 from curricle.text_tables import counted
 from curricle.transfer.common_part import by_common_part
 from curricle.transfer.component_mapping import ComponentMapping
-from curricle.transfer.component_search import by_alignment, by_assignment, by_name
+from curricle.transfer.component_search import by_alignment, by_name
 from curricle.transfer.component_warping import by_component_warping
-from curricle.transfer.factored_homomorphisms import by_component_values
 from curricle.transfer.homomorphisms import by_homomorphism
-from curricle.transfer.legs import by_legs
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
 from curricle.transfer.mapping_scores import MappingScores, score_mapping
 from curricle.transfer.nearest_pairs import by_lax_bisimulation
@@ -32,13 +30,10 @@ Search = Callable[[TaskPair], Iterable[Proposal]]
 SEARCHES: tuple[Search, ...] = (
     by_name,
     by_alignment,
-    by_assignment,
     by_homomorphism,
-    by_component_values,
     by_component_warping,
     by_common_part,
     by_lax_bisimulation,
-    by_legs,
 )
 LEAST_REGAINED = 0.25
 """Share of the way to the optimum that a mapping used unseen must regain where it is known."""

@@ -95,11 +95,6 @@ class StateActionMapping(Frozen):
             )
         object.__setattr__(self, "index", frozen(index))
 
-    @property
-    def plain(self) -> bool:
-        """Whether it reads the source's values as they are."""
-        return True
-
     def read(
         self, source_values: npt.ArrayLike, scale: float = 1.0, shift: float = 0.0
     ) -> FloatArray:
@@ -309,7 +304,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     Raises
     ------
     MappingError
-        When the source of `first` is not the target of `second`, or one has shifts of its own.
+        When the source of `first` is not the target of `second`.
 
     Examples
     --------
@@ -325,8 +320,6 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
             "composition needs the first mapping's source to be the second's target: got "
             f"{first.source} and {second.target}"
         )
-    if not (first.plain and second.plain):
-        raise MappingError("a composition reads values as they are: one mapping has shifts")
     through = second.index.ravel()[np.maximum(first.index, 0)]
     index = np.where(first.index >= 0, through, first.index)
     return StateActionMapping(first.target, second.source, index, first.unmapped_value)

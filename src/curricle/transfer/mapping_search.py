@@ -95,33 +95,6 @@ def find_projections(
     """
     if pairs < 1:
         raise SettingError(f"pairs must be at least 1: got {pairs}")
-    projections = []
-    for found in assignments(target, source, pairs=pairs, seed=seed):
-        mapping = found.mapping(target, source, unmapped_value)
-        projections.append(Projection(found.states, found.actions, found.error, mapping))
-    return tuple(sorted(projections, key=lambda one: (np.isnan(one.error), one.error)))
-
-
-class Assignment(NamedTuple):
-    """Which target component each source component is read from."""
-
-    states: dict[str, str]
-    actions: dict[str, str]
-    error: float  # mean total variation distance; NaN if nothing maps
-    state: IntArray  # (S,) the source's state, `MISSING` where none
-    action: IntArray  # (A,) the source's action
-
-    def mapping(
-        self, target: Task, source: Task, unmapped_value: float | None = None
-    ) -> StateActionMapping:
-        """Return the mapping."""
-        return pair_mapping(target, source, self.state[:, None], self.action, unmapped_value)
-
-
-def assignments(
-    target: Task, source: Task, *, pairs: int = 5_000, seed: int = 0
-) -> Iterator[Assignment]:
-    """Yield every assignment of target components to the source's, in no order of quality."""
     spaces = (target.states, source.states), (target.actions, source.actions)
     n_assignments = prod(len(mine.names) ** len(other.names) for mine, other in spaces)
     if n_assignments > MAX_ASSIGNMENTS:
@@ -134,13 +107,16 @@ def assignments(
     rng = np.random.default_rng(seed)
     drawn = np.sort(rng.choice(alive, size=min(pairs, len(alive)), replace=False))
     choices = [product(mine.names, repeat=len(other.names)) for mine, other in spaces]
+    projections = []
     for state_names, action_names in product(*choices):
         states = dict(zip(source.states.names, state_names, strict=True))
         actions = dict(zip(source.actions.names, action_names, strict=True))
         state = source_points(target.states, source.states, states)
         action = source_points(target.actions, source.actions, actions)
         error = _prediction_error(mdp, source_mdp, state, action, drawn)
-        yield Assignment(states, actions, error, state, action)
+        mapping = pair_mapping(target, source, state[:, None], action, unmapped_value)
+        projections.append(Projection(states, actions, error, mapping))
+    return tuple(sorted(projections, key=lambda one: (np.isnan(one.error), one.error)))
 
 
 def _prediction_error(

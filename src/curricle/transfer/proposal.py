@@ -4,13 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-from curricle.array_types import FloatArray
-from curricle.errors import MappingError
-from curricle.frozen_arrays import frozen
-from curricle.transfer.mapping import UNMAPPED, StateActionMapping
+from curricle.transfer.mapping import StateActionMapping
 
 NOT_PROVEN = float("nan")
 
@@ -28,9 +22,6 @@ class SearchedMapping(StateActionMapping):
     steps : int
         Steps that the search took in both tasks, where it had no tables of them; a curriculum
         charges them as it charges those of sources.
-    shifts : (S, A) float64, optional
-        Added to what is read of the source, before a transfer scales and shifts it; none by
-        default. Where the source stands for several parts of the target, each part has its own.
 
     Examples
     --------
@@ -44,36 +35,6 @@ class SearchedMapping(StateActionMapping):
 
     how: str = ""
     steps: int = 0
-    shifts: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.shifts is None:
-            return
-        shifts = np.array(self.shifts, dtype=np.float64)
-        if shifts.shape != self.index.shape or not np.isfinite(shifts).all():
-            raise MappingError(
-                f"shifts of a mapping must be finite numbers of its shape {self.index.shape}: got "
-                f"shape {shifts.shape}, {int((~np.isfinite(shifts)).sum())} of them not finite"
-            )
-        object.__setattr__(self, "shifts", frozen(shifts))
-
-    @property
-    def plain(self) -> bool:
-        """Whether it reads the source's values as they are: without shifts."""
-        return self.shifts is None
-
-    def read(
-        self, source_values: npt.ArrayLike, scale: float = 1.0, shift: float = 0.0
-    ) -> FloatArray:
-        """Return phi(s, a) = scale (Q_source(f(s, a)) + shifts(s, a)) + shift, (..., S, A) float64.
-
-        As :meth:`StateActionMapping.read`.
-        """
-        phi = super().read(source_values, scale, shift)
-        if self.shifts is None:
-            return phi
-        return phi + np.where(self.index == UNMAPPED, 0.0, scale * self.shifts)
 
 
 class Proposal(NamedTuple):
