@@ -126,7 +126,7 @@ def compare_hunts(member, found, total, args):
         if dense
         else cr.Storage(kind="sparse", dtype="float32", memory_limit=args.memory, save_values=False)
     )
-    calibrate = cr.transfer.Calibrate(cautious=False)
+    calibrate = cr.transfer.Calibrate()
     settings = {
         "budget": total, "learner": LEARNER, "eval_freq": total // 20, "storage": storage,
         "evaluation": cr.GreedyEvaluation("rollouts", episodes=200, discounted=False),

@@ -356,7 +356,7 @@ def test_sources_of_other_seeds_are_refused():
 
 
 def test_a_calibrated_curriculum_has_a_calibrated_row():
-    raw, plain = pursuit(3, cr.mean, budget=25_000), cr.transfer.Calibrate(cautious=False)
+    raw, plain = pursuit(3, cr.mean, budget=25_000), cr.transfer.Calibrate()
     transfers = [
         cr.Transfer(edge.source, edge.target, edge.mapping, calibrate=plain)
         for edge in raw.transfers

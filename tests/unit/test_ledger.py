@@ -13,7 +13,7 @@ from curricle.design import Ledger, ledger_of
 from curricle.errors import SettingError
 from curricle.learning import learn
 from curricle.statistics import Interval
-from curricle.transfer.proposal import SearchedMapping
+from curricle.transfer.task_pair import SearchedMapping
 from tests.comparisons import CORNER, MAZE, corner, pursuit
 from tests.refusals import cases, check_refusal
 

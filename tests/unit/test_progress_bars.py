@@ -16,7 +16,7 @@ MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
 
 
-SEARCHES = [cr.transfer.by_name, cr.transfer.by_legs]
+SEARCHES = [cr.transfer.by_name, cr.transfer.by_homomorphism]
 PROBLEM = cr.design.Problem(MAZE, steps=20_000)
 RECIPE = cr.design.Recipe([cr.design.Stage(cr.design.Relation("crop", 0.6), 10)])
 BUDGET = cr.design.SearchBudget
@@ -72,7 +72,7 @@ LONG = {
     ),
     "find_mappings": (
         lambda **how: cr.transfer.find_mappings(MAZE, CORNER, searches=SEARCHES, **how),
-        ["by_name", "by_legs"],
+        ["by_name", "by_homomorphism"],
         ["searches: 2 done"],
     ),
     "race": (

@@ -7,7 +7,7 @@ import numpy as np
 
 from curricle.display import block, shortened, table
 from curricle.text_tables import folded, or_dash, text_table
-from curricle.transfer.coverage import coverage_table
+from curricle.transfer.mapping import coverage_table
 
 COLUMNS: dict[str, Callable[[Any], str]] = {
     "gain": lambda one: "" if one.gain is None else f"{one.gain.estimate:.3g}",

@@ -16,7 +16,7 @@ from curricle.errors import CurriculumError
 from curricle.statistics.intervals import Interval
 from curricle.text_tables import counted
 from curricle.transfer.calibration import Calibration
-from curricle.transfer.coverage import Coverage
+from curricle.transfer.mapping import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.quality import PotentialQuality
 

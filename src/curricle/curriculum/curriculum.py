@@ -45,7 +45,7 @@ from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.edges import Calibrate, Transfer
-from curricle.transfer.proposal import search_steps
+from curricle.transfer.task_pair import search_steps
 
 
 @dataclass(frozen=True, eq=False, repr=False)

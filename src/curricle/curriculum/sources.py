@@ -20,8 +20,8 @@ from curricle.text_tables import counted
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.edges import Calibrate, Transfer
+from curricle.transfer.observation_mapping import TableValues, ValueSource
 from curricle.transfer.potentials import ObservationPotential, combined_potential
-from curricle.transfer.value_sources import TableValues, ValueSource
 
 
 class Progress(NamedTuple):

@@ -15,8 +15,8 @@ class StoredValues(NamedTuple):
     """(K, S, A) float array, or K dicts of a network's parameters; None where they are not read."""
     steps_used: IntArray
     """(K,) including those of retraining its own sources."""
-    calibrations: Sequence[tuple[float, float]] = ()
-    """Scale and shift of each seed's potential; empty unless its transfers are calibrated."""
+    scales: Sequence[float] = ()
+    """Of each seed's potential; empty unless its transfers are calibrated."""
     progress: Progress | None = None
 
 
@@ -47,12 +47,12 @@ def source_values(
     for name in curriculum.order:
         if name in sources:
             node, stored = curriculum.node(name), sources[name]
-            values, steps_used, calibrations, progress = stored
+            values, steps_used, scales, progress = stored
             if node.deep and values is not None:
                 potentials: list[Any] = curriculum.potentials(name, found)
-                if calibrations:
-                    pairs = zip(potentials, calibrations, strict=True)
-                    potentials = [phi.rescaled(scale, shift) for phi, (scale, shift) in pairs]
+                if scales:
+                    pairs = zip(potentials, scales, strict=True)
+                    potentials = [phi.rescaled(scale) for phi, scale in pairs]
                 values = _networks(node, potentials or [None] * len(seeds), values)
             found[name] = SourceValues(node.task, seeds, values, steps_used, progress=progress)
     return found

@@ -11,8 +11,8 @@ from curricle.deep.miniature_task import Miniatures
 from curricle.errors import CurriculumError
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, generative_model, same_task
-from curricle.transfer.chosen_mapping import with_mapping
 from curricle.transfer.edges import Calibrate, Transfer
+from curricle.transfer.found_mappings import with_mapping
 
 
 @dataclass(frozen=True, eq=False, repr=False)

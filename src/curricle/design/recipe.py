@@ -242,7 +242,7 @@ class Recipe(Frozen):
         else:
             edges = [(name, TARGET) for name in names]
         if self.scale == "calibrated":
-            return transfers_of(task, sources, edges, calibrate=Calibrate(cautious=False))
+            return transfers_of(task, sources, edges, calibrate=Calibrate())
         return transfers_of(task, sources, edges, scale=at_target(self.scale, task))
 
 

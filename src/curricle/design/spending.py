@@ -15,7 +15,7 @@ from curricle.design.ledger import Ledger
 from curricle.errors import SettingError
 from curricle.learning.result import LearningResult
 from curricle.transfer.calibration import Calibration
-from curricle.transfer.proposal import search_steps
+from curricle.transfer.task_pair import search_steps
 
 Spent = LearningResult | CurriculumResult | Comparison | Trial | Forecast
 

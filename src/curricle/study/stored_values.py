@@ -50,9 +50,5 @@ def stored_values(
     own = np.array([found["steps_used"][k] for found, k in rows])
     steps = own + [found["retraining_steps"][k] for found, k in rows]
     visits = [found["visits"][k] for found, k in rows if "visits" in found]
-    scales = [
-        (float(found["scale"][k]), float(found["shift"][k]))
-        for found, k in rows
-        if "scale" in found
-    ]
+    scales = [float(found["scale"][k]) for found, k in rows if "scale" in found]
     return StoredValues(values, steps, scales, Progress(own, np.stack(visits) if visits else None))

@@ -189,7 +189,7 @@ def train_unit(given: UnitInput) -> UnitResult:
     arrays["source_steps"] = found.source_steps(unit.task)
     arrays["retraining_steps"] = found.sources[unit.task].steps_used - result.steps_used
     if fitted := found.calibrations.get(unit.task):
-        parts = ("scale", "shift", "refusal")
+        parts = ("scale", "refusal")
         arrays |= {part: np.array([getattr(one, part) for one in fitted]) for part in parts}
     decisions = pa.Table.from_pylist(_decisions(found, unit), pa.schema(DECISION_SCHEMA.items()))
     return UnitResult(arrays, decisions)

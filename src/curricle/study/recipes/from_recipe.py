@@ -271,7 +271,7 @@ def _transfers(applied: _Application, name: str) -> Iterator[str]:
         if name != TARGET:
             continue
         if applied.recipe.scale == "calibrated":
-            yield pair("calibrate", {"cautious": False}, "the scale is measured in the target")
+            yield pair("calibrate", True, "the scale is measured in the target")
         else:
             trend, states = applied.recipe.scale, _states(applied.member)
             yield pair("scale", float(each[0].scale), f"of the recipe{_interval(trend, states)}")
