@@ -69,7 +69,7 @@ def test_the_projections_of_two_predators_onto_one_are_those_of_the_paper():
         by_hand = cr.project(hunt, chase, predator=name)
         np.testing.assert_array_equal(projection.mapping.index, by_hand.index)
         assert projection.error < 1e-9
-    assert all(projection.error > 0.1 for projection in projections[2:])
+    assert not any(projection.error < 0.1 for projection in projections[2:])  # NaN: no pair maps
 
 
 def test_a_mirrored_maze_is_found_without_names():
