@@ -23,7 +23,7 @@ from curricle.comparison.predictors import (
     trial,
 )
 from curricle.planning import Target
-from curricle.transfer import potential_quality
+from curricle.transfer.quality import potential_quality
 
 LINE = cr.GridWorld("S.T", discount=0.5, time_limit=50)  # 98.5 and 199, towards the east
 Q = cr.solve(LINE, tolerance=1e-6).action_values

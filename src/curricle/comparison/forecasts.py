@@ -60,7 +60,7 @@ class ForecastRow:
         return block(self.name, self.verdict, self.anti_knowledge, gain)
 
     def mean(self, measure: str) -> float:
-        """Return the mean over seeds of a field of :class:`PotentialQuality`."""
+        """Return the mean over seeds of a field of ``PotentialQuality``."""
         return float(np.mean([getattr(one, measure) for one in self.seeds]))
 
     @property

@@ -1,6 +1,5 @@
 from .aggregation import maximum as maximum, mean as mean, minimum as minimum, total as total
 from .bisimulation import (
-    LaxBisimulation as LaxBisimulation,
     by_homomorphism as by_homomorphism,
     by_lax_bisimulation as by_lax_bisimulation,
     lax_bisimulation as lax_bisimulation,
@@ -9,7 +8,6 @@ from .calibration import Calibration as Calibration, calibrate as calibrate
 from .common_part import by_common_part as by_common_part
 from .component_mapping import (
     ComponentMapping as ComponentMapping,
-    Projection as Projection,
     by_alignment as by_alignment,
     by_name as by_name,
     find_projections as find_projections,
@@ -19,8 +17,6 @@ from .component_warping import by_component_warping as by_component_warping
 from .edges import Calibrate as Calibrate, Transfer as Transfer
 from .family_mapping import family_mappings as family_mappings
 from .found_mappings import (
-    FoundMapping as FoundMapping,
-    FoundMappings as FoundMappings,
     auto_mapping as auto_mapping,
     find_mappings as find_mappings,
 )
@@ -28,7 +24,6 @@ from .identity_mapping import identity as identity
 from .mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,
-    Coverage as Coverage,
     StateActionMapping as StateActionMapping,
     compose as compose,
     from_function as from_function,
@@ -36,17 +31,14 @@ from .mapping import (
     same_position as same_position,
 )
 from .mapping_scores import (
-    MappingScores as MappingScores,
     fitted_unmapped_value as fitted_unmapped_value,
     score_mapping as score_mapping,
 )
 from .observation_mapping import (
     FunctionValues as FunctionValues,
-    ObservationCoverage as ObservationCoverage,
     ObservationMapping as ObservationMapping,
     TableValues as TableValues,
     ValueSource as ValueSource,
 )
 from .potentials import ObservationPotential as ObservationPotential
-from .quality import PotentialQuality as PotentialQuality, potential_quality as potential_quality
 from .task_pair import Proposal as Proposal, TaskPair as TaskPair

@@ -365,7 +365,7 @@ def auto_mapping(
 
     Where it knows anything its greedy policy must regain at least 25 % of the way to the optimum,
     and its values may leave unexplained at most 75 % of what a constant does
-    (:class:`MappingScores`). The scores are of what it maps alone.
+    (:func:`score_mapping`). The scores are of what it maps alone.
 
     Parameters
     ----------
