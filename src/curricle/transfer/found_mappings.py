@@ -196,12 +196,11 @@ def find_mappings(
 
     Examples
     --------
-    >>> from curricle import Pursuit
-    >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
-    >>> for one in find_mappings(hunt, chase, searches=[by_assignment])[:2]:
-    ...     print(one.how)
-    components by assignment: predator is predator_1, prey by name
-    components by assignment: predator is predator_2, prey by name
+    >>> from curricle import GridWorld
+    >>> for candidate in find_mappings(GridWorld("S....T"), GridWorld("S.T"))[:2]:
+    ...     print(candidate.how)
+    components by name, last column aligned, clipped
+    components by name, last column aligned
     """
     whole_number("keep", keep, 1, SettingError)
     whole_number("seed", seed, 0, SettingError)
