@@ -3,6 +3,7 @@
     python -m benchmarks.found_mappings renumbered nameless refusals lax
     python -m benchmarks.found_mappings auto approximate [--seeds 20] [--only maze]
     python -m benchmarks.found_mappings families --split verification --seeds 10
+    python -m benchmarks.found_mappings searches
 
 `renumbered`: states and actions numbered anew at random, no components. `nameless`: components
 shuffled, their values and moves numbered anew in both tasks. `refusals`: sources that have nothing
@@ -10,13 +11,16 @@ to do with the target. `lax`: how long lax bisimulation of random tasks takes. `
 scratch of a mapping that is found, as a share of those by hand, all steps charged. `approximate`:
 the same for tasks that do not correspond exactly: a maze and its crop, renumbered, and tasks whose
 components have unequal numbers of values, nameless. `families`: pairs of the benchmark, or made
-after it, beside their own mappings. DoorKey needs MiniGrid.
+after it, beside their own mappings. `searches`: which search makes the first mapping of each two
+tasks that the benchmark's pairs or the other parts have. DoorKey needs MiniGrid.
 """
 
 import argparse
 import time
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator
+from hashlib import sha256
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -26,23 +30,23 @@ import numpy as np
 import curricle as cr
 from benchmarks.family_mappings import families
 from benchmarks.pairs import pairs
+from benchmarks.unseen_pairs import unseen
 from curricle.errors import MappingError
 from curricle.paper import maze_runs
 from curricle.paper.settings import LEARNER, SUMMED, maze
-from curricle.tasks.task import tables
+from curricle.tasks.task import same_task, tables
 from curricle.transfer import (
     StateActionMapping,
     TaskPair,
     auto_mapping,
-    by_component_values,
     family_mappings,
     find_mappings,
 )
-from curricle.transfer.found_mappings import SEARCHES
-from curricle.transfer.nearest_pairs import by_lax_bisimulation
+from curricle.transfer.bisimulation import by_lax_bisimulation
+from curricle.transfer.found_mappings import SEARCHES, clears_bar
 from curricle.transfer.partition_refinement import model_for_refinement, refined
 from examples import cliff_walking, taxi
-from tests.renumbering import nameless, nameless_hunt, renumbered
+from tests.renumbering import nameless, renumbered
 from tests.tasks import random_mdp
 
 SIDE = 5
@@ -104,37 +108,16 @@ def renumbered_tasks(seeds: int) -> None:
         )
 
 
-def nameless_tasks(seeds: int) -> None:
-    """Print how well components without names are found."""
-    print("\nnameless: pairs of each predator's mapping, up to a symmetry of the square")
-    for size in (3, 4):
-        worst, seconds = dict.fromkeys(("predator_1", "predator_2"), 1.0), []
-        for seed in range(seeds):
-            target, source, truth = nameless_hunt(size, seed)
-            live = ~target.terminal
-            began = time.perf_counter()
-            found = find_mappings(target, source, keep=50)
-            seconds.append(time.perf_counter() - began)
-            for name in worst:
-                shares = [
-                    float((one.mapping.index == f)[live].mean())
-                    for one in found
-                    for (which, _), f in truth.items()
-                    if which == name
-                ]
-                worst[name] = min(worst[name], max(shares))
-        print(f"  pursuit {size}x{size}: {worst}, {max(seconds):.1f} s at most", flush=True)
+def nameless_tasks() -> None:
+    """Print what is found between tasks whose components have no names."""
+    print("\nnameless")
     room, rng = cr.tasks.KeyLockPit(), np.random.default_rng(0)
-    for name, other, searches in (
-        ("8x8, values matched", room, [by_component_values]),
-        ("8x8", room, SEARCHES),
-        ("6x6", cr.tasks.KeyLockPit.room(6), SEARCHES),
-    ):
+    for name, other in (("8x8", room), ("6x6", cr.tasks.KeyLockPit.room(6))):
         (target, _, _), (source, _, _) = nameless(room.mdp, rng), nameless(other.mdp, rng)
         began = time.perf_counter()
-        found = find_mappings(target, source, searches=searches)
+        candidates = find_mappings(target, source)
         seconds = time.perf_counter() - began
-        print(f"  key-lock-pit 8x8 from {name}: {seconds:.1f} s; {found[0]}", flush=True)
+        print(f"  key-lock-pit 8x8 from {name}: {seconds:.1f} s; {candidates[0]}", flush=True)
 
 
 def lax() -> None:
@@ -331,6 +314,70 @@ def renumbered_crops() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Calla
         yield f"maze and crop renumbered, seed {seed}", target, source, [edge(by_hand)], made
 
 
+# -- which search is first ------------------------------------------------------------------------
+
+
+def pair_cases() -> Iterator[tuple[str, Any, Any]]:
+    """Yield two tasks of `benchmarks.pairs` once, whatever their mappings and budgets."""
+    known: list[tuple[Any, Any]] = []
+    for pair in pairs():
+        tasks = pair.target, pair.source
+        if not any(all(map(same_task, tasks, others)) for others in known):
+            known.append(tasks)
+            yield pair.name, *tasks
+
+
+def further_cases() -> Iterator[tuple[str, Any, Any]]:
+    """Yield the tasks of the other parts, and two of docs/howto/find_the_mapping.md."""
+    yield "pursuit 3x3", cr.Pursuit(3, 2), cr.Pursuit(3, 1)
+    yield "key-lock-pit 8 from 6", *map(cr.tasks.KeyLockPit.room, (8, 6))
+    for name, task in originals():
+        yield f"{name}, renumbered", renumbered(task, np.random.default_rng(0))[0], task
+    for size in (3, 4):
+        rng, tasks = np.random.default_rng(0), (cr.Pursuit(size, 2), cr.Pursuit(size, 1))
+        yield f"pursuit {size}x{size}, nameless", *(nameless(task.mdp, rng)[0] for task in tasks)
+    room, rng = cr.tasks.KeyLockPit(), np.random.default_rng(0)
+    yield "key-lock-pit 8 from 8, nameless", *(nameless(room.mdp, rng)[0] for _ in range(2))
+    for name, target, source, *_ in [*auto_cases(), *approximate_cases()]:
+        yield name, target, source
+    for pair in unseen():
+        yield pair.name, pair.target, pair.source
+
+
+def first_searches() -> None:
+    """Print the search that makes the first mapping of each two tasks, and how often each does."""
+    for words, cases in (("benchmarks.pairs", pair_cases()), ("further cases", further_cases())):
+        print(f"\n{words}: candidates by search, first mapping, its indices' hash; if unseen")
+        first, all_cases = Counter[str](), 0
+        for name, target, source in cases:
+            made = dict[Any, str]()
+            candidates = find_mappings(
+                target, source, searches=[recorded(search, made) for search in SEARCHES], keep=1000
+            )
+            counts = Counter(made[one.mapping] for one in candidates)
+            all_cases += 1
+            print(f"  {name}: {dict(counts)}", flush=True)
+            if candidates:
+                best = candidates[0]
+                first[made[best.mapping]] += clears_bar(best.scores)
+                taken = "taken" if clears_bar(best.scores) else "refused"
+                digest = sha256(best.mapping.index.tobytes()).hexdigest()[:12]
+                print(f"    {made[best.mapping]}, {taken}, {digest}: {best}", flush=True)
+        print(f"  first and taken, of {all_cases}: {dict(first)}", flush=True)
+
+
+def recorded(search: Any, made: dict[Any, str]) -> Callable:
+    """Return a search that writes down which mappings it made."""
+
+    def by(tasks: TaskPair) -> Iterator[Any]:
+        for proposal in search(tasks):
+            made[proposal.mapping] = search.__name__
+            yield proposal
+
+    by.__name__ = search.__name__
+    return by
+
+
 # -- refusals ------------------------------------------------------------------------------------
 
 
@@ -372,7 +419,16 @@ def tell(name: str, target: Any, source: Any, made: Callable, seeds: int) -> Non
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    known = ("renumbered", "nameless", "auto", "approximate", "refusals", "lax", "families")
+    known = (
+        "renumbered",
+        "nameless",
+        "auto",
+        "approximate",
+        "refusals",
+        "lax",
+        "families",
+        "searches",
+    )
     parser.add_argument("parts", nargs="+", choices=known)
     parser.add_argument("--seeds", type=int, default=20, help="of learning")
     parser.add_argument("--copies", type=int, default=5, help="random renumberings of each task")
@@ -385,11 +441,13 @@ def main() -> None:
     if "renumbered" in options.parts:
         renumbered_tasks(options.copies)
     if "nameless" in options.parts:
-        nameless_tasks(options.copies)
+        nameless_tasks()
     if "refusals" in options.parts:
         refusals(options.seeds)
     if "lax" in options.parts:
         lax()
+    if "searches" in options.parts:
+        first_searches()
     if "families" in options.parts:
         families(options.split, options.seeds, options.only)
     for part, cases in (("auto", auto_cases), ("approximate", approximate_cases)):

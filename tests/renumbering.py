@@ -1,8 +1,8 @@
-"""Tasks whose states, actions or components are numbered anew, and the symmetries of a square."""
+"""Tasks whose states, actions or components are numbered anew."""
 
 import numpy as np
 
-from curricle import ENDED, Component, FiniteMDP, Pursuit, Space, project
+from curricle import Component, FiniteMDP, Space
 
 
 def renumbered(task, rng):
@@ -63,38 +63,3 @@ def _shuffled(space, rng):
         points = np.stack(columns, axis=1)
         made = Space(components, points[rng.permutation(len(points))])
     return made, made.encode(**dict(zip(made.names, columns, strict=True)))
-
-
-def turns(size):
-    """Return the eight symmetries of a square: where each cell goes, and each of five moves."""
-    row, column = np.divmod(np.arange(size**2), size)
-    steps = np.array([(0, 0), (-1, 0), (0, 1), (1, 0), (0, -1)])
-    last, found = size - 1, []
-    for swap in (False, True):
-        for flips in np.ndindex(2, 2):
-            at, by = np.stack([row, column], axis=1), steps
-            at, by = (at[:, ::-1], by[:, ::-1]) if swap else (at, by)
-            at = np.where(flips, last - at, at)
-            by = np.where(flips, -by, by)
-            moves = [int(np.flatnonzero((steps == step).all(axis=1))[0]) for step in by]
-            found.append((at[:, 0] * size + at[:, 1], np.array(moves)))
-    return found
-
-
-def nameless_hunt(size, seed):
-    """Return a nameless hunt and chase, and f_1, f_2 between them under each symmetry."""
-    rng = np.random.default_rng(seed)
-    hunt, chase = Pursuit(size, 2), Pursuit(size, 1)
-    target, new, moved = nameless(hunt.mdp, rng)
-    source, there, steps = nameless(chase.mdp, rng)
-    truth = {}
-    for name in hunt.predator_names:
-        index = project(hunt, chase, predator=name).index
-        (state, action), known = np.divmod(index, 5), index >= 0
-        prey, predator = np.divmod(np.where(known, state, 0), size**2)
-        for turn, (cells, moves) in enumerate(turns(size)):
-            image = there[cells[prey] * size**2 + cells[predator]] * 5 + steps[moves[action]]
-            f = np.full(index.shape, ENDED)
-            f[np.ix_(new, moved)] = np.where(known, image, index)
-            truth[name, turn] = f
-    return target, source, truth

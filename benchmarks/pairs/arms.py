@@ -1,4 +1,4 @@
-"""What each pair is played with: ways in, the guard, calibration, and what knows nothing."""
+"""What each pair is played with: ways in, the guard, and what knows nothing."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,11 +22,6 @@ def raw(pair: Pair) -> cr.Curriculum:
 def guarded(pair: Pair) -> cr.Curriculum:
     """Return the same with a guard."""
     return pair.curriculum(shaping=cr.QInitialisation(guard=cr.Guard()))
-
-
-def calibrated(pair: Pair) -> cr.Curriculum:
-    """Return the same from a calibrated potential."""
-    return pair.curriculum(calibrate=True)
 
 
 def advice(pair: Pair) -> cr.Curriculum:
@@ -60,7 +55,6 @@ def default_unguarded(pair: Pair) -> cr.Curriculum:
 ARMS: dict[str, Callable[[Pair], cr.Curriculum]] = {
     RAW: raw,
     "guarded": guarded,
-    "calibrated": calibrated,
     "default": default,
     "unguarded default": default_unguarded,
     "advice": advice,

@@ -39,7 +39,7 @@ def play(name: str, arms: Sequence[str], seeds: int) -> list[dict[str, Any]]:
     defaults = {arm: others.pop(arm) for arm in DEFAULTS if arm in others}
     rows: list[dict[str, Any]] = []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of refused calibrations, which the rows show
+        warnings.simplefilter("ignore")
         facts = facts_of(pair, seeds)
         if RAW in arms:
             found = cr.compare(
@@ -55,13 +55,8 @@ def play(name: str, arms: Sequence[str], seeds: int) -> list[dict[str, Any]]:
         if defaults:
             found = cr.compare(defaults, seeds=seeds, workers=1)
             rows += rows_of(pair, found, scratch=not rows)
-        calibrated = others.get("calibrated")
-        steps = calibration_steps(calibrated, seeds) if calibrated is not None else None
-    for row in rows:
-        own = steps is not None and row["arm"] == "calibrated"
-        row |= {"calibration_steps": int(steps[row["seed"]]) if own else 0, **facts}
     seconds = time.process_time() - begun
-    return [{**row, "pair_seconds": seconds} for row in rows]
+    return [{**row, **facts, "pair_seconds": seconds} for row in rows]
 
 
 def rows_of(pair: Pair, found: Comparison, *, scratch: bool = True) -> Iterator[dict[str, Any]]:
@@ -130,9 +125,3 @@ def facts_of(pair: Pair, seeds: int) -> dict[str, Any]:
         "source_budget": pair.source_budget,
         "target_budget": pair.target_budget,
     }
-
-
-def calibration_steps(calibrated: cr.Curriculum, seeds: int) -> np.ndarray:
-    """Return the steps that the calibration of each seed took, (K,)."""
-    found = calibrated.train(seeds, workers=1).calibrations["target"]
-    return np.array([one.steps for one in found])

@@ -1,4 +1,4 @@
-"""Print what the pairs say: gains, guard, calibration, optimism, defaults, ways in, and the bars.
+"""Print what the pairs say: gains, guard, optimism, defaults, ways in, and the bars.
 
     python -m benchmarks.pairs.tables pairs.parquet [--split verification]
 
@@ -19,7 +19,6 @@ from benchmarks.pairs.arms import AGGREGATES, RAW, WAYS_IN
 from benchmarks.pairs.results import Played, read
 
 MOST_LOSS, LEAST_KEPT = 0.1, 0.8
-CALIBRATION_LOSS, CALIBRATION_PAIRS = 0.05, 0.05
 PAYS_OR_TIES, TIE = 0.85, 0.05
 SMALL = 0.01
 """Gain, as a share of the way, below which no share of it is taken."""
@@ -87,28 +86,6 @@ def guard(pairs: Sequence[Played], arm: str = "guarded") -> Lines:
         f"{arm} loses more than {MOST_LOSS:.0%} in {over} of {len(played)} pairs (shown in "
         f"{shown}; raw in {hurt}), ends that much lower in {ends}, and keeps {mean:.0%} of the "
         f"gain, at most all of it, on average of {len(kept)} pairs (bars: 0, {LEAST_KEPT:.0%})",
-    )
-
-
-def calibration(pairs: Sequence[Played], arm: str = "calibrated") -> Lines:
-    """Yield where calibration is worse than the raw potential, or better."""
-    played = [pair for pair in pairs if pair.has(RAW, arm)]
-    yield f"Calibration, charged: {arm} less {RAW}, steps of the calibration"
-    worse, shown, better = 0, 0, 0
-    for pair in played:
-        less, raw = pair.difference(arm, RAW), pair.gain(RAW)
-        limit = -max(CALIBRATION_LOSS * abs(float(raw.estimate)), SMALL)
-        worse, shown = worse + (less.estimate < limit), shown + (less.high < limit)
-        better += less.low > -limit
-        if less.estimate < limit or less.low > -limit:
-            steps = pair.arms[arm]["calibration_steps"].mean() / pair.facts["target_budget"]
-            yield f"  {pair.name[:50]:<52}{short(less):>14} of {short(raw)}, {steps:.1%} of steps"
-    most = int(CALIBRATION_PAIRS * len(played))
-    yield bar(
-        worse <= most,
-        f"{arm} is worse than raw by more than {CALIBRATION_LOSS:.0%} of the gain (and "
-        f"{SMALL:.0%} of the way) in {worse} of {len(played)} pairs (shown in {shown}; better, "
-        f"shown, in {better}; bar: {most})",
     )
 
 
@@ -198,7 +175,6 @@ def bar(met: bool, text: str) -> str:
 TABLES: dict[str, Callable[[Sequence[Played]], Lines]] = {
     "gains": gains,
     "guard": guard,
-    "calibration": calibration,
     "optimism": optimism,
     "default": defaults,
     "unguarded default": unguarded_defaults,

@@ -266,7 +266,7 @@ class Recipe:
         names = [source.name for source in sources]
         edges = list(pairwise([*names, TARGET])) if self.chain else [(n, TARGET) for n in names]
         if self.scale == "calibrated":
-            return transfers_of(task, sources, edges, calibrate=Calibrate(cautious=False))
+            return transfers_of(task, sources, edges, calibrate=Calibrate())
         return transfers_of(task, sources, edges, scale=self.scale)
 
 

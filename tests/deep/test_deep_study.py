@@ -56,7 +56,7 @@ eval_freq = 200
 source = "chase"
 target = "alone"
 project = {}
-calibrate = { episodes = 5, max_steps = 100, cautious = false }
+calibrate = { episodes = 5, max_steps = 100 }
 [[transfers]]
 source = "alone"
 target = "hunt"

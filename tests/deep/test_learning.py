@@ -263,7 +263,7 @@ def test_the_potential_is_added_to_values_learnt_with_state_shaping(observed):
 
 def test_a_deep_node_is_calibrated_by_episodes_it_is_charged_for(observed):
     mapping = cr.transfer.ObservationMapping(observed, MAZE, lambda rows: rows.argmax(axis=1))
-    edge = cr.Transfer("maze", "deep", mapping, calibrate=cr.transfer.Calibrate(20, cautious=False))
+    edge = cr.Transfer("maze", "deep", mapping, calibrate=cr.transfer.Calibrate(20))
     plan = cr.Curriculum(
         {"maze": MAZE, "deep": observed}, [edge],
         learner={"deep": DQN}, budget={"maze": cr.StoppingRule(5000), "deep": 600},

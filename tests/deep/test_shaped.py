@@ -31,8 +31,8 @@ from curricle.deep.networks import NetworkValues
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.potential_shaping import PotentialShaping
+from curricle.transfer.observation_mapping import FunctionValues, TableValues
 from curricle.transfer.potentials import ObservationPotential
-from curricle.transfer.value_sources import FunctionValues, TableValues
 
 from .shaped_worlds import (
     DISCOUNT,

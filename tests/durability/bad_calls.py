@@ -191,7 +191,7 @@ CALLS = {  # what to call, and arguments that it works with
         name: (getattr(cr, name), lambda: {"potentials": np.ones((2, 6, 4))})
         for name in ("minimum", "maximum", "mean", "total")
     },
-    "calibrate": (cr.calibrate, lambda: {"potential": phi(), "episodes": 5, "cautious": False}),
+    "calibrate": (cr.calibrate, lambda: {"potential": phi(), "episodes": 5}),
     "project": (cr.project, lambda: {"target": HUNT, "source": CHASE, "predator": "predator_1"}),
     "Transfer": (
         cr.Transfer,

@@ -8,7 +8,7 @@ from scipy.optimize import linprog
 from curricle.errors import MappingError
 from curricle.planning import solve
 from curricle.transfer import bisimulation_distance, lax_bisimulation, nearest_pairs
-from curricle.transfer.transport import UNSET, scratch, transport_cost
+from curricle.transfer.bisimulation import UNSET, scratch, transport_cost
 from tests.tasks import mdps, random_mdp
 
 

@@ -5,20 +5,19 @@ import itertools
 import numpy as np
 from hypothesis import given, strategies as st
 
-from curricle import Component, FiniteMDP, Space
+from curricle import FiniteMDP
 from curricle.planning import solve
 from curricle.tasks.reachability import reachable_states
 from curricle.transfer import (
     TaskPair,
-    by_component_values,
     by_homomorphism,
     by_lax_bisimulation,
     find_mappings,
     lax_bisimulation,
 )
-from curricle.transfer.homomorphisms import equivalent_pairs
+from curricle.transfer.bisimulation import equivalent_pairs
 from curricle.transfer.partition_refinement import model_for_refinement, refined
-from tests.renumbering import nameless, renumbered
+from tests.renumbering import renumbered
 from tests.tasks import mdps
 
 
@@ -146,26 +145,3 @@ def test_lax_bisimulation_of_a_renumbered_task_is_zero_where_it_is_the_same(dens
     largest = 1 + abs(found.states).max()
     assert found.states[new, np.arange(len(new))].max() <= 2e-3 * largest
     assert found.pairs.max() <= 2e-3 * largest
-
-
-@given(st.integers(0, 2**32 - 1), st.sampled_from([(2, 2), (2, 3), (3, 2, 2)]), st.booleans())
-def test_a_nameless_task_is_found_again(seed, shape, joint):
-    """Components shuffled, values and moves renumbered, in both tasks on their own."""
-    rng = np.random.default_rng(seed)
-    n, moves = int(np.prod(shape)), (2, 2) if joint else (3,)
-    p = rng.integers(0, 3, (n, int(np.prod(moves)), n)) + np.eye(n, dtype=int)[:, None]
-    terminal = np.arange(n) == 0
-    task = FiniteMDP.from_dense(
-        p / p.sum(axis=2, keepdims=True), rng.integers(-3, 3, p.shape),
-        terminal=terminal, start=~terminal / (n - 1), discount=0.9,
-        states=Space([Component(f"s{i}", size) for i, size in enumerate(shape)]),
-        actions=Space([Component(f"a{i}", size) for i, size in enumerate(moves)]),
-    )  # fmt: skip
-    target, new, _ = nameless(task, rng)
-    source, _, _ = nameless(task, rng)
-    found = list(by_component_values(TaskPair(target, source)))
-    assert found
-    q, phi = solve(target).action_values, found[0].mapping.read(solve(source).action_values)
-    np.testing.assert_allclose(phi, q, atol=1e-6)
-    assert found[0].bound < 1e-6
-    np.testing.assert_allclose(q[new].max(axis=1), solve(task).values, atol=1e-6)

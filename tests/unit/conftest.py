@@ -58,7 +58,7 @@ shaping = "StateShaping"
 source = "easy"
 target = "maze"
 mapping = "same_position"
-calibrate = { episodes = 5, cautious = false }
+calibrate = { episodes = 5 }
 """
 OF_RUNS = {"runs.json", ".lock"}
 """Files that tell of a run and not of its results."""

@@ -129,7 +129,7 @@ def test_equal_seeds_agree_and_different_ones_differ():
 def test_the_steps_of_a_calibration_are_charged(calls):
     arms = {
         "raw": pursuit(),
-        "calibrated": pursuit(calibrate=cr.transfer.Calibrate(cautious=False)),
+        "calibrated": pursuit(calibrate=cr.transfer.Calibrate()),
     }
     found = compare(arms, seeds=2, controls=["scaled"])
     assert found.total == 13_000

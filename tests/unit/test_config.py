@@ -313,7 +313,7 @@ def test_stopping_rules_are_those_described(read):
 
 @pytest.mark.parametrize(
     ("said", "made"),
-    [("true", Calibrate()), ("false", None), ("{ cautious = false }", Calibrate(cautious=False))],
+    [("true", Calibrate()), ("false", None), ("{ max_steps = 5 }", Calibrate(max_steps=5))],
 )
 def test_calibration_may_be_a_flag(read, said, made):
     study = read(HUNT, set=[f"transfers.0.calibrate={said}", f"transfers.1.calibrate={said}"])

@@ -227,9 +227,9 @@ def test_a_mistake_of_the_study_is_told_once_however_many_arms_share_it(complain
         ),
         (
             'mapping = "same_position"',
-            "project = {}\ncalibrate.quantile = 2",
-            "line 16: transfers[0] is refused: quantile of a calibration must lie between 0 and 1: "
-            "got 2",
+            "project = {}\ncalibrate.episodes = 0",
+            "line 16: transfers[0] is refused: episodes of a calibration must be a whole number, "
+            "at least 1: got 0",
         ),
     ],
 )

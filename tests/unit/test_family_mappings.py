@@ -15,8 +15,7 @@ from curricle.transfer import (
     identity,
     same_position,
 )
-from curricle.transfer.descriptions import mapping_words
-from curricle.transfer.edges import Transfer
+from curricle.transfer.edges import Transfer, mapping_words
 from tests.refusals import check_refusal
 
 

@@ -9,6 +9,7 @@ import pytest
 import curricle as cr
 from curricle.curriculum import node as training
 from curricle.planning import target as target_module
+from curricle.transfer.quality import potential_quality
 
 SUMMED = cr.GreedyEvaluation(discounted=False)
 
@@ -242,7 +243,7 @@ def test_each_seed_is_judged_as_its_own_source():
     result = plan.train([4, 9], trained=found.trained)
     target = cr.planning.Target.of(plan.tasks["hunt"])
     for phi, one in zip(result.potentials["hunt"], found["minimum"].seeds, strict=True):
-        assert cr.transfer.potential_quality(phi, target) == one
+        assert potential_quality(phi, target) == one
     starts = [one.start for one in found["minimum"].seeds]
     assert found["minimum"].mean("start") == pytest.approx(np.mean(starts))
     assert starts[0] != starts[1]
@@ -350,7 +351,7 @@ def test_a_name_that_is_no_row():
 
 
 def test_a_calibrated_curriculum_has_a_calibrated_row():
-    raw, plain = pursuit(3, cr.mean, budget=25_000), cr.transfer.Calibrate(cautious=False)
+    raw, plain = pursuit(3, cr.mean, budget=25_000), cr.transfer.Calibrate()
     transfers = [
         cr.Transfer(edge.source, edge.target, edge.mapping, calibrate=plain)
         for edge in raw.transfers
@@ -362,7 +363,7 @@ def test_a_calibrated_curriculum_has_a_calibrated_row():
     result = plan.train([4, 5], trained=found.trained)
     place = cr.planning.Target.of(plan.tasks["hunt"])
     for one, phi in zip(fitted.seeds, result.potentials["hunt"], strict=True):
-        assert one.excess == cr.transfer.potential_quality(phi, place).excess
+        assert one.excess == potential_quality(phi, place).excess
     assert fitted.mean("excess") < found["mean"].mean("excess")
     assert fitted.scale == pytest.approx(1.0, abs=0.1)
 

@@ -18,7 +18,8 @@ from curricle import (
     same_position,
 )
 from curricle.errors import MappingError
-from curricle.transfer import Coverage, StateActionMapping, compose, identity, relative_objects
+from curricle.transfer import StateActionMapping, compose, identity, relative_objects
+from curricle.transfer.mapping import Coverage
 
 LINE = GridWorld("S..T")
 END = LINE.crop(rows=(0, 1), columns=(2, 4))

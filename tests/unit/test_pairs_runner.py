@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.pairs import run, tables
 from benchmarks.pairs.arms import ARMS, RAW, curricula
-from benchmarks.pairs.playing import calibration_steps, pair_named
+from benchmarks.pairs.playing import pair_named
 from benchmarks.pairs.results import Played, read, realised
 from curricle import compare
 
@@ -15,7 +15,7 @@ COLUMNS = {
     "pair", "family", "split", "kind", "sensible", "target", "arm", "seed", "gain", "weak_gain",
     "mean_return", "weak_mean_return", "scratch_mean_return", "start_return", "final_return",
     "weak_final_gain", "steps_to_threshold", "reached", "threshold", "random_return", "optimum",
-    "source_steps", "calibration_steps", "source_return", "source_optimum",
+    "source_steps", "source_return", "source_optimum",
     "source_random_return", "source_budget", "target_budget", "total", "guard_share", "verdict",
     "reason", "pair_seconds",
 }  # fmt: skip
@@ -24,7 +24,7 @@ COLUMNS = {
 @pytest.fixture(scope="module")
 def played(tmp_path_factory):
     out = tmp_path_factory.mktemp("pairs") / "two.parquet"
-    arms = f"{RAW},guarded,calibrated,default"
+    arms = f"{RAW},guarded,default"
     run.main(["--pair", CORNER, "--pair", LOST, "--seeds", "2", "--arms", arms, "--workers", "1",
               "--out", str(out)])  # fmt: skip
     return out
@@ -45,7 +45,6 @@ def test_a_row_is_an_arm_of_a_pair_with_a_seed(played):
         f"{RAW}, negated",
         f"{RAW}, placebo",
         "guarded",
-        "calibrated",
         "default",
     }
     assert arms <= {arm for _, arm, _ in keys}
@@ -67,21 +66,13 @@ def test_the_gain_is_what_a_comparison_of_that_pair_alone_says(played):
     assert set(pair.arms["scratch"]["gain"]) == {0.0}
 
 
-@pytest.mark.filterwarnings("ignore:.*take their potential as it is")
-def test_the_steps_of_a_calibration_are_those_of_its_episodes():
-    calibrated = curricula(pair_named("queues/more arrivals"), ["calibrated"])["calibrated"]
-    found = calibrated.train(1).calibrations["target"]
-    assert calibration_steps(calibrated, 1).tolist() == [found[0].steps]
-    assert found[0].steps > 0
-
-
 def test_a_run_goes_on_where_it_was_and_the_result_is_the_same(played):
     first = pq.read_table(played)
     parts = sorted(played.with_suffix(".parquet.parts").iterdir())
     assert len(parts) == 2
     kept = {part: part.stat().st_mtime_ns for part in parts}
     parts[0].unlink()
-    arms = [RAW, "guarded", "calibrated", "default"]
+    arms = [RAW, "guarded", "default"]
     chosen = [pair_named(CORNER), pair_named(LOST)]
     run.run(chosen, arms, 2, played, 1)
     again = sorted(played.with_suffix(".parquet.parts").iterdir())
@@ -128,7 +119,7 @@ def test_each_pair_has_a_curriculum_for_each_arm():
 def test_the_tables_print_every_bar(played, capsys):
     tables.main([str(played)])
     text = capsys.readouterr().out
-    assert text.count("MET: ") == 2 * 5
+    assert text.count("MET: ") == 2 * 4
     assert "1, treasure" not in text
     assert "2, treasure" in text
     assert "of 2 pairs" in text
@@ -150,7 +141,7 @@ def known(name, **gains):
         arm: {
             "gain": 20 * (gain + noise), "weak_gain": 20 * (gain + noise),
             "weak_final_gain": 20 * (gain + noise), "mean_return": 20 * gain + 0 * noise,
-            "weak_mean_return": 20 * gain + 0 * noise, "calibration_steps": 5 + 0 * noise,
+            "weak_mean_return": 20 * gain + 0 * noise,
             "verdict": np.array(["pays"] * 3), "reason": np.array([""] * 3),
         }
         for arm, gain in {"scratch": 0.0, **gains}.items()
@@ -178,14 +169,6 @@ def test_the_guard_must_cap_harm_and_keep_gains():
     assert "in 1 of 2 pairs (shown in 1; raw in 1)" in found
     lost = known("lost", raw=0.2, guarded=0.1)
     assert "keeps 50%" in bar_of(tables.guard([lost]))
-
-
-def test_calibration_may_lose_a_twentieth_of_the_gain():
-    near = known("near", raw=0.4, calibrated=0.385)
-    assert bar_of(tables.calibration([near])).startswith("MET")
-    worse = known("worse", raw=0.4, calibrated=0.37)
-    assert bar_of(tables.calibration([worse])).startswith("NOT MET")
-    assert bar_of(tables.calibration([worse] + 19 * [near])).startswith("MET")
 
 
 def test_default_settings_pay_or_tie_where_a_person_would_call_it_sensible():

@@ -7,8 +7,9 @@ import curricle as cr
 from curricle.learning import potential_rollouts
 from curricle.planning import Target, target as target_module
 from curricle.tasks.reachability import reachable_states
-from curricle.transfer import potential_quality, quality
+from curricle.transfer import quality
 from curricle.transfer.potentials import mapped_potential
+from curricle.transfer.quality import potential_quality
 
 LINE = cr.GridWorld("S.T", discount=0.5)  # Q* = 98.5 and 199 to the east
 MAZE = cr.GridWorld(["F..T", ".P..", "S..#"], discount=0.9, time_limit=30)

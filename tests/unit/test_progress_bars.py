@@ -16,7 +16,7 @@ MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
 
 
-SEARCHES = [cr.transfer.by_name, cr.transfer.by_legs]
+SEARCHES = [cr.transfer.by_name, cr.transfer.by_homomorphism]
 LINE, LENGTHS = cr.GridWorld("S.T"), count(1)
 
 
@@ -64,7 +64,7 @@ LONG = {
     ),
     "find_mappings": (
         lambda **how: cr.transfer.find_mappings(MAZE, CORNER, searches=SEARCHES, **how),
-        ["by_name", "by_legs"],
+        ["by_name", "by_homomorphism"],
         ["searches: 2 done"],
     ),
     "auto_mapping": (

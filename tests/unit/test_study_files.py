@@ -42,9 +42,7 @@ def reduced(path):
         edges = patch.get("transfers", {})
         for number, edge in edges.items() if isinstance(edges, dict) else ():
             if edge.get("calibrate"):
-                changes.append(
-                    f"arms.{arm}.transfers.{number}.calibrate={{ episodes = 1, cautious = false }}"
-                )
+                changes.append(f"arms.{arm}.transfers.{number}.calibrate={{ episodes = 1 }}")
     return changes
 
 

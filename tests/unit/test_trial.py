@@ -371,7 +371,7 @@ def test_a_single_transfer_is_named_by_its_row():
 
 def test_one_seed_against_the_others_is_noise():
     from curricle.comparison.forecasts import ForecastRow, anti_knowledge
-    from curricle.transfer import PotentialQuality
+    from curricle.transfer.quality import PotentialQuality
 
     def row(*pairs):
         seeds = tuple(PotentialQuality(s, 0.0, 0.0, 1.0, r, exact=True) for s, r in pairs)

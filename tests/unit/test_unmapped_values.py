@@ -13,7 +13,7 @@ from curricle.transfer import (
     fitted_unmapped_value,
     identity,
 )
-from curricle.transfer.unmapped_values import EXPECTILE, Residuals
+from curricle.transfer.mapping_scores import EXPECTILE, Residuals
 from tests.tasks import mdps
 
 COSTS = cr.Rewards(step=-1, treasure=0)

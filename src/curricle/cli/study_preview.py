@@ -20,8 +20,7 @@ from curricle.study.store import StudyStore
 from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
 from curricle.study.units import numbered_seeds, units_of
 from curricle.text_tables import counted
-from curricle.transfer.descriptions import countable, mapping_words
-from curricle.transfer.edges import transfer_names
+from curricle.transfer.edges import countable, mapping_words, transfer_names
 
 
 def print_preview(study: StudyConfig) -> None:

@@ -38,9 +38,8 @@ from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
-from curricle.transfer.coverage import Coverage
-from curricle.transfer.descriptions import countable
-from curricle.transfer.edges import Calibrate, Transfer, transfer_names
+from curricle.transfer.edges import Calibrate, Transfer, countable, transfer_names
+from curricle.transfer.mapping import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.observation_rollouts import ObservationTarget, target_of
 from curricle.transfer.quality import PotentialQuality, potential_quality
@@ -416,10 +415,10 @@ def _judgement(
     """Return how good potentials are, and their scale."""
     of_actions: Sequence[Any]
     if isinstance(any_target, ObservationTarget):
-        threads, fit = 1, Calibrate(any_target.episodes, cautious=False)
+        threads, fit = 1, Calibrate(any_target.episodes)
         of_actions = potentials if potentials[0].of_actions else ()
     else:
-        fit, of_actions = Calibrate(cautious=False), potentials
+        fit, of_actions = Calibrate(), potentials
         threads = threads_for(any_target.task, workers, len(potentials))
     seeds = over_seeds(
         lambda k: potential_quality(potentials[k], any_target, seed=k), len(potentials), threads

@@ -21,7 +21,7 @@ from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.labels import state_name
 from curricle.text_tables import counted, folded, or_dash, text_table
 from curricle.transfer.calibration import Calibration
-from curricle.transfer.coverage import Coverage, coverage_table
+from curricle.transfer.mapping import Coverage, coverage_table
 from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.observation_rollouts import ObservationTarget
 from curricle.transfer.quality import PotentialQuality
@@ -66,7 +66,7 @@ class ForecastRow:
         return block(self.name, self.verdict, self.anti_knowledge, gain)
 
     def mean(self, measure: str) -> float:
-        """Return the mean over seeds of a field of :class:`PotentialQuality`."""
+        """Return the mean over seeds of a field of ``PotentialQuality``."""
         return float(np.mean([getattr(one, measure) for one in self.seeds]))
 
     @property

@@ -45,9 +45,9 @@ from curricle.tasks.task import Task, generative_model, same_task
 from curricle.text_tables import counted
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
-from curricle.transfer.chosen_mapping import with_mapping
+from curricle.transfer.found_mappings import with_mapping
 from curricle.transfer.edges import Calibrate, Transfer
-from curricle.transfer.proposal import search_steps
+from curricle.transfer.task_pair import search_steps
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -32,7 +32,6 @@ from curricle.learning.saved_result import as_saved, pairs_of, task_record
 from curricle.planning.episode import Episode
 from curricle.text_tables import counted
 from curricle.transfer.calibration import AnyPotential, Calibration
-from curricle.transfer.scale_fit import ScaleEvidence
 
 MOST_CURVES = 4
 """Tasks whose curves are shown beside each other, the last ones of a curriculum."""
@@ -215,9 +214,7 @@ Read = TypeVar("Read")
 KINDS: dict[str, type[LearningResult]] = {
     kind.__name__: kind for kind in (LearningResult, DeepResult)
 }
-SCALARS = tuple(
-    one.name for one in fields(Calibration) if one.name not in ("potential", "warm_up", "evidence")
-)
+SCALARS = tuple(one.name for one in fields(Calibration) if one.name not in ("potential", "warm_up"))
 
 
 def to_file(result: CurriculumResult) -> tuple[Arrays, dict[str, Any]]:
@@ -239,7 +236,7 @@ def to_file(result: CurriculumResult) -> tuple[Arrays, dict[str, Any]]:
         "trained": list(result.potentials),
         "given": {name: one.own_rewards for name, one in result.given.items()},
         "calibrations": {
-            name: [_words_calibrated(one) for one in each]
+            name: [{scalar: getattr(one, scalar) for scalar in SCALARS} for one in each]
             for name, each in result.calibrations.items()
         },
     }  # fmt: skip
@@ -310,9 +307,7 @@ def _with_networks(
     if not any(curriculum.node(name).deep for name in learnt):
         return nodes, given
     stored = {
-        name: StoredValues(
-            one.values, one.steps_used, [(c.scale, c.shift) for c in fitted.get(name, ())]
-        )
+        name: StoredValues(one.values, one.steps_used, [one.scale for one in fitted.get(name, ())])
         for name, one in learnt.items()
     }
     seeds = next(iter(learnt.values())).seeds
@@ -341,22 +336,15 @@ def _arrays_calibrated(each: list[Calibration]) -> Arrays:
     return found
 
 
-def _words_calibrated(one: Calibration) -> dict[str, Any]:
-    evidence = None if one.evidence is None else list(one.evidence)
-    return {**{name: getattr(one, name) for name in SCALARS}, "evidence": evidence}
-
-
 def _calibrations(_: str, arrays: Arrays, about: Any) -> list[Calibration]:
     """Return calibrations whose potentials are not there yet."""
     found = []
     for k, one in enumerate(about):
         warm_up = WarmUp(frozen(arrays[f"lengths_{k}"]), frozen(arrays[f"returns_{k}"]))
-        evidence = None if one["evidence"] is None else ScaleEvidence(*one["evidence"])
-        scalars = {name: one[name] for name in SCALARS}
-        found.append(Calibration(None, warm_up=warm_up, evidence=evidence, **scalars))
+        found.append(Calibration(None, warm_up=warm_up, **{name: one[name] for name in SCALARS}))
     return found
 
 
 def _calibrated(one: Calibration, potential: AnyPotential) -> Calibration:
-    phi = potential if one.refusal else potential.rescaled(one.scale, one.shift)
+    phi = potential if one.refusal else potential.rescaled(one.scale)
     return replace(one, potential=phi)

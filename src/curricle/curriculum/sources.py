@@ -19,8 +19,8 @@ from curricle.text_tables import counted
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.edges import Calibrate, Transfer
+from curricle.transfer.observation_mapping import TableValues, ValueSource
 from curricle.transfer.potentials import ObservationPotential, combined_potential
-from curricle.transfer.value_sources import TableValues, ValueSource
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +151,8 @@ class StoredValues(NamedTuple):
     """(K, S, A) float array, or K dicts of a network's parameters; None where they are not read."""
     steps_used: IntArray
     """(K,) in the task."""
-    calibrations: Sequence[tuple[float, float]] = ()
-    """Scale and shift of each seed's potential; empty unless its transfers are calibrated."""
+    scales: Sequence[float] = ()
+    """Of each seed's potential; empty unless its transfers are calibrated."""
 
 
 def sources_read(curriculum: Any, name: str) -> set[str]:
@@ -182,12 +182,12 @@ def source_values(
     for name in curriculum.order:
         if name in sources:
             node, stored = curriculum.node(name), sources[name]
-            values, steps_used, calibrations = stored
+            values, steps_used, scales = stored
             if node.deep and values is not None:
                 potentials: list[Any] = curriculum.potentials(name, found)
-                if calibrations:
-                    pairs = zip(potentials, calibrations, strict=True)
-                    potentials = [phi.rescaled(scale, shift) for phi, (scale, shift) in pairs]
+                if scales:
+                    pairs = zip(potentials, scales, strict=True)
+                    potentials = [phi.rescaled(scale) for phi, scale in pairs]
                 values = _networks(node, potentials or [None] * len(seeds), values)
             found[name] = SourceValues(node.task, seeds, values, steps_used)
     return found

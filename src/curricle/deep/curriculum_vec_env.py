@@ -20,7 +20,7 @@ from curricle.teaching.episode import Episode
 from curricle.teaching.sampler import TaskSampler, check_teacher
 from curricle.teaching.task_set import check_names
 from curricle.teaching.teachers import Teacher, Uniform
-from curricle.transfer.value_sources import ValueSource
+from curricle.transfer.observation_mapping import ValueSource
 
 try:
     from stable_baselines3.common.env_util import is_wrapped

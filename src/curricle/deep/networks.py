@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatArray
 from curricle.errors import PotentialError
+from curricle.transfer.observation_mapping import no_actions
 from curricle.transfer.potentials import ObservationPotential
-from curricle.transfer.value_sources import no_actions
 
 WITHOUT_SOURCE = "without_source"
 """Marks the parameters of a guarded learner's network that has nothing of the source."""

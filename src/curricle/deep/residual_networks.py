@@ -16,8 +16,8 @@ from stable_baselines3.dqn.policies import QNetwork
 from curricle.checks import one_of
 from curricle.deep.plain_networks import plain_layers
 from curricle.errors import SettingError
+from curricle.transfer.observation_mapping import no_actions
 from curricle.transfer.potentials import ObservationPotential
-from curricle.transfer.value_sources import no_actions
 
 try:
     from sb3_contrib.qrdqn import policies as qrdqn

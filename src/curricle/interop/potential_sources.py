@@ -21,8 +21,8 @@ from curricle.learning.schedules import CONSTANT, Schedule
 from curricle.tasks.observation_task import stack
 from curricle.tasks.spaces import Space, whole
 from curricle.tasks.task import generative_model
+from curricle.transfer.observation_mapping import ValueSource
 from curricle.transfer.potentials import ObservationPotential
-from curricle.transfer.value_sources import ValueSource
 
 Steps = int | IntArray
 

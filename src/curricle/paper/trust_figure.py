@@ -58,7 +58,7 @@ ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
 SOURCE_STEPS = 400_000
 HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}
 """Size -> time limit and target steps; discount 0.95."""
-FITTED = Calibrate(cautious=False)
+FITTED = Calibrate()
 """The scale is the one that fits the returns, neither shrunk nor bounded."""
 SWEEP = (1.2, 1.6, 2.0, 2.5)
 """Scales set by hand."""
@@ -190,7 +190,7 @@ def _share_refused(size: int, seeds: int, workers: int | None) -> float:
 
 def _is_refused(phi: Any, seed: int) -> bool:
     try:
-        calibrate(phi, cautious=False, seed=seed)
+        calibrate(phi, seed=seed)
     except CalibrationError:
         return True
     return False

@@ -12,7 +12,7 @@ from curricle.curriculum.defaults import SETTINGS
 from curricle.study.config.own_code import code_of
 from curricle.study.config.task_names import NameGraph
 from curricle.study.description import differences, shown
-from curricle.transfer.descriptions import mappings_digest
+from curricle.transfer.edges import mappings_digest
 
 KEY_BYTES = 8
 AUTO = "auto"

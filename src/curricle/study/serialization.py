@@ -41,7 +41,7 @@ class UnitResult(NamedTuple):
 
     arrays: Arrays
     """Those of the :class:`LearningResult` (:func:`arrays_of`), and by seed (K,) ``source_steps``,
-    and ``scale``, ``shift`` and ``refusal`` if it was calibrated."""
+    and ``scale`` and ``refusal`` if it was calibrated."""
     decisions: pa.Table
     """Why each seed went on or stopped, a row a checkpoint, of `DECISION_SCHEMA`."""
 

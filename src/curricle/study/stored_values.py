@@ -47,9 +47,5 @@ def stored_values(
     if all(one is not None for one in each):
         values = np.stack(each) if isinstance(each[0], np.ndarray) else each
     steps = np.array([found["steps_used"][k] for found, k in rows])
-    scales = [
-        (float(found["scale"][k]), float(found["shift"][k]))
-        for found, k in rows
-        if "scale" in found
-    ]
+    scales = [float(found["scale"][k]) for found, k in rows if "scale" in found]
     return StoredValues(values, steps, scales)

@@ -188,7 +188,7 @@ def train_unit(given: UnitInput) -> UnitResult:
     arrays = arrays_of(result)
     arrays["source_steps"] = found.source_steps(unit.task)
     if fitted := found.calibrations.get(unit.task):
-        parts = ("scale", "shift", "refusal")
+        parts = ("scale", "refusal")
         arrays |= {part: np.array([getattr(one, part) for one in fitted]) for part in parts}
     decisions = pa.Table.from_pylist(_decisions(found, unit), pa.schema(DECISION_SCHEMA.items()))
     return UnitResult(arrays, decisions)

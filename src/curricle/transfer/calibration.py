@@ -1,50 +1,41 @@
-"""Calibration: scale and shift of a potential, fitted to the returns of its own greedy policy.
+"""Calibration: the scale of a potential, fitted to the returns of its own greedy policy.
 
 A source's values are those of another task: carried over unchanged they are too high or too low,
-and learning corrects them one pair after the other. c phi + b has the same optimum and, for c > 0,
-the same greedy policy as phi, so c and b can be fitted to rollouts of that policy in the target.
+and learning corrects them one pair after the other. For c > 0, c phi has the same optimum and the
+same greedy policy as phi, so c can be fitted to rollouts of that policy in the target.
 """
 
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+import numpy as np
+
+from curricle.array_types import FloatArray
 from curricle.display import brief_repr, printed
 from curricle.errors import CalibrationError, PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
-from curricle.learning.record import NO_WARM_UP, WarmUp
+from curricle.learning.record import WarmUp
 from curricle.tasks.task import generative_model
 from curricle.text_tables import counted
-from curricle.transfer.calibration_refusals import (
-    LEAST_EPISODES,
-    gains,
-    highest_met,
-    is_known,
-    mostly_zero,
-    nothing_reached,
-    nothing_whole,
-    poor_fit,
-    too_little,
-    too_long,
-    unsuited,
-)
 from curricle.transfer.edges import CALIBRATION_EPISODES, Calibrate
 from curricle.transfer.observation_rollouts import greedy_observation_rollouts
 from curricle.transfer.potentials import ObservationPotential
-from curricle.transfer.scale_fit import ScaleEvidence, fit, scale_evidence
 
 AnyPotential = Any
 """The potential of a task: a StateActionPotential, MappedPotential or ObservationPotential."""
-RollOut = Callable[..., GreedyRollouts]
-"""Greedy rollouts of a potential, given the number of episodes."""
-LATE = 10
-"""A cautious calibration that has spent one part in so many of its steps goes on only where the
-scale is worth them so far."""
 FIRST_EPISODES = 20
 """Episodes after which a calibration stops if they reached nothing."""
+MIN_NONZERO = 0.5
+"""Least share of the steps in which phi is not 0."""
+MIN_EXPLAINED = 0.25
+"""Least share of the squares of the returns that the fit explains."""
+LARGEST_SEARCHED = 10_000_000
+"""Pairs (S x A) in which the highest value of phi is searched; of more, as many at random."""
+CHUNK = 1_000_000
+"""Pairs read at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +45,14 @@ class Calibration:
     Attributes
     ----------
     potential : StateActionPotential, MappedPotential or ObservationPotential
-        scale phi + shift; phi itself where nothing could be fitted.
-    scale, shift : float
+        scale phi; phi itself where nothing could be fitted.
+    scale : float
     predicted, return_to_go : float
         Means over all steps: of phi(s_t, a_t), and of the discounted return from t on (with the
         calibrated potential as the value of states in which an episode was truncated).
     explained : float
-        The share of the returns to go that the fit explains: of the sum of squares for a scale, of
-        the variance with a shift. NaN where nothing was fitted.
+        The share of the sum of squares of the returns to go that the fit explains. NaN where
+        nothing was fitted.
     episodes, ended : int
         Greedy episodes, and how many of them terminated.
     warm_up : WarmUp
@@ -70,21 +61,18 @@ class Calibration:
         Why nothing could be fitted; empty if it could.
     stopped : bool
         Whether its cap of steps ended it.
-    evidence : ScaleEvidence or None
-        What a cautious calibration rests on.
 
     Examples
     --------
     >>> from curricle import GridWorld, solve
     >>> maze = GridWorld("S.T", time_limit=10)
     >>> phi = StateActionPotential(maze, 0.5 * solve(maze).action_values)
-    >>> print(calibrate(phi, episodes=10, cautious=False))
+    >>> print(calibrate(phi, episodes=10))
     scale 2 fitted on 10 greedy episodes (20 steps, 10 ended): mean phi 98.8, mean return to go 198
     """
 
     potential: AnyPotential
     scale: float
-    shift: float
     predicted: float
     return_to_go: float
     explained: float
@@ -93,7 +81,6 @@ class Calibration:
     warm_up: WarmUp = field(repr=False)
     refusal: str = ""
     stopped: bool = False
-    evidence: ScaleEvidence | None = None
 
     __repr__ = brief_repr
     _repr_html_ = printed
@@ -106,14 +93,8 @@ class Calibration:
     def __str__(self) -> str:
         if self.refusal:
             return self.refusal
-        shift = f" and shift {self.shift:.3g}" if self.shift else ""
-        how = "fitted"
-        if self.evidence is not None:
-            fitted, error, *_ = self.evidence
-            how = f"(fitted {fitted:.3g}, standard error {error:.2g})"
         return (
-            f"scale {self.scale:.3g}{shift} {how} on "
-            f"{counted(self.episodes, 'greedy episode')} "
+            f"scale {self.scale:.3g} fitted on {counted(self.episodes, 'greedy episode')} "
             f"({counted(self.steps, 'step')}{', the most allowed' * self.stopped}, "
             f"{self.ended} ended): mean phi {self.predicted:.3g}, "
             f"mean return to go {self.return_to_go:.3g}"
@@ -124,14 +105,11 @@ def calibrate(
     potential: AnyPotential,
     *,
     episodes: int = CALIBRATION_EPISODES,
-    shift: bool = False,
-    quantile: float | None = None,
     max_steps: int | None = None,
-    cautious: bool = True,
     seed: int = 0,
     stream: str = "calibrate",
 ) -> Calibration:
-    """Return a potential scaled (and shifted) towards the returns of its own greedy policy.
+    """Return a potential scaled to the returns of its own greedy policy.
 
     With G_t the discounted return from step t, c minimises sum_t (G_t - c phi(s_t, a_t))^2. Where
     an episode is truncated, G_t goes on with c max_a phi(s, a) of the last state: truncation is
@@ -140,7 +118,7 @@ def calibrate(
     Parameters
     ----------
     potential : StateActionPotential, MappedPotential or ObservationPotential
-    episodes, shift, quantile, max_steps, cautious
+    episodes, max_steps
         As in :class:`Calibrate`.
     seed, stream : int, str
         Of the random stream of the episodes, as in :func:`learn`.
@@ -158,16 +136,16 @@ def calibrate(
     --------
     >>> from curricle import GridWorld, solve
     >>> maze = GridWorld("S.T", time_limit=10)
-    >>> phi = StateActionPotential(maze, solve(maze).action_values - 30)
-    >>> found = calibrate(phi, shift=True, cautious=False)
-    >>> round(found.scale, 3), round(found.shift, 3), found.steps
-    (1.0, 30.0, 400)
+    >>> phi = StateActionPotential(maze, solve(maze).action_values / 3)
+    >>> fitted = calibrate(phi)
+    >>> round(fitted.scale, 3), fitted.steps
+    (3.0, 400)
     """
-    settings = Calibrate(episodes, shift, quantile, max_steps, cautious)
-    found = fit_calibration(potential, settings, seed=seed, stream=stream)
-    if found.refusal:
-        raise CalibrationError(found.refusal)
-    return found
+    settings = Calibrate(episodes, max_steps)
+    fitted = fit_calibration(potential, settings, seed=seed, stream=stream)
+    if fitted.refusal:
+        raise CalibrationError(fitted.refusal)
+    return fitted
 
 
 def fit_calibration(
@@ -179,101 +157,31 @@ def fit_calibration(
             "a potential to be calibrated must be a StateActionPotential, a MappedPotential or an "
             f"ObservationPotential: got {type(potential).__name__}"
         )
-    roll_out: Any = (
-        greedy_observation_rollouts
-        if isinstance(potential, ObservationPotential)
-        else greedy_rollouts
-    )
-    roll = partial(roll_out, potential, seed=seed, stream=stream, max_steps=settings.max_steps)
-    return (_cautious_fit if settings.cautious else _plain_fit)(potential, settings, roll)
-
-
-def _plain_fit(potential: AnyPotential, settings: Calibrate, roll: RollOut) -> Calibration:
-    """Return the fit to all episodes, as it is."""
+    cap = settings.max_steps
+    observed = isinstance(potential, ObservationPotential)
+    roll_out: Any = greedy_observation_rollouts if observed else greedy_rollouts
+    roll = partial(roll_out, potential, seed=seed, stream=stream, max_steps=cap)
     # A few episodes show whether anything is reached, and if not the rest would be wasted. They
     # are the first of the rest.
-    few, cap = min(FIRST_EPISODES, settings.episodes), settings.max_steps
-    rollouts = roll(episodes=few)
+    few = min(FIRST_EPISODES, settings.episodes)
+    rollouts: GreedyRollouts = roll(episodes=few)
     stopped = rollouts.predicted.size == cap
-    if few < settings.episodes and not stopped and not nothing_reached(rollouts):
+    if few < settings.episodes and not stopped and not _nothing_reached(rollouts):
         rollouts = roll(episodes=settings.episodes)
         stopped = rollouts.predicted.size == cap
-    scale, shift, explained = 1.0, 0.0, math.nan
-    refusal = nothing_whole(rollouts, cap) if stopped else ""
-    refusal = refusal or nothing_reached(rollouts) or mostly_zero(rollouts)
+    scale, explained = 1.0, math.nan
+    refusal = _nothing_whole(rollouts, cap) if stopped else ""
+    refusal = refusal or _nothing_reached(rollouts) or _mostly_zero(rollouts)
     if not refusal:
-        scale, shift, explained = fit(
-            rollouts, with_shift=settings.shift, quantile=settings.quantile
-        )
-        refusal = poor_fit(potential, rollouts, settings, scale, explained)
-    return _calibration(
-        potential, rollouts, scale, shift, explained=explained, refusal=refusal, stopped=stopped
-    )
-
-
-def _cautious_fit(potential: AnyPotential, settings: Calibrate, roll: RollOut) -> Calibration:
-    """Return a scale above 1 where the first few episodes bear it out."""
-    if refusal := unsuited(potential):
-        return _refused_at_once(potential, refusal)
-    for episodes in _looks(settings.episodes):
-        rollouts = roll(episodes=episodes)
-        evidence = scale_evidence(rollouts, _discount(potential))
-        stopped = rollouts.predicted.size == settings.max_steps
-        refusal = gains(highest_met(rollouts)) or mostly_zero(rollouts)
-        refusal = refusal or too_long(rollouts, settings.max_steps)
-        steps, cap = rollouts.predicted.size, settings.max_steps
-        late = cap is not None and steps * LATE >= cap
-        if refusal or stopped or is_known(evidence, late=late):
-            break
-    refusal = refusal or too_little(evidence)
-    scale = 1.0 if refusal else evidence.cautious_scale
-    return _calibration(
-        potential, rollouts, scale, evidence=evidence, refusal=refusal, stopped=stopped
-    )
-
-
-def _looks(most: int) -> Iterator[int]:
-    """Yield 1, 2, 5, 10, 20, ..., `most`: episodes after which a cautious calibration looks."""
-    yield from (few for few in (1, 2) if few < most)
-    episodes = LEAST_EPISODES
-    while episodes < most:
-        yield episodes
-        episodes *= 2
-    yield most
-
-
-def _discount(potential: AnyPotential) -> float:
-    task = potential.task
-    observed = isinstance(potential, ObservationPotential)
-    return float(task.discount if observed else generative_model(task).discount)
-
-
-def _refused_at_once(potential: AnyPotential, refusal: str) -> Calibration:
-    """Return a refusal that cost no steps."""
-    nan = math.nan
-    return Calibration(potential, 1.0, 0.0, nan, nan, nan, 0, 0, NO_WARM_UP, refusal)
-
-
-def _calibration(
-    potential: AnyPotential,
-    rollouts: GreedyRollouts,
-    scale: float,
-    shift: float = 0.0,
-    *,
-    explained: float = math.nan,
-    evidence: ScaleEvidence | None = None,
-    refusal: str,
-    stopped: bool,
-) -> Calibration:
+        scale, explained = fitted_scale(rollouts)
+        refusal = _poor_fit(potential, rollouts, scale, explained)
     if refusal:
-        scale, shift = 1.0, 0.0
-    return_to_go = rollouts.return_to_go + rollouts.bootstrap_discount * (
-        scale * rollouts.bootstrapped_value + shift
-    )
+        scale = 1.0
+    bootstrapped = scale * rollouts.bootstrapped_value
+    return_to_go = rollouts.return_to_go + rollouts.bootstrap_discount * bootstrapped
     return Calibration(
-        potential=potential if refusal else potential.rescaled(scale, shift),
+        potential=potential if refusal else potential.rescaled(scale),
         scale=scale,
-        shift=shift,
         predicted=float(rollouts.predicted.mean()),
         return_to_go=float(return_to_go.mean()),
         explained=explained,
@@ -282,5 +190,115 @@ def _calibration(
         warm_up=WarmUp(rollouts.lengths, rollouts.returns),
         refusal=refusal,
         stopped=stopped,
-        evidence=evidence,
     )
+
+
+def fitted_scale(rollouts: GreedyRollouts) -> tuple[float, float]:
+    """Return the c for which c phi is nearest to the returns, and what share of them it explains.
+
+    NaN where phi is 0 in all steps.
+    """
+    # The bootstrapped value is scaled like phi, so it moves to the other side.
+    phi = rollouts.predicted - rollouts.bootstrap_discount * rollouts.bootstrapped_value
+    # Steps with phi 0, in unmapped states, carry no information on the scale.
+    used = phi != 0
+    if not used.any():
+        return math.nan, math.nan
+    phi, returns = phi[used], rollouts.return_to_go[used]
+    product, length = _inner(phi, returns), _inner(phi, phi)
+    squares = length * _inner(returns, returns)
+    explained = product**2 / squares if squares > 0 else 0.0
+    return product / length if length > 0 else 0.0, explained
+
+
+def _inner(one: FloatArray, other: FloatArray) -> float:
+    """Return the inner product, its sum rounded once.
+
+    BLAS rounds differently on different processors, and a scale that differs in its last bit leads
+    to other trajectories.
+    """
+    return math.fsum(one * other)
+
+
+# -- refusals: each function returns the reason, or "" where there is none -------------------------
+
+
+def _nothing_whole(rollouts: GreedyRollouts, cap: int | None) -> str:
+    """Return a refusal if the cap of steps ended the first episode, else ""."""
+    if len(rollouts.lengths) > 1 or rollouts.ended.any():
+        return ""
+    return f"a calibration needs a whole episode: its most steps, {cap:,}, ended during the first"
+
+
+def _nothing_reached(rollouts: GreedyRollouts) -> str:
+    """Return a refusal if no episode terminated and all steps had one reward, else ""."""
+    if rollouts.ended.any() or not rollouts.one_reward:
+        return ""
+    return (
+        "a calibration needs episodes that reach something: none of "
+        f"{len(rollouts.lengths)} ended, and each of their {rollouts.predicted.size:,} steps had "
+        f"the reward {rollouts.returns[0] / rollouts.lengths[0]:g}"
+    )
+
+
+def _mostly_zero(rollouts: GreedyRollouts) -> str:
+    """Return a refusal if phi is 0 in most steps, else ""."""
+    zero = float((rollouts.predicted == 0).mean())
+    if zero <= 1 - MIN_NONZERO:
+        return ""
+    return (
+        "a calibration needs a potential that is not 0 where its greedy policy leads: phi was 0 in "
+        f"{zero:.0%} of {rollouts.predicted.size:,} steps, in {len(rollouts.lengths)} episodes"
+    )
+
+
+def _poor_fit(
+    potential: AnyPotential, rollouts: GreedyRollouts, scale: float, explained: float
+) -> str:
+    """Return a refusal if scale phi does not describe the returns, else ""."""
+    if not (math.isfinite(scale) and math.isfinite(explained)):
+        return (
+            f"a calibration must be determined by its episodes: {len(rollouts.lengths)} of them, "
+            f"{int(rollouts.ended.sum())} of which ended, leave the scale at 0 / 0"
+        )
+    observed = isinstance(potential, ObservationPotential)
+    highest = -math.inf if observed else _highest(potential)
+    highest_seen = float(rollouts.predicted.max())
+    if scale > 1 and highest > 0 and highest_seen < highest / 2:
+        return (
+            "a calibration must not raise values of phi that its episodes did not come near: a "
+            f"factor of {scale:.3g}, fitted where phi was {highest_seen:.3g} at most, would raise "
+            f"one of {highest:.3g}"
+        )
+    means = (
+        f"phi was {rollouts.predicted.mean():.3g} on average and the return to go "
+        f"{rollouts.return_to_go.mean():.3g}"
+    )
+    if not scale > 0:
+        return (
+            "a calibration needs a positive scale, which keeps phi's order: "
+            f"{scale:.3g} fits best, as {means}"
+        )
+    if not explained >= MIN_EXPLAINED:
+        return (
+            f"a calibration by a factor must explain {MIN_EXPLAINED:.0%} of the returns to go: it "
+            f"explains {explained:.1%}, as {means}"
+        )
+    return ""
+
+
+def _highest(potential: StateActionPotential | MappedPotential) -> float:
+    """Return the highest phi(s, a), terminal states aside.
+
+    The same pairs are read of every kind of potential: all, or a sample where there are very many.
+    """
+    model = generative_model(potential.task)
+    n_states, n_actions = model.states.size, model.actions.size
+    searched = min(n_states, max(1, LARGEST_SEARCHED // n_actions))
+    states = np.arange(searched)
+    if searched < n_states:
+        states = np.random.default_rng(0).integers(n_states, size=searched)
+    if model.terminal is not None:
+        states = states[~model.terminal[states]]
+    parts = np.array_split(states, max(1, len(states) * n_actions // CHUNK))
+    return max(float(potential.rows(part).max(initial=-math.inf)) for part in parts)

@@ -18,8 +18,7 @@ from curricle.errors import MappingError
 from curricle.text_tables import counted
 from curricle.transfer.mapping import UNMAPPED, pair_mapping
 from curricle.transfer.partition_refinement import levels
-from curricle.transfer.proposal import Proposal, SearchedMapping
-from curricle.transfer.task_pair import TaskPair
+from curricle.transfer.task_pair import Proposal, SearchedMapping, TaskPair
 
 LARGEST = 50_000
 """State-action pairs of a task."""

@@ -1,18 +1,25 @@
-"""Mappings by component names: the source's components are read off the target's (paper E7)."""
+"""Mappings by components: by their names (paper E7), and by every assignment of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
+from math import prod
 from typing import Any
 
 import numpy as np
 
 from curricle.array_types import IntArray
 from curricle.checks import one_of
-from curricle.errors import MappingError
+from curricle.display import brief_repr
+from curricle.errors import MappingError, SettingError
 from curricle.tasks.families.components_by_name import Unequal
+from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Space
-from curricle.tasks.task import Task, generative_model
+from curricle.tasks.task import Task, generative_model, tables
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value, pair_mapping
+from curricle.transfer.mapping_scores import total_variation
+from curricle.transfer.task_pair import Proposal, SearchedMapping, TaskPair
 
 LARGEST_INDEX = 500_000_000
 """Target pairs for which an index array is made (4 GB)."""
@@ -213,3 +220,212 @@ def _values_of(origin: Component, component: Component, unequal: Unequal) -> Int
         return values
     value = {label: component.low + i for i, label in enumerate(component.labels)}
     return np.array([value.get(label, component.low - 1) for label in origin.labels])
+
+
+# -- every assignment of components ----------------------------------------------------------------
+
+
+MAX_ASSIGNMENTS = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """One assignment of target components to the source's components.
+
+    Attributes
+    ----------
+    states, actions : dict of str to str
+        Source component -> target component.
+    error : float
+        Mean total variation distance, in [0, 1], between the source's next states and the
+        target's, read through the assignment; NaN if nothing maps.
+    mapping : StateActionMapping
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> chase = Pursuit(size=2, predators=1)
+    >>> find_projections(chase, chase)[0].states
+    {'prey': 'prey', 'predator': 'predator'}
+    """
+
+    states: dict[str, str]
+    actions: dict[str, str]
+    error: float
+    mapping: StateActionMapping
+
+    __repr__ = brief_repr
+
+
+def find_projections(
+    target: Task,
+    source: Task,
+    *,
+    pairs: int = 5_000,
+    seed: int = 0,
+    unmapped_value: float | None = None,
+) -> tuple[Projection, ...]:
+    """Return every assignment of target components to the source's, best prediction first.
+
+    Rewards are not compared: two tasks with different rewards may have the same dynamics.
+
+    Parameters
+    ----------
+    target, source : Task
+    pairs : int
+        State-action pairs of the target to score on, drawn without repetition.
+    seed : int
+        Of that draw.
+    unmapped_value : float, optional
+        Of the mappings.
+
+    Raises
+    ------
+    SettingError
+        When `pairs` is less than 1.
+    MappingError
+        When there are more than 10,000 assignments.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
+    >>> for found in find_projections(hunt, chase, pairs=500)[:2]:
+    ...     print(found.states, found.actions, round(found.error, 2))
+    {'prey': 'prey', 'predator': 'predator_1'} {'predator': 'predator_1'} 0.0
+    {'prey': 'prey', 'predator': 'predator_2'} {'predator': 'predator_2'} 0.0
+    """
+    if pairs < 1:
+        raise SettingError(f"pairs must be at least 1: got {pairs}")
+    spaces = (target.states, source.states), (target.actions, source.actions)
+    n_assignments = prod(len(mine.names) ** len(other.names) for mine, other in spaces)
+    if n_assignments > MAX_ASSIGNMENTS:
+        raise MappingError(
+            f"a search may try at most {MAX_ASSIGNMENTS:,} assignments of components: these "
+            f"tasks have {n_assignments:,}"
+        )
+    mdp, source_mdp = tables(target), tables(source)
+    alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
+    rng = np.random.default_rng(seed)
+    drawn = np.sort(rng.choice(alive, size=min(pairs, len(alive)), replace=False))
+    choices = [product(mine.names, repeat=len(other.names)) for mine, other in spaces]
+    projections = []
+    for state_names, action_names in product(*choices):
+        states = dict(zip(source.states.names, state_names, strict=True))
+        actions = dict(zip(source.actions.names, action_names, strict=True))
+        state = source_points(target.states, source.states, states)
+        action = source_points(target.actions, source.actions, actions)
+        error = _prediction_error(mdp, source_mdp, state, action, drawn)
+        mapping = pair_mapping(target, source, state[:, None], action, unmapped_value)
+        projections.append(Projection(states, actions, error, mapping))
+    return tuple(sorted(projections, key=lambda one: (np.isnan(one.error), one.error)))
+
+
+def _prediction_error(
+    target: FiniteMDP, source: FiniteMDP, state: IntArray, action: IntArray, drawn: IntArray
+) -> float:
+    """Return the mean total variation distance of the next source states over the pairs drawn."""
+    s, a = np.divmod(drawn, target.actions.size)
+    usable = (state[s] != MISSING) & (action[a] != MISSING)
+    usable &= ~source.terminal[np.maximum(state[s], 0)]
+    s, a = s[usable], a[usable]
+    if not len(s):
+        return float("nan")
+    row, source_row = target.outcome_row[s, a], source.outcome_row[state[s], action[a]]
+    return float(
+        total_variation(
+            state[target.next_state[row]],
+            target.probability[row],
+            source.next_state[source_row].astype(np.int64),
+            source.probability[source_row],
+        ).mean()
+    )
+
+
+# -- searches by name ------------------------------------------------------------------------------
+
+
+WORDS: dict[Unequal, str] = {
+    "unmapped": "components by name",
+    "scale": "components by name, unequal ranges scaled",
+    "clip": "components by name, unequal ranges clipped",
+}
+MOST_UNEQUAL = 3
+"""Components of unequal ranges that are aligned in all ways."""
+
+
+def by_name(tasks: TaskPair) -> Iterator[Proposal]:
+    """Yield the mappings that :func:`project` makes without renaming.
+
+    Where ranges of a component differ, values that the source lacks are left unmapped, scaled or
+    clipped; these are three candidates.
+
+    Raises
+    ------
+    MappingError
+        When the target lacks a component of the source's.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> tasks = TaskPair(Pursuit(size=3, predators=2), Pursuit(size=3, predators=1))
+    >>> list(by_name(tasks))
+    Traceback (most recent call last):
+    curricle.errors.MappingError: source component 'predator' must be read from a target ...
+    """
+    ways: tuple[Unequal, ...] = ("unmapped", "scale", "clip")
+    for unequal in ways:
+        mapping = ComponentMapping(tasks.target, tasks.source, {}, unequal=unequal)
+        yield Proposal(mapping, WORDS[unequal])
+
+
+def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
+    """Yield mappings by name with ranges of unequal size put side by side at either end.
+
+    A wide grid and a narrow one may correspond at the goal's side. Values outside the narrower
+    range are left unmapped, or read its last value.
+
+    Raises
+    ------
+    MappingError
+        When the target lacks a component of the source's, or all ranges are equal or have labels.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> tasks = TaskPair(GridWorld("S....T"), GridWorld("S.T"))
+    >>> [one.how for one in by_alignment(tasks)]
+    ['components by name, last column aligned', 'components by name, last column aligned, clipped']
+    """
+    own, other = tasks.target.states, tasks.source.states
+    values = own.decode()
+    actions = source_points(tasks.target.actions, tasks.source.actions, {})
+    unequal = []
+    for theirs in other.components:
+        mine = own.component(theirs.name) if theirs.name in own.names else None
+        if mine is None:
+            raise MappingError(f"ranges are aligned by name: the target has no {theirs.name!r}")
+        if (mine.size, mine.low) != (theirs.size, theirs.low) and mine.labels is None:
+            unequal.append(theirs.name)
+    if not unequal or len(unequal) > MOST_UNEQUAL:
+        raise MappingError(
+            f"ranges are aligned where 1 to {MOST_UNEQUAL} components differ: got {len(unequal)}"
+        )
+    for ends in product(("first", "last"), repeat=len(unequal)):
+        if set(ends) == {"first"} and all(own.component(n).low == other.component(n).low
+                                          for n in unequal):  # fmt: skip
+            continue  # as by name
+        for clipped in (False, True):
+            read = {}
+            for theirs in other.components:
+                offset = 0
+                if theirs.name in unequal:
+                    mine, end = own.component(theirs.name), ends[unequal.index(theirs.name)]
+                    offset = theirs.low - mine.low if end == "first" else theirs.high - mine.high
+                value = values[theirs.name] + offset
+                read[theirs.name] = np.clip(value, theirs.low, theirs.high) if clipped else value
+            state = other.encode(**read)
+            words = " and ".join(f"{end} {name}" for name, end in zip(unequal, ends, strict=True))
+            how = f"components by name, {words} aligned{', clipped' if clipped else ''}"
+            index = pair_mapping(tasks.target, tasks.source, state[:, None], actions).index
+            yield Proposal(SearchedMapping(tasks.target, tasks.source, index, how=how), how)

@@ -1,6 +1,7 @@
 """Edges of a curriculum: a source's values, read through a mapping, scaled and shifted."""
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -8,12 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray
-from curricle.checks import instance, number, whole_number
+from curricle.checks import number, whole_number
 from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import LARGEST_POTENTIAL
-from curricle.transfer.mapping import StateActionMapping
+from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
+from curricle.transfer.mapping import StateActionMapping, few_pairs
 from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.task_pair import SearchedMapping
 
 CALIBRATION_EPISODES = 200
 """Greedy episodes of a calibration, unless another number is given."""
@@ -31,57 +34,29 @@ class Calibrate:
     ----------
     episodes : int
         Most greedy episodes in the target. Their steps are charged to it.
-    shift : bool
-        Whether to fit a shift b besides the scale c; not where `cautious`.
-    quantile : float, optional
-        Between 0 and 1: fit so that this share of the returns stays below the potential, instead
-        of the mean. 0.1 makes the potential pessimistic, as few returns fall short of it. Not where
-        `cautious`.
     max_steps : int, optional
         Steps in the target after which the episodes stop, the last of them truncated. In a
         curriculum it is a twentieth of what the target's budget leaves for learning by default, and
         at most a quarter of it; episodes are at most a twentieth of a budget in episodes.
-    cautious : bool
-        Whether to scale only where that has been seen to help: a potential of costs (no value above
-        0) whose policy costs more than it predicts is made larger, by half of what its returns ask
-        for and by 1.5 at most. It looks at the first 5, 10, 20, ... episodes and stops as soon as
-        the answer is known. With False the fit to all episodes is used as it is: for those who
-        know the task, as on others it does harm as often as good.
 
     Raises
     ------
     SettingError
-        When a number is out of range, or a shift or a quantile is asked of a cautious calibration.
+        When a number is out of range.
 
     Examples
     --------
-    >>> Calibrate(quantile=0.1, cautious=False)
-    Calibrate(episodes=200, shift=False, quantile=0.1, max_steps=None, cautious=False)
+    >>> Calibrate(max_steps=5_000)
+    Calibrate(episodes=200, max_steps=5000)
     """
 
     episodes: int = CALIBRATION_EPISODES
-    shift: bool = False
-    quantile: float | None = None
     max_steps: int | None = None
-    cautious: bool = True
 
     def __post_init__(self) -> None:
         whole_number("episodes of a calibration", self.episodes, 1, SettingError)
-        instance("shift of a calibration", self.shift, bool, SettingError)
-        instance("cautious of a calibration", self.cautious, bool, SettingError)
-        if self.quantile is not None:
-            number("quantile of a calibration", self.quantile, SettingError)
-            if not 0 < self.quantile < 1:
-                raise SettingError(
-                    f"quantile of a calibration must lie between 0 and 1: got {self.quantile:g}"
-                )
         if self.max_steps is not None:
             whole_number("max_steps of a calibration", self.max_steps, 1, SettingError)
-        if self.cautious and (self.shift or self.quantile is not None):
-            raise SettingError(
-                "a cautious calibration fits a scale alone, to the mean: set cautious=False for a "
-                "shift or a quantile"
-            )
 
     def within(self, steps: int, episodes: int) -> "Calibrate":
         """Return the calibration of a target that has so many steps and episodes to learn in."""
@@ -199,3 +174,101 @@ def numbered(names: Sequence[str]) -> list[str]:
         f"{name} [{names[: i + 1].count(name)}]" if names.count(name) > 1 else name
         for i, name in enumerate(names)
     ]
+
+
+# -- in words --------------------------------------------------------------------------------------
+
+
+DIGEST_BYTES = 16
+SIGNIFICANT = 6
+"""Digits of values in a digest: the last ones may differ between machines."""
+
+UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
+"""What becomes of values that the source lacks, in words."""
+
+
+def mapping_words(transfer: Transfer) -> str:
+    """Return the mapping of a transfer in words.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, project
+    >>> mapping = project(Pursuit(3, 2), Pursuit(3, 1), predator="predator_2")
+    >>> mapping_words(Transfer("chase", "hunt", mapping))
+    'predator is predator_2, prey by name'
+    """
+    mapping = transfer.mapping
+    if isinstance(mapping, ComponentMapping):
+        names = (*mapping.source.states.names, *mapping.source.actions.names)
+        words = describe_renaming(names, mapping.renaming)
+        return words if mapping.unequal == "unmapped" else f"{words}; {UNEQUAL[mapping.unequal]}"
+    if isinstance(mapping, ObservationMapping):
+        return mapping.description
+    if isinstance(mapping, SearchedMapping):
+        return f"found: {mapping.how}"
+    return "state by state and action by action"
+
+
+def transfer_words(transfer: Transfer) -> str:
+    """Return a transfer in words: its mapping, coverage, scale and shift."""
+    words = [mapping_words(transfer)]
+    if countable(transfer.mapping):
+        cover = transfer.mapping.coverage()
+        words.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
+        if cover.ended:
+            words.append(f"{cover.ended:.0%} at the source's end")
+        if cover.unmapped:
+            value = transfer.mapping.unmapped_value
+            stated = "nothing known" if value is None else f"potential {value:g}"
+            words.append(f"{cover.unmapped:.0%} unmapped ({stated})")
+    if transfer.scale != 1:
+        words.append(f"scaled by {transfer.scale:g}")
+    if transfer.shift:
+        words.append(f"shifted by {transfer.shift:g}")
+    if transfer.calibration is not None:
+        words.append("calibrated in the target")
+    return "; ".join(words)
+
+
+def countable(mapping: Any) -> bool:
+    """Return whether the pairs of both tasks of a mapping are numbered, and few enough to count."""
+    return not isinstance(mapping, ObservationMapping) and few_pairs(mapping.target, mapping.source)
+
+
+def same_transfer(one: Transfer, other: Transfer) -> bool:
+    """Return whether two transfers are the same."""
+    names = ("source", "target", "scale", "shift", "calibration")
+    if any(getattr(one, name) != getattr(other, name) for name in names):
+        return False
+    return one.mapping is other.mapping or _parts(one.mapping) == _parts(other.mapping)
+
+
+def mappings_digest(transfers: Iterable[Transfer]) -> str:
+    """Return a digest of what mappings with an index read, equal for equal mappings.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.transfer import identity, same_position
+    >>> line = GridWorld("S.T")
+    >>> one, other = (f(line, *more) for f, more in ((identity, []), (same_position, [line])))
+    >>> mappings_digest([Transfer("a", "b", one)]) == mappings_digest([Transfer("a", "b", other)])
+    True
+    """
+    digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
+    for transfer in transfers:
+        mapping = transfer.mapping
+        digest.update(np.asarray(mapping.index, dtype=np.int64).tobytes())
+        value = mapping.unmapped_value
+        digest.update(("-" if value is None else f"{value:.{SIGNIFICANT}g} ").encode())
+    return digest.hexdigest()
+
+
+def _parts(mapping: Any) -> tuple[Any, ...]:
+    """Return what tells a mapping from others."""
+    if isinstance(mapping, ComponentMapping):
+        return repr(mapping), mapping.unmapped_value
+    if isinstance(mapping, ObservationMapping):
+        actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
+        return mapping.observations, actions, mapping.status, mapping.unmapped_value
+    return mapping.index.shape, mapping.index.tobytes(), mapping.unmapped_value

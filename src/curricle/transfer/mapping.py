@@ -1,21 +1,23 @@
 """Inter-task mappings f(s, a): the source pair that each target pair reads (paper E5)."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from markupsafe import Markup
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, number, numbers
-from curricle.display import block
+from curricle.display import block, table
 from curricle.errors import MappingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.spaces import MISSING, Decoded
 from curricle.tasks.task import Task, generative_model, same_task
-from curricle.transfer.coverage import Coverage, coverage_table, few_pairs
+from curricle.text_tables import counted
 
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
@@ -95,11 +97,6 @@ class StateActionMapping(Frozen):
             )
         object.__setattr__(self, "index", frozen(index))
 
-    @property
-    def plain(self) -> bool:
-        """Whether it reads the source's values as they are."""
-        return True
-
     def read(
         self, source_values: npt.ArrayLike, scale: float = 1.0, shift: float = 0.0
     ) -> FloatArray:
@@ -124,7 +121,7 @@ class StateActionMapping(Frozen):
         few = few_pairs(self.target, self.source)
         return block(repr(self), few and coverage_table({"": self.coverage()}))
 
-    def coverage(self) -> Coverage:
+    def coverage(self) -> "Coverage":
         """Return how much of the target is reached, and of the source used."""
         index = self.index[~terminal_states(self.target)]
         available = np.repeat(~terminal_states(self.source), self.source.actions.size)
@@ -309,7 +306,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     Raises
     ------
     MappingError
-        When the source of `first` is not the target of `second`, or one has shifts of its own.
+        When the source of `first` is not the target of `second`.
 
     Examples
     --------
@@ -325,8 +322,6 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
             "composition needs the first mapping's source to be the second's target: got "
             f"{first.source} and {second.target}"
         )
-    if not (first.plain and second.plain):
-        raise MappingError("a composition reads values as they are: one mapping has shifts")
     through = second.index.ravel()[np.maximum(first.index, 0)]
     index = np.where(first.index >= 0, through, first.index)
     return StateActionMapping(first.target, second.source, index, first.unmapped_value)
@@ -360,3 +355,87 @@ def _check_mazes(mapping: str, target: Task, source: Task) -> None:
     for role, task in (("target", target), ("source", source)):
         if not isinstance(task, GridWorld):
             raise MappingError(f"{mapping} maps a GridWorld to a GridWorld: the {role} is {task}")
+
+
+# -- coverage --------------------------------------------------------------------------------------
+
+LARGEST_COVERAGE = 5_000_000
+"""Pairs of either task up to which a mapping's coverage is counted."""
+
+
+def few_pairs(*tasks: Any) -> bool:
+    """Return whether all tasks have few enough pairs for a mapping's coverage to be counted.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit
+    >>> few_pairs(Pursuit(4, 2)), few_pairs(Pursuit(4, 2), Pursuit(100, 1))
+    (True, False)
+    """
+    models = map(generative_model, tasks)
+    return all(one.states.size * one.actions.size <= LARGEST_COVERAGE for one in models)
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Coverage of a mapping between tasks with numbered states.
+
+    Attributes
+    ----------
+    target_pairs : int
+        Pairs (s, a) of the target, s not terminal.
+    mapped, ended, unmapped : float
+        Shares of them that read a source pair, that fall on a terminal state of the source (value
+        0), and that have no counterpart. They sum to 1.
+    source_pairs : int
+        Pairs of the source, s not terminal.
+    never_used : int
+        Source pairs that no target pair reads.
+    most_readers : int
+        The largest number of target pairs that read one source pair.
+    mean_readers : float
+        The mean of that number over the source pairs that are read.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.transfer import identity
+    >>> identity(GridWorld("S.T")).coverage().mapped
+    1.0
+    """
+
+    target_pairs: int
+    mapped: float
+    ended: float
+    unmapped: float
+    source_pairs: int
+    never_used: int
+    most_readers: int
+    mean_readers: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.mapped:.1%} of {counted(self.target_pairs, 'target pair')} mapped, "
+            f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped; "
+            f"{self.never_used:,} of {counted(self.source_pairs, 'source pair')} never used, the "
+            f"others read by {self.mean_readers:.1f} target pairs on average, "
+            f"{self.most_readers:,} at most"
+        )
+
+    def _repr_html_(self) -> str:
+        readers = ["source pairs", "never used", "read on average by", "at most by"]
+        used = (self.source_pairs, self.never_used, self.mean_readers, self.most_readers)
+        return block("Coverage", coverage_table({"": self}), table(readers, [used]))
+
+
+def coverage_table(covers: Mapping[str, Any]) -> Markup:
+    """Return the coverage of mappings as a table, name -> Coverage or ObservationCoverage."""
+    rows = []
+    for name, cover in covers.items():
+        pairs = cover.target_pairs if isinstance(cover, Coverage) else cover.observations
+        parts = (cover.mapped, cover.ended, cover.unmapped)
+        rows.append((name, pairs, *(f"{part:.1%}" for part in parts)))
+    pairs = "pairs" if all(isinstance(one, Coverage) for one in covers.values()) else "observations"
+    head = ["mapping", pairs, "mapped", "at the source's end", "unmapped"]
+    named = int(not any(covers))  # the first column is left out where the names are empty
+    return table(head[named:], [row[named:] for row in rows])

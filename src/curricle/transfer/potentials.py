@@ -38,8 +38,7 @@ from curricle.transfer.aggregation import (
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.edges import Transfer
 from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, terminal_states, transferred
-from curricle.transfer.observation_mapping import ObservationMapping
-from curricle.transfer.value_sources import ValueSource, no_actions
+from curricle.transfer.observation_mapping import ObservationMapping, ValueSource, no_actions
 
 COMPILED_AGGREGATES: dict[Aggregate, int] = {
     minimum: MINIMUM,

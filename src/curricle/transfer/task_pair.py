@@ -1,7 +1,9 @@
-"""A target and a source as the searches for mappings read them: tables and exact values."""
+"""What searches for mappings read, two tasks with their exact values, and what they propose."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,12 +11,15 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, whole_number
 from curricle.display import brief_repr
 from curricle.errors import SettingError, TaskError
+from curricle.planning.simulator import UniformPolicy, simulate
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
+from curricle.tasks.draws import stream_start
+from curricle.tasks.live import open_model
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.reachability import reachable_states
-from curricle.tasks.task import Task, has_tables, tables
+from curricle.tasks.task import Task, generative_model, has_tables, tables
+from curricle.transfer.mapping import StateActionMapping
 from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
-from curricle.transfer.sampled_tables import SampledTables, sampled_tables
 
 ENDLESS = 1_000
 """Steps that stand for the horizon of a task with discount 1 and no time limit."""
@@ -68,12 +73,12 @@ class TaskPair:
         _ = self.target_mdp, self.source_mdp
 
     @cached_property
-    def sampled(self) -> tuple[SampledTables | None, SampledTables | None]:
+    def sampled(self) -> "tuple[SampledTables | None, SampledTables | None]":
         """What was estimated of the target and of the source; None of those with tables."""
         of_target, of_source = (self._sampled(task) for task in (self.target, self.source))
         return of_target, of_source
 
-    def _sampled(self, task: Task) -> SampledTables | None:
+    def _sampled(self, task: Task) -> "SampledTables | None":
         if self.samples is None or has_tables(task):
             return None
         return sampled_tables(task, self.samples, seed=self.seed)
@@ -159,3 +164,208 @@ def discounted(mdp: FiniteMDP) -> FiniteMDP:
     if mdp.discount < 1:
         return mdp
     return replace(mdp, discount=1 - 1 / max(2, mdp.time_limit or ENDLESS))
+
+
+# -- what a search proposes ------------------------------------------------------------------------
+
+NOT_PROVEN = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class SearchedMapping(StateActionMapping):
+    """A mapping that a search made pair by pair, with the words that say how.
+
+    Parameters
+    ----------
+    target, source, index, unmapped_value
+        As in :class:`StateActionMapping`.
+    how : str
+        How it was found.
+    steps : int
+        Steps that the search took in both tasks, where it had no tables of them; a curriculum
+        charges them as it charges those of sources.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Transfer
+    >>> from curricle.transfer.edges import mapping_words
+    >>> line = GridWorld("ST")
+    >>> index = [[0, 1, 2, 3], [-2, -2, -2, -2]]
+    >>> mapping_words(Transfer("a", "b", SearchedMapping(line, line, index, how="nearest pair")))
+    'found: nearest pair'
+    """
+
+    how: str = ""
+    steps: int = 0
+
+
+class Proposal(NamedTuple):
+    """A mapping that a search proposes.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.transfer import identity
+    >>> Proposal(identity(GridWorld("S.T")), "by hand").how
+    'by hand'
+    """
+
+    mapping: StateActionMapping
+    how: str  # how it was found
+    bound: float = NOT_PROVEN  # proven: no mapped pair's Q* differs by more from that of its source
+
+
+def search_steps(transfers: Iterable[Any]) -> int:
+    """Return the steps that the searches for the mappings of transfers took.
+
+    Mappings between the same two tasks are taken to be of one search.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Transfer
+    >>> line = GridWorld("ST")
+    >>> index = [[0, 1, 2, 3], [-2, -2, -2, -2]]
+    >>> search_steps([Transfer("a", "b", SearchedMapping(line, line, index, steps=50))] * 2)
+    50
+    """
+    most: dict[tuple[str, str], int] = {}
+    for one in transfers:
+        edge = one.source, one.target
+        most[edge] = max(most.get(edge, 0), getattr(one.mapping, "steps", 0))
+    return sum(most.values())
+
+
+# -- tables estimated from steps -------------------------------------------------------------------
+
+LARGEST = 2_000_000
+"""State-action pairs of a task that is sampled."""
+LONGEST = 1_000
+"""Steps of an episode where the task has no time limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledTables:
+    """What random steps show of a task.
+
+    Attributes
+    ----------
+    mdp : FiniteMDP
+        Outcomes by their frequencies. A pair that was not tried stays where it is, at the lowest
+        reward that was seen.
+    tried : (S,) bool
+        States in which every action was taken at least once.
+    steps : int
+        Steps taken.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> sampled_tables(GridWorld("S.T"), 200).tried
+    array([ True,  True, False])
+    """
+
+    mdp: FiniteMDP
+    tried: BoolArray
+    steps: int
+
+
+def sampled_tables(task: Task, steps: int, *, seed: int = 0) -> SampledTables:
+    """Return tables estimated from so many steps of the uniformly random policy.
+
+    Parameters
+    ----------
+    task : Task
+        With or without tables; a live one is played in an environment of its own.
+    steps : int
+        Steps to take; the last episode is cut off.
+    seed : int
+
+    Raises
+    ------
+    SettingError
+        When `steps` is less than 1.
+    TaskError
+        When the task has more than 2 million pairs.
+    """
+    steps = whole_number("steps to sample", steps, 1, SettingError)
+    generative = generative_model(task)
+    shape = generative.states.size, generative.actions.size
+    if shape[0] * shape[1] > LARGEST:
+        raise TaskError(
+            f"tables are estimated for up to {LARGEST:,} pairs: the task has "
+            f"{shape[0] * shape[1]:,}"
+        )
+    taken = _transitions(generative, steps, seed)
+    return _estimated(generative, *taken)
+
+
+def _transitions(
+    task: Any, steps: int, seed: int
+) -> tuple[IntArray, IntArray, FloatArray, IntArray, BoolArray, IntArray]:
+    """Return states, actions, rewards, next states, which ended, and the starts of episodes."""
+    first = stream_start(seed, "sampled_tables")
+    policy, stream = UniformPolicy(np.uint64(task.actions.size)), np.array([first], np.uint64)
+    parts, starts, left = [], [], steps
+    with open_model(task, first) as model:
+        while left > 0:
+            limit = min(left, task.time_limit or LONGEST)
+            record, ends = simulate(model, policy, stream, episodes=1, limit=limit)
+            n = len(record.states)
+            if n == 0:  # the environment failed; leaving the context says why
+                break
+            after = np.append(record.states[1:], ends.last_states[0])
+            ended = np.zeros(n, bool)
+            ended[-1] = ends.terminated[0]
+            parts.append((record.states, record.actions, record.rewards, after, ended))
+            starts.append(int(record.states[0]))
+            left -= n
+    columns = (np.concatenate(column) for column in zip(*parts, strict=True))
+    states, actions, rewards, after, ended = columns
+    return states, actions, rewards, after, ended, np.array(starts)
+
+
+def _estimated(
+    task: Any,
+    states: IntArray,
+    actions: IntArray,
+    rewards: FloatArray,
+    after: IntArray,
+    ended: BoolArray,
+    starts: IntArray,
+) -> SampledTables:
+    """Return the tables that transitions make."""
+    n_states, n_actions = task.states.size, task.actions.size
+    entered, ends = (
+        np.bincount(after, weights=weight, minlength=n_states)
+        for weight in (np.ones(len(after)), ended)
+    )
+    terminal = (ends > entered / 2) & (np.bincount(states, minlength=n_states) == 0)
+    pairs = states * n_actions + actions
+    keys, place, counts = np.unique(
+        np.stack([pairs, after], axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    mean = np.bincount(place.ravel(), weights=rewards) / counts
+    first = np.concatenate([[0], np.flatnonzero(np.diff(keys[:, 0])) + 1])
+    order = np.arange(len(keys)) - np.repeat(first, np.diff(np.append(first, len(keys))))
+    width = int(order.max()) + 1
+    of_pair = n_states * n_actions
+    chance, reward = np.zeros((of_pair, width)), np.full((of_pair, width), float(rewards.min()))
+    reached = np.repeat(np.arange(of_pair) // n_actions, width).reshape(of_pair, width)
+    chance[keys[:, 0], order] = counts
+    reward[keys[:, 0], order], reached[keys[:, 0], order] = mean, keys[:, 1]
+    tried = chance.sum(axis=1) > 0
+    chance[~tried, 0] = 1.0
+    start = np.bincount(starts, minlength=n_states) / len(starts)
+    mdp = FiniteMDP(
+        states=task.states,
+        actions=task.actions,
+        outcome_row=np.arange(of_pair).reshape(n_states, n_actions),
+        probability=chance / chance.sum(axis=1, keepdims=True),
+        next_state=reached,
+        reward=reward,
+        terminal=terminal,
+        start=start,
+        discount=min(task.discount, 1 - 1 / max(2, task.time_limit or LONGEST)),
+        time_limit=task.time_limit,
+    )
+    return SampledTables(mdp, tried.reshape(n_states, n_actions).all(axis=1), len(states))

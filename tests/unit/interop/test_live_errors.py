@@ -92,7 +92,7 @@ def test_failures_outside_of_learning_surface_too():
     for work in (
         lambda: [cr.planning.rollout(task, [0, 0], seed=seed) for seed in range(9)],
         lambda: cr.learning.greedy_rollouts(phi, episodes=100),
-        lambda: cr.calibrate(phi, cautious=False),
+        lambda: cr.calibrate(phi),
     ):
         task.make().log.clear()
         with pytest.raises(Trouble):

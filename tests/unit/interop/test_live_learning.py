@@ -134,7 +134,7 @@ def lake(**settings):
 
 def test_tables_transfer_to_a_live_target():
     tabled, live = lake(), lake(live=True)
-    plain = cr.transfer.Calibrate(cautious=False)
+    plain = cr.transfer.Calibrate()
     plan = cr.Curriculum(
         tasks={"tabled": tabled, "live": live},
         transfers=[cr.Transfer("tabled", "live", cr.project(live, tabled), calibrate=plain)],

@@ -15,8 +15,8 @@ from curricle.interop.gymnasium import observation_task
 from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 from curricle.tasks.observation_task import stack
 from curricle.transfer.aggregation import aggregate, aggregate_numbers
+from curricle.transfer.observation_mapping import FunctionValues, TableValues
 from curricle.transfer.potentials import ObservationPotential
-from curricle.transfer.value_sources import FunctionValues, TableValues
 
 SIZE, DISCOUNT, LIMIT = 5, 0.9, 4
 PHI = np.array([3.0, -2.0, 5.0, 1.0, np.nan])  # the value of the end is never read

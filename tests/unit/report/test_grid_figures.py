@@ -163,7 +163,7 @@ def test_sources_are_drawn_one_by_one_and_against_the_truth(plan, trained, hunt,
 
 def test_a_calibrated_aggregate_says_its_scale(hunt):
     chase = cr.Pursuit(3, 1, discount=0.9, time_limit=30)
-    plain = cr.transfer.Calibrate(cautious=False)
+    plain = cr.transfer.Calibrate()
     edge = cr.Transfer(
         "chase", "hunt", cr.project(hunt, chase, predator="predator_1"), calibrate=plain
     )
