@@ -21,7 +21,7 @@ from curricle.study.packing import Packing
 from curricle.study.scheduling import Scheduler
 from curricle.study.store import StoredUnit
 from curricle.study.units import units_of
-from tests.studies import VECTOR_HUNT
+from tests.studies import OBSERVED_HUNT
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -101,7 +101,7 @@ def test_a_place_at_a_url_is_sent_with_its_options(url):
 
 @pytest.mark.parametrize("shared", [True, False])
 def test_networks_have_checkpoints_where_their_workers_see_a_place(tmp_path, shared):
-    (tmp_path / "hunt.toml").write_text(VECTOR_HUNT)
+    (tmp_path / "hunt.toml").write_text(OBSERVED_HUNT)
     study = read_study(tmp_path / "hunt.toml")
     arms = Arms.of(study)
 

@@ -10,11 +10,6 @@ from .minigrid_encoders import (
     MiniGridFullView as MiniGridFullView,
     MiniGridView as MiniGridView,
 )
-from .pettingzoo import (
-    PursuitParallelEnv as PursuitParallelEnv,
-    agent_mappings as agent_mappings,
-    to_pettingzoo as to_pettingzoo,
-)
 from .potential_shaping import (
     PotentialShaping as PotentialShaping,
     VectorPotentialShaping as VectorPotentialShaping,
@@ -32,10 +27,4 @@ from .trackers import (
     Tracker as Tracker,
     Trackers as Trackers,
     open_trackers as open_trackers,
-)
-from .vector_pursuit import (
-    PursuitVectors as PursuitVectors,
-    VectorPursuit as VectorPursuit,
-    observed_pursuit as observed_pursuit,
-    predator_mapping as predator_mapping,
 )
