@@ -23,8 +23,4 @@ from .tabulation.tabulated_task import (
     TabulatedTask as TabulatedTask,
     TabulationRecord as TabulationRecord,
 )
-from .trackers import (
-    Tracker as Tracker,
-    Trackers as Trackers,
-    open_trackers as open_trackers,
-)
+from .trackers import Tracker as Tracker, Trackers as Trackers, checkpoints as checkpoints
