@@ -15,7 +15,6 @@ from curricle.deep.networks import NetworkValues
 from curricle.deep.plain_networks import FEW
 from curricle.deep.residual import residual_policy
 from curricle.deep.residual_networks import PotentialCache, ResidualMlpPolicy
-
 from tests import hunters
 
 from .worlds import one_hot, random_task, table_potential

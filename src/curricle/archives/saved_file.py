@@ -53,7 +53,7 @@ def write_saved(
     >>> file.name, read_saved(file, "Numbers").arrays, read_saved(file, "Numbers").about["unit"]
     ('two.npz', {'n': array([0, 1])}, 'steps')
     """
-    file = _with_ending(path)
+    file = saved_path(path)
     others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
     content = archive_content(arrays, others)
     try:
@@ -72,7 +72,7 @@ def read_saved(path: str | Path, kind: str) -> SavedFile:
     StoreError
         When it cannot be read, is damaged, of another kind or no file that `save` wrote.
     """
-    file = _with_ending(path)
+    file = saved_path(path)
     try:
         with opened_whole(file) as archive:
             arrays = archive.read(*archive.names)
@@ -97,6 +97,7 @@ def read_saved(path: str | Path, kind: str) -> SavedFile:
     return SavedFile(file, arrays, about)
 
 
-def _with_ending(path: str | Path) -> Path:
+def saved_path(path: str | Path) -> Path:
+    """Return the path of a file that is saved, with its ending."""
     file = local_file(path)
     return file if file.suffix == ENDING else file.with_name(f"{file.name}{ENDING}")

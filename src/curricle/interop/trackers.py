@@ -138,8 +138,8 @@ def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str,
     Examples
     --------
     >>> from curricle import GridWorld, learn
-    >>> [values["time/episodes"] for _, values in checkpoints(learn(GridWorld("ST"), 20), 0)][:3]
-    [0.0, 1.0, 2.0]
+    >>> next(checkpoints(learn(GridWorld("S.T"), budget=20), 0))
+    (0, {'eval/mean_reward': 168.98, 'time/episodes': 0.0})
     """
     curves = {tag: getattr(result, field)[k] for tag, field in CURVES.items()}
     for t in np.flatnonzero(result.steps <= result.steps_used[k]):
@@ -195,7 +195,7 @@ class TensorBoard:
             folder.mkdir(parents=True, exist_ok=True)
             # TensorBoard reads a folder's files in the order of their names.
             name = f"events.out.tfevents.{int(now):010d}.{uuid.uuid4().hex}"
-            # Not with a SummaryWriter: on a full disk its thread dies and the caller waits for ever.
+            # On a full disk the thread of a SummaryWriter dies and its caller waits for ever.
             with (folder / name).open("xb") as file:
                 writer = RecordWriter(file)
                 for event in events:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from curricle.checks import number, whole_number
@@ -17,7 +18,7 @@ from curricle.interop.tabulation.minigrid import (
 )
 from curricle.interop.tabulation.playing import Checker
 from curricle.interop.tabulation.state_access import DeepCopy, SaveAndRestore, Words
-from curricle.interop.tabulation.table_cache import TableCache, name_of
+from curricle.interop.tabulation.table_cache import made_of, read_tables, write_tables
 from curricle.interop.tabulation.tabulated_task import TabulationRecord
 from curricle.interop.tabulation.world import World, core_and_views
 from curricle.interop.toy_text import has_table, names_of
@@ -38,7 +39,7 @@ class Plan:
     samples: int | None
     budget: Budget
     progress: bool | Callable[[Progress], Any] | None
-    cache: TableCache | None = None
+    cache: Path | None = None
 
     def check(self) -> None:
         """Raise SettingError if settings are invalid or contradict each other."""
@@ -67,13 +68,12 @@ class Plan:
             return self._made(env, act, n_actions, name, how)
         ways = [*how] if isinstance(how, tuple) else [how]
         ways += [self.outcomes, self.samples, self.state is None]
-        kept = name_of(env, self.seeds, ways)
-        found = self.cache.find(kept)
-        if found is None:
-            self.cache.require_writable()
-            found = self._made(env, act, n_actions, name, how)
-            self.cache.keep(kept, *found)
-        return found
+        origin = made_of(env, name, self.seeds, ways)
+        tables = read_tables(self.cache, origin)
+        if tables is None:
+            tables = self._made(env, act, n_actions, name, how)
+            write_tables(self.cache, origin, *tables)
+        return tables
 
     def _made(
         self, env: Any, act: Callable[[int], Any], n_actions: int, name: str, how: Any

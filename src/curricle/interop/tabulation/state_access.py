@@ -200,6 +200,14 @@ class SaveAndRestore:
         """Nothing is left to be checked."""
 
 
+def layers_of(env: Environment) -> list[Any]:
+    """Return an environment's wrappers from the outermost, and it itself last."""
+    found: list[Any] = [env]
+    while isinstance(found[-1], gym.Wrapper):
+        found.append(found[-1].env)
+    return found
+
+
 def left_out(env: Environment) -> frozenset[str]:
     """Return the names of an environment's attributes that make no difference between states."""
     return LEFT_OUT | TOY_LEFT_OUT if _is_toy(env) else LEFT_OUT

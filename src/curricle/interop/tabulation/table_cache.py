@@ -1,127 +1,112 @@
-"""Tables kept on disk, found again by a hash of all that they were made from."""
+"""A file of tables, under a name that the user chooses, which says what they were made of."""
 
-import hashlib
-import io
-import json
+import os
 import re
-import zipfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
 import numpy.typing as npt
 
-from curricle.errors import SettingError, StoreError, TaskError
-from curricle.files import part_in, read_bounded, write_whole
+from curricle.archives.saved_file import read_saved, write_saved
+from curricle.archives.sealed_json import digest_of
+from curricle.errors import StoreError
 from curricle.interop.tabulation.assembling import Tables
-from curricle.interop.tabulation.code_in_memory import code_digest
 from curricle.interop.tabulation.fingerprint import fingerprint
 from curricle.interop.tabulation.observation_table import ObservationTable
-from curricle.interop.tabulation.state_access import Environment
+from curricle.interop.tabulation.state_access import Environment, layers_of
 from curricle.interop.tabulation.tabulated_task import TabulationRecord
 from curricle.tasks.spaces import Component, Space
 
-FORMAT = 1
-"""Of the files, and of what tabulating makes of an environment; files of another are not found."""
+KIND = "TabulatedTask"
 OBSERVED = "observed "
 """Begins the names of arrays of observations."""
-LARGEST_JSON, LARGEST_TABLES = 2**28, 2**34
-"""Bytes of a file at most."""
 ARRAYS = ("probability", "next_state", "reward", "terminal", "start", "first")
+Made = tuple[Tables, TabulationRecord]
 
 
-@dataclass(frozen=True)
-class TableCache:
-    """A folder of tables: NAME.npz with arrays and NAME.json with the rest, no pickle.
+def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
+    """Return the tables of a file, None if there is no file.
 
-    A file is there whole or not at all. One that is damaged, or of another format, is as if it were
-    not there.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Made when the first tables are kept.
+    Raises
+    ------
+    StoreError
+        When the file is damaged, its tables were made of something else than `made_of`, or a new
+        file could not be written, before any tables are made.
     """
-
-    folder: Any
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.folder, str | Path) or not str(self.folder):
-            raise SettingError(f"cache must be the path of a folder: got {self.folder!r}")
-        folder = Path(self.folder)
-        if folder.exists() and not folder.is_dir():
-            raise StoreError(f"a cache must be a folder: {folder} is a file")
-        object.__setattr__(self, "folder", folder)
-
-    def find(self, name: str) -> tuple[Tables, TabulationRecord] | None:
-        """Return the tables kept under a name, and how they came about; None if there are none."""
-        with suppress(OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
-            text = read_bounded(self.folder / f"{name}.json", LARGEST_JSON)
-            content = read_bounded(self.folder / f"{name}.npz", LARGEST_TABLES)
-            about = json.loads(text)
-            if about["format"] == FORMAT and about["sha256"] == _sha256(content):
-                with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-                    return _read(about, dict(arrays))
+    if not path.exists():
+        if not os.access(path.parent, os.W_OK):
+            raise StoreError(f"a cache must be a file in a folder that can be written to: {path}")
         return None
-
-    def keep(self, name: str, tables: Tables, record: TabulationRecord) -> None:
-        """Keep tables under a name.
-
-        Raises
-        ------
-        StoreError
-            When the folder cannot be written to.
-        """
-        arrays: dict[str, npt.NDArray[Any]] = {each: getattr(tables, each) for each in ARRAYS}
-        if tables.states.points is not None:
-            arrays["points"] = tables.states.points
-        if tables.observations is not None:
-            for part, array in tables.observations.parts.items():
-                arrays[OBSERVED + part] = array
-        packed = io.BytesIO()
-        np.savez_compressed(packed, allow_pickle=False, **arrays)
-        about = {
-            "format": FORMAT,
-            "sha256": _sha256(packed.getvalue()),
-            "components": [asdict(component) for component in tables.states.components],
-            "observed": tables.observations is not None,
-            "record": asdict(record),
-        }
-        with self._writing():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            write_whole(self.folder / f"{name}.npz", packed.getvalue())
-            # Last: without it there is nothing to be found.
-            write_whole(self.folder / f"{name}.json", json.dumps(about, indent=1).encode())
-
-    def require_writable(self) -> None:
-        """Raise StoreError where tables could not be kept, before any are made."""
-        absolute = self.folder.absolute()
-        there = next(each for each in (absolute, *absolute.parents) if each.exists())
-        with self._writing():
-            trial = part_in(there)
-            trial.touch()
-            trial.unlink()
-
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
+    file = read_saved(path, KIND)
+    for what, value in made_of.items():
+        if file.about.get(what) != value:
             raise StoreError(
-                f"a cache must be a folder that can be written to: {self.folder} failed with "
-                f"{type(error).__name__}: {error}"
-            ) from error
+                f"a cache must hold tables of the same {what}, or another file be named: {path} "
+                f"has {file.about.get(what)}, got {value}"
+            )
+    try:
+        return _tables(file.arrays, file.about)
+    except (KeyError, TypeError, ValueError) as error:
+        raise StoreError(f"{path} is not as tabulate() writes it: {error!r}") from None
 
 
-def _read(about: Any, arrays: dict[str, npt.NDArray[Any]]) -> tuple[Tables, TabulationRecord]:
-    """Return the tables and their record; KeyError, TypeError or ValueError where they are none."""
+def write_tables(
+    path: Path, made_of: dict[str, Any], tables: Tables, record: TabulationRecord
+) -> None:
+    """Write tables, and what they were made of."""
+    arrays: dict[str, npt.NDArray[Any]] = {name: getattr(tables, name) for name in ARRAYS}
+    if tables.states.points is not None:
+        arrays["points"] = tables.states.points
+    if tables.observations is not None:
+        for part, array in tables.observations.parts.items():
+            arrays[OBSERVED + part] = array
+    about = {
+        "components": [asdict(component) for component in tables.states.components],
+        "observed": tables.observations is not None,
+        "record": asdict(record),
+    }
+    write_saved(path, KIND, arrays, about | made_of)
+
+
+def made_of(
+    env: Environment, name: str, seeds: Sequence[int], ways: Sequence[Any]
+) -> dict[str, Any]:
+    """Return what tables are made of, as JSON has it: not the code of environments or functions.
+
+    `ways` are how states are saved and outcomes found. The environment is reset.
+    """
+    layers = layers_of(env)
+    classes = [f"{type(layer).__module__}.{type(layer).__qualname__}" for layer in layers]
+    content = b""  # arguments are in it too, of an environment that is no id but a function or made
+    for seed in seeds:
+        env.reset(seed=seed)
+        content += fingerprint(layers, {"_np_random_seed"})
+    packages = {"curricle", "gymnasium", type(env.unwrapped).__module__.partition(".")[0]}
+    shown = [getattr(way, "__qualname__", repr(way)) for way in ways]
+    # MiniGrid's space of missions prints a function with its address, another in every process.
+    spaces = re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}")
+    return {
+        "environment": name,
+        "classes": classes,
+        "spaces": spaces,
+        "content after a reset": digest_of(content),
+        "seeds": list(seeds),
+        "settings": shown,
+        "versions": {
+            package: str(getattr(sys.modules[package], "__version__", ""))
+            for package in sorted(packages)
+        },
+    }
+
+
+def _tables(arrays: dict[str, npt.NDArray[Any]], about: Any) -> Made:
+    """Return tables and their record; KeyError, TypeError or ValueError where they are none."""
     components = [
-        Component(**{**each, "labels": each["labels"] and tuple(each["labels"])})
-        for each in about["components"]
+        Component(**{**component, "labels": component["labels"] and tuple(component["labels"])})
+        for component in about["components"]
     ]
     observations = None
     if about["observed"]:
@@ -136,38 +121,3 @@ def _read(about: Any, arrays: dict[str, npt.NDArray[Any]]) -> tuple[Tables, Tabu
     tables = Tables(states=states, observations=observations, **plain)
     record = TabulationRecord(**{**about["record"], "seeds": tuple(about["record"]["seeds"])})
     return tables, replace(record, cached=True)
-
-
-def name_of(env: Environment, seeds: Sequence[int], ways: Sequence[Any]) -> str:
-    """Return a name that other tables would not have.
-
-    It stands for what the environment holds after each reset, the code of its classes and of the
-    functions given (:func:`code_digest`), and the `ways`: all else that the tables depend on.
-
-    Raises
-    ------
-    TaskError
-        When something in the environment cannot be read.
-    """
-    told = hashlib.blake2b(digest_size=20)
-    # MiniGrid's space of missions prints a function with its address, another in every process.
-    spaces = re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}")
-    told.update(repr((FORMAT, tuple(seeds), spaces)).encode())
-    layers: list[Any] = [env]
-    while isinstance(layers[-1], gym.Wrapper):
-        layers.append(layers[-1].env)
-    try:
-        told.update(code_digest([*layers, *ways]))
-        told.update(fingerprint(list(ways)))
-        for seed in seeds:
-            env.reset(seed=seed)
-            told.update(fingerprint(layers, {"_np_random_seed"}))
-    except TaskError as error:
-        raise TaskError(
-            f"an environment must be readable to be cached, all that it holds: {error}"
-        ) from error
-    return told.hexdigest()
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()

@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium as gym
 
+from curricle.archives.saved_file import saved_path
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.gymnasium import (
@@ -23,7 +24,6 @@ from curricle.interop.tabulation.exploration import Budget, Progress
 from curricle.interop.tabulation.minigrid import max_steps_of, named_actions
 from curricle.interop.tabulation.plan import Plan
 from curricle.interop.tabulation.state_access import copied
-from curricle.interop.tabulation.table_cache import TableCache
 from curricle.interop.tabulation.tabulated_task import TabulatedTask
 from curricle.interop.tabulation.world import refuse_stacked_frames, time_limit_of
 from curricle.interop.toy_text import names_of
@@ -96,10 +96,10 @@ def tabulate(
     progress : bool or callable, optional
         True shows how far it is; a function is called with a :class:`Progress`.
     cache : str or Path, optional
-        A folder in which tables are kept and found again by a hash of what they are made from: what
-        the environment holds after each reset, the code of its classes and all that this names, the
-        versions of installed packages, and the settings above. Not of what it reads elsewhere, such
-        as a file of data.
+        A file that the tables are read from, and written to when it is not there. It notes the
+        environment's name, classes and content after each reset, the settings above, and the
+        versions of packages; a file of others is refused. The code of your environment is not
+        compared: name another file when you change it.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
@@ -118,7 +118,7 @@ def tabulate(
     SettingError
         When a setting makes no sense.
     StoreError
-        When the cache is no folder, or cannot be written to.
+        When the cache holds other tables, is damaged or cannot be written to.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def tabulate(
             number("max_seconds", max_seconds, SettingError, low=0),
         ),
         progress=progress,
-        cache=None if cache is None else TableCache(cache),
+        cache=None if cache is None else saved_path(cache),
     )
     plan.check()
     discount = number("discount", discount, TaskError, low=0, high=1)

@@ -10,7 +10,13 @@ from gymnasium.wrappers import FrameStackObservation, TimeLimit
 from curricle.errors import TaskError
 from curricle.interop.tabulation.observation_table import same_observation
 from curricle.interop.tabulation.random_states import RandomStates, state_of
-from curricle.interop.tabulation.state_access import Environment, SavedState, StateAccess, Words
+from curricle.interop.tabulation.state_access import (
+    Environment,
+    SavedState,
+    StateAccess,
+    Words,
+    layers_of,
+)
 from curricle.interop.toy_text import HARMLESS
 from curricle.tasks.live import RETURNED
 
@@ -167,7 +173,7 @@ class World:
 
 def refuse_stacked_frames(env: Environment) -> None:
     """Raise TaskError where a wrapper stacks frames: each history would be a state."""
-    if any(isinstance(layer, FrameStackObservation) for layer in _layers(env)):
+    if any(isinstance(layer, FrameStackObservation) for layer in layers_of(env)):
         raise TaskError(
             "an environment with stacked frames cannot be tabulated, as each history of frames "
             f"would be a state: tabulate it without them, got {env}"
@@ -176,16 +182,8 @@ def refuse_stacked_frames(env: Environment) -> None:
 
 def time_limit_of(env: Environment) -> int | None:
     """Return the steps after which an environment truncates: the least limit of its wrappers."""
-    limits = [layer._max_episode_steps for layer in _layers(env) if isinstance(layer, TimeLimit)]
+    limits = [layer._max_episode_steps for layer in layers_of(env) if isinstance(layer, TimeLimit)]
     return min(limits, default=None)
-
-
-def _layers(env: Environment) -> list[Any]:
-    """Return an environment's wrappers from the outermost, and it itself last."""
-    found: list[Any] = [env]
-    while isinstance(found[-1], gym.Wrapper):
-        found.append(found[-1].env)
-    return found
 
 
 def _rewind_clocks(env: Environment) -> None:
