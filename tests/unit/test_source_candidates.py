@@ -11,7 +11,7 @@ from curricle import Component, FiniteMDP, GridWorld, Pursuit, Space, same_posit
 from curricle.design import KINDS, SourceCandidate, betweenness, source_candidates
 from curricle.design.coarser_tables import ordered_components
 from curricle.errors import CurriculumError, TaskError
-from curricle.interop.bins import Bins
+from curricle.interop.encoders import Bins
 from curricle.paper.settings import maze as paper_maze
 from curricle.tasks import (
     CliffWalking,

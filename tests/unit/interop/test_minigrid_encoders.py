@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.errors import SettingError, TaskError
+from curricle.errors import SettingError, StoreError, TaskError
 from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
 from curricle.tasks.observation_task import EnvironmentMaker
 
@@ -154,16 +154,15 @@ def test_tables_by_copies_have_the_same_observations():
     assert len(yours) > len(mine) / 2
 
 
-def test_an_encoded_level_is_found_in_the_cache(tmp_path):
-    tables = [
-        cr.tabulate(
-            EnvironmentMaker("MiniGrid-Empty-5x5-v0", encode=encode), discount=0.9, cache=tmp_path
-        )
-        for encode in (MiniGridView(), MiniGridView(), MiniGridView(picture=True))
-    ]
-    assert len(list(tmp_path.glob("*.npz"))) == 2
-    first, again, _ = (table.observations.batch() for table in tables)
+def test_an_encoded_level_is_read_from_its_file(tmp_path):
+    def table(encode):
+        maker = EnvironmentMaker("MiniGrid-Empty-5x5-v0", encode=encode)
+        return cr.tabulate(maker, discount=0.9, cache=tmp_path / "level")
+
+    first, again = (table(MiniGridView()).observations.batch() for _ in range(2))
     np.testing.assert_array_equal(first, again)
+    with pytest.raises(StoreError, match="a cache must hold tables of the same environment"):
+        table(MiniGridView(picture=True))
 
 
 def test_levels_of_several_sizes_share_a_space():
