@@ -144,14 +144,6 @@ def test_a_potential_over_observations_states_the_discount_and_the_space():
         PotentialShaping(walk(), TableValues(np.zeros((SIZE, 1))))
 
 
-def test_values_stand_beside_functions_and_tables():
-    values = TableValues(PAIRS)
-    sources = {"values": values, "function": lambda cell: 2.0 * cell}
-    env = PotentialShaping(walk(), sources, discount=DISCOUNT, aggregate=cr.total)
-    both = (np.nan_to_num(PHI) + 2.0 * np.arange(SIZE)).__getitem__
-    assert paid(env) == pytest.approx(paid(PotentialShaping(walk(), both, discount=DISCOUNT)))
-
-
 @pytest.mark.parametrize(
     ("read", "said"),
     [

@@ -54,14 +54,6 @@ def test_each_step_gets_what_the_oracle_writes_out(terminal, limit, discount):
     assert next(steps, None) is None
 
 
-def test_the_oracle_met_both_ends_of_episodes():
-    episodes = episodes_of(world(), actions_of(300))[:-1]
-    terminated = [episode[-1][3] for episode in episodes]
-    assert any(terminated)
-    assert not all(terminated)
-    assert all(len(episode) == LIMIT for episode in episodes if not episode[-1][3])
-
-
 def test_only_ends_of_episodes_report_a_residual():
     env = PotentialShaping(world(), table, discount=DISCOUNT)
     env.reset(seed=0)

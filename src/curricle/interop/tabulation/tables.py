@@ -366,9 +366,9 @@ def made_of(
         "environment": name,
         "classes": classes,
         "spaces": spaces,
-        "content after a reset": digest_of(content),
         "seeds": list(seeds),
         "settings": shown,
+        "content after a reset": digest_of(content),
         "versions": {
             package: str(getattr(sys.modules[package], "__version__", ""))
             for package in sorted(packages)
