@@ -31,7 +31,7 @@ from curricle.curriculum.sources import (
 from curricle.curriculum.task_graph import TaskGraph
 from curricle.deep.miniature_task import Miniatures
 from curricle.errors import CurriculumError
-from curricle.files import file_name
+from curricle.files import Place, file_name, place_at
 from curricle.learning.budget import Budget, limits
 from curricle.learning.learners import Learner
 from curricle.learning.result import LearningResult
@@ -40,7 +40,6 @@ from curricle.learning.shaping import Shaping
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
-from curricle.remote_path import Place, place_at
 from curricle.tasks.task import same_task
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from curricle.archives.saved_file import read_saved, write_saved
+from curricle.archives import read_saved, write_saved
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.curriculum.curriculum_table import result_html, result_in_brief

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from curricle.archives.saved_file import SavedFile
+from curricle.archives import SavedFile
 from curricle.curriculum.retraining import RetrainedResult
 from curricle.curriculum.sources import Progress, SourceValues
 from curricle.curriculum.stored_sources import StoredValues, source_values

@@ -15,10 +15,10 @@ from typing import Any
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
+from curricle.files import Place
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
 from curricle.progress import check_progress
-from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.archives.saved_file import read_saved, write_saved
+from curricle.archives import read_saved, write_saved
 from curricle.errors import StoreError, TaskError
 from curricle.interop import DeepCopy
 from curricle.interop.tabulation.tables import KIND

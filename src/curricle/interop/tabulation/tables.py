@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.archives.saved_file import read_saved, write_saved
-from curricle.archives.sealed_json import digest_of
+from curricle.archives import digest_of, read_saved, write_saved
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.errors import StoreError
 from curricle.interop.tabulation.exploration import Explored

@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from curricle.archives.saved_file import saved_path
+from curricle.archives import saved_path
 from curricle.array_types import IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, TaskError
