@@ -327,9 +327,7 @@ def test_arms_and_controls_are_compared(plan):
 def test_a_comparison_of_two_ways_refuses_other_problems(plan):
     other = observed(2, time_limit=21)
     alone = cr.Curriculum({"hunt": other}, learner=plan.setting("learner", "hunt"), budget=300)
-    with pytest.raises(
-        cr.errors.CurriculumError, match=r"differ in time_limit \(20 against 21\)"
-    ):
+    with pytest.raises(cr.errors.CurriculumError, match=r"differ in time_limit \(20 against 21\)"):
         compare({"a": plan, "b": alone}, seeds=2)
 
 

@@ -1,6 +1,5 @@
 """Tasks as Gymnasium environments: the contract, the ends of episodes, the forms, the pictures."""
 
-import copy
 import subprocess
 import sys
 
@@ -138,14 +137,6 @@ def test_equal_seeds_give_equal_episodes_and_others_others():
 
     assert episodes(1) == episodes(1)
     assert episodes(1) != episodes(2)
-
-
-def test_a_copy_goes_on_alike_and_alone():
-    environment = to_gymnasium(Pursuit(4, 2))
-    environment.reset(seed=3)
-    twin = copy.deepcopy(environment)
-    ours = [environment.step(3)[0] for _ in range(5)]
-    assert [twin.step(3)[0] for _ in range(5)] == ours
 
 
 @pytest.mark.parametrize(

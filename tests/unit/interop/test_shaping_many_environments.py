@@ -6,7 +6,7 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordVectorStatistics
 
 import curricle as cr
@@ -107,18 +107,6 @@ def test_each_sub_environment_gets_what_the_oracle_writes_out(mode, terminal, li
             np.testing.assert_allclose(infos["original_return"], total, atol=1e-12)
             assert abs(infos["telescoping_residual"]).max() < 1e-12
     assert n_ended > 5
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_processes_of_their_own_change_nothing(mode):
-    actions = actions_of(25, 2)
-    phi = cr.StatePotential(task(), PHI)
-    runs = []
-    for make in (SyncVectorEnv, AsyncVectorEnv):
-        envs = VectorPotentialShaping(make([world] * 2, autoreset_mode=mode), phi, batched=True)
-        runs.append([rewards for rewards, _ in vector_steps(envs, actions)])
-        envs.close()
-    np.testing.assert_array_equal(*runs)
 
 
 @pytest.mark.parametrize("mode", MODES)

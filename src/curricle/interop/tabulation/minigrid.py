@@ -296,7 +296,7 @@ class _View(Unseen, MutableMapping[str, Any]):
         return len(self.made)
 
 
-class MiniGridAccess:
+class MiniGridAccess(StateAccess):
     """Saves states as tuples, and restores them into the one environment.
 
     While states are visited, observations are made only where they are looked at.

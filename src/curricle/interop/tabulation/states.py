@@ -2,13 +2,14 @@
 
 import hashlib
 import random
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from enum import Enum
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -262,7 +263,7 @@ class SavedState(NamedTuple):
     content: Any  # what it is restored from
 
 
-class StateAccess(Protocol):
+class StateAccess(ABC):
     """Saves and restores the states of one environment while it is tabulated.
 
     `copies` is whether each restored state has an environment of its own, wrappers included.
@@ -270,25 +271,29 @@ class StateAccess(Protocol):
 
     copies: bool
 
-    def prepare(self, env: Environment) -> None:
+    def prepare(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
         """Change for good what is to be tabulated in another way than the environment has it."""
 
-    def begin(self, env: Environment) -> None:
+    def begin(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
         """Note what a reset made."""
 
+    @abstractmethod
     def save(self, env: Environment) -> SavedState:
         """Return the state of an environment."""
 
+    @abstractmethod
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return an environment in a saved state, the one given or another; its generators."""
 
     def observation(self, env: Environment, returned: Any) -> Any:
         """Return the observation of an environment, given what its step or reset returned."""
+        return returned
 
+    @abstractmethod
     def describe(self, env: Environment) -> Words:
         """Return the state in words."""
 
-    def end(self) -> None:
+    def end(self) -> None:  # noqa: B027 - many have nothing to do
         """Check what can only be checked when all states are known."""
 
 
@@ -325,7 +330,7 @@ class DeepCopy:
         return Copies(frozenset(self.ignore))
 
 
-class Copies:
+class Copies(StateAccess):
     """States as copies: the content of one is an environment and its random generators.
 
     Parameters
@@ -338,12 +343,6 @@ class Copies:
 
     def __init__(self, ignored: frozenset[str]):
         self.ignored = ignored
-
-    def prepare(self, env: Environment) -> None:
-        """Nothing is changed."""
-
-    def begin(self, env: Environment) -> None:
-        """Nothing is noted."""
 
     def save(self, env: Environment) -> SavedState:
         """Return the environment itself, and its digest."""
@@ -358,20 +357,13 @@ class Copies:
         copy, memo = copied(saved)
         return copy, [memo[id(each)] for each in generators if id(each) in memo]
 
-    def observation(self, env: Environment, returned: Any) -> Any:
-        """Return what the step returned."""
-        return returned
-
     def describe(self, env: Environment) -> Words:
         """Return the plain attributes of the environment."""
         found, ignored = plain_attributes(env.unwrapped), self.ignored | left_out(env)
         return {name: value for name, value in found.items() if name not in ignored}
 
-    def end(self) -> None:
-        """Nothing is left to be checked."""
 
-
-class SaveAndRestore:
+class SaveAndRestore(StateAccess):
     """States are saved and restored by two functions: a hundred times as fast as copies.
 
     Parameters
@@ -390,9 +382,6 @@ class SaveAndRestore:
     ):
         self.save_state, self.restore_state = save_state, restore_state
         self.generators = list[Any]()
-
-    def prepare(self, env: Environment) -> None:
-        """Nothing is changed."""
 
     def begin(self, env: Environment) -> None:
         """Find the random generators."""
@@ -416,16 +405,9 @@ class SaveAndRestore:
         self.restore_state(env.unwrapped, content)
         return env, self.generators
 
-    def observation(self, env: Environment, returned: Any) -> Any:
-        """Return what the step returned."""
-        return returned
-
     def describe(self, env: Environment) -> Words:
         """Return the numbers and words that are saved."""
         return words_of_state(self.save_state(env.unwrapped))
-
-    def end(self) -> None:
-        """Nothing is left to be checked."""
 
 
 def layers_of(env: Environment) -> list[Any]:
