@@ -26,6 +26,7 @@ import gymnasium as gym
 import numpy as np
 import torch
 from bench_shaping_wrapper import BAR, lake, potential, report, stepping
+from deep_pair import observed, transfers
 from stable_baselines3 import DQN
 from stable_baselines3.common.vec_env import DummyVecEnv
 from timing import arguments, in_turns, on_one_thread
@@ -91,13 +92,8 @@ READING_ALL = "all of phi"  # a wider network, to which the bar does not apply
 
 def hunt():
     """Return a task of three predators and the potential of one, as tables."""
-    many, lone = cr.Pursuit(7, predators=3, discount=0.95), cr.Pursuit(7, predators=1)
-    task, table = cr.interop.observed_pursuit(many), cr.transfer.TableValues(np.zeros((49 * 49, 5)))
-    edges = [
-        cr.Transfer("chase", "hunt", cr.interop.predator_mapping(task, lone, predator=name))
-        for name in many.predator_names
-    ]
-    return task, cr.transfer.ObservationPotential(task, edges, [table] * 3, cr.minimum)
+    task, table = observed(3), cr.transfer.TableValues(np.zeros((49 * 49, 5)))
+    return task, cr.transfer.ObservationPotential(task, transfers(task, 3), [table] * 3, cr.minimum)
 
 
 def car():

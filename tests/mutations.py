@@ -363,7 +363,7 @@ MUTATIONS = [
     ),
     Mutation(
         "steps of a tabulation are not repeated",
-        "interop/tabulation/world.py",
+        "interop/tabulation/exploration.py",
         "self._check_repeated(first, self._arrival(again, action), action)\n            # Where",
         "# Where",
         (f"{TABULATE}::test_a_step_is_repeated_from_its_state",),
@@ -384,7 +384,7 @@ MUTATIONS = [
     ),
     Mutation(
         "states with different rewards are made one",
-        "interop/tabulation/assembling.py",
+        "interop/tabulation/tables.py",
         "np.concatenate([blocks[:, None], rewards[:, None], moves], axis=1)",
         "np.concatenate([blocks[:, None], moves], axis=1)",
         (f"{TABULATE}::test_observations_that_several_states_show_show_none",),

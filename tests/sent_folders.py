@@ -9,8 +9,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from curricle.archives.array_archive import SEAL, sealed_archive
-from curricle.archives.sealed_json import as_json, sealed, unsealed
+from curricle.archives import SEAL, as_json, sealed, sealed_archive, unsealed
 from curricle.errors import StoreError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, read_study, run_study

@@ -42,7 +42,7 @@ target = "hunt"
 project = { predator = "predator_2" }
 scale = 2
 """
-VECTOR_HUNT = """
+OBSERVED_HUNT = """
 name = "hunt"
 seeds = 2
 learner = { learning_rate = 0.2, epsilon = 0.2 }
@@ -53,20 +53,22 @@ size = 3
 predators = 1
 budget = 3_000
 [tasks.hunt]
-type = "vector_pursuit"
-size = 3
-predators = 2
+type = "observation_task"
+id = "Curricle/Pursuit-v0"
+arguments = { size = 3, predators = 2, observation = "components" }
 time_limit = 30
 budget = 2_000
 learner = { type = "deep", settings = { learning_rate = 1e-3 } }
 [[transfers]]
 source = "chase"
 target = "hunt"
-project = { predator = "predator_1" }
+observations = "tests.hunters:first"
+actions = [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 4, 4, 4, 4, 4]
 [[transfers]]
 source = "chase"
 target = "hunt"
-project = { predator = "predator_2" }
+observations = "tests.hunters:second"
+actions = [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4]
 """
 MAZE = """
 name = "maze"

@@ -8,8 +8,8 @@ Axis letters used throughout: S states, A actions, O outcomes of a pair, Y outco
 (transfers), K seeds, T checkpoints. Arrays of values and policies have axes (S, A).
 
 The public names are those of ``__init__.pyi``; each is imported when first used, so that
-``import curricle`` is quick. It registers ``Curricle/Maze-v0``, ``Curricle/Pursuit-v0`` and
-``Curricle/VectorPursuit-v0`` with Gymnasium.
+``import curricle`` is quick. It registers ``Curricle/Maze-v0`` and ``Curricle/Pursuit-v0`` with
+Gymnasium.
 """
 
 from pkgutil import iter_modules

@@ -1,19 +1,244 @@
-"""Files that are either whole or absent."""
+"""Files in a folder of this machine or at a URL, which are whole or absent."""
 
 import errno
 import hashlib
+import io
 import os
+import re
 import shutil
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from os import PathLike
+from pathlib import Path, PurePosixPath
 from secrets import token_hex
-from typing import IO
-from urllib.parse import quote
+from time import sleep
+from typing import IO, TYPE_CHECKING, Any, TypeVar
+from urllib.parse import parse_qsl, quote, unquote, urlsplit
 
 from curricle.errors import StoreError
-from curricle.remote_path import Place, RemotePath
+
+if TYPE_CHECKING:
+    from pyarrow.fs import FileInfo, FileSystem
+
+
+SECRETS = re.compile(r"access_key|secret|token|password|credential", re.IGNORECASE)
+"""Options of a URL that would be stored, shown and sent with it."""
+FINAL = re.compile("ACCESS_DENIED|NO_SUCH_|NETWORK_CONNECTION|SIGNATURE|INVALID")
+"""Errors of a server that it gives again to the same request, or that took long already."""
+PAUSES = (0.1, 0.5, 2.0)
+"""Seconds until a request is made again; pyarrow repeats most itself, but no short reads."""
+READ_AT_ONCE = 2**24
+"""Bytes of a file that is read by one request."""
+Result = TypeVar("Result")
+PLAIN = "/=+@,:;~!$&'()*"
+"""Signs that a path in a URL may have as they are, beside letters, digits and -._."""
+
+
+class RemotePath:
+    """A file or a folder of a file system that pyarrow opens, such as S3 or Google Cloud Storage.
+
+    A file is written in one request or sealed by its content: there is no move of a whole file, and
+    no lock.
+
+    Parameters
+    ----------
+    system : pyarrow.fs.FileSystem
+    key : str
+        The path in it.
+    root : str
+        What stands before the key when it is shown.
+    options : str
+        Those of the URL.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> place = RemotePath.of("file://" + mkdtemp()) / "data" / "a.txt"
+    >>> place.write(b"whole")
+    >>> place.name, place.exists(), (place.parent / "b.txt").exists()
+    ('a.txt', True, False)
+    """
+
+    def __init__(self, system: "FileSystem", key: str, root: str, options: str = ""):
+        self.system, self.key = system, PurePosixPath(key)
+        self._root, self._options = root, options
+
+    @classmethod
+    def of(cls, url: str) -> "RemotePath":
+        """Return the folder at a URL; StoreError if it has a password, or no file system opens it.
+
+        Options are those of ``pyarrow.fs.FileSystem.from_uri``.
+        """
+        parts = urlsplit(url)
+        secret = next((name for name, _ in parse_qsl(parts.query) if SECRETS.search(name)), None)
+        if "@" in parts.netloc or secret:
+            raise StoreError(
+                "a URL must have no password, key or token, since it is shown and stored: give "
+                f"them as {parts.scheme} does, such as by the environment; got "
+                f"{secret or 'one before @'}"
+            )
+        from pyarrow.fs import FileSystem  # a local folder does not need it
+
+        try:
+            system, key = FileSystem.from_uri(url)
+            if not key.strip("/"):
+                raise ValueError("it names no bucket or folder")
+        except (OSError, ValueError, NotImplementedError) as error:
+            raise StoreError(f"a URL must be one that pyarrow opens, not {url}: {error}") from None
+        shown = f"{parts.scheme}://{parts.netloc}{unquote(parts.path)}".rstrip("/")
+        return cls(system, key, shown.removesuffix(key.rstrip("/")), parts.query)
+
+    def __str__(self) -> str:
+        return f"{self._root}{quote(str(self.key), safe=PLAIN)}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how it is made again from its URL, as on another machine, by the means there."""
+        return RemotePath.of, (f"{self}?{self._options}" if self._options else str(self),)
+
+    def __repr__(self) -> str:
+        return f"RemotePath({str(self)!r})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, RemotePath) and str(self) == str(other)
+
+    def __hash__(self) -> int:
+        return hash(str(self))
+
+    def __lt__(self, other: "RemotePath") -> bool:
+        return str(self) < str(other)
+
+    def __truediv__(self, name: str) -> "RemotePath":
+        return self._at(str(self.key / name))
+
+    def _at(self, key: str) -> "RemotePath":
+        return RemotePath(self.system, key, self._root, self._options)
+
+    @property
+    def parent(self) -> "RemotePath":
+        """The folder that it is in."""
+        return self._at(str(self.key.parent))
+
+    @property
+    def bucket(self) -> "RemotePath":
+        """The first part: of a server for objects, the bucket."""
+        return self._at(self.key.parts[0])
+
+    @property
+    def name(self) -> str:
+        """The last part."""
+        return self.key.name
+
+    @property
+    def stem(self) -> str:
+        """The last part without its ending."""
+        return self.key.stem
+
+    @property
+    def suffix(self) -> str:
+        """The ending of the last part."""
+        return self.key.suffix
+
+    @property
+    def _kind(self) -> str:
+        """NotFound, File or Directory."""
+        return str(self._tried(lambda: self.system.get_file_info(str(self.key))).type.name)
+
+    def exists(self) -> bool:
+        """Return whether a file or a folder is there."""
+        return self._kind != "NotFound"
+
+    def is_dir(self) -> bool:
+        """Return whether a folder is there."""
+        return self._kind == "Directory"
+
+    def glob(self, pattern: str) -> Iterator["RemotePath"]:
+        """Yield the files below whose path from here is as in a pattern, by one listing."""
+        before = pattern.partition("*")[0].rpartition("/")[0]
+        for info in self._listed(str(self.key / before), recursive=True):
+            if info.is_file and PurePosixPath(info.path).match(pattern):
+                yield self._at(info.path)
+
+    def iterdir(self) -> Iterator["RemotePath"]:
+        """Yield what is in the folder."""
+        for info in self._listed(str(self.key), recursive=False):
+            yield self._at(info.path)
+
+    def _listed(self, key: str, *, recursive: bool) -> "list[FileInfo]":
+        from pyarrow.fs import FileSelector
+
+        selector = FileSelector(key, allow_not_found=True, recursive=recursive)
+        found: list[FileInfo] = self._tried(lambda: self.system.get_file_info(selector))
+        return found
+
+    def unlink(self, missing_ok: bool = False) -> None:
+        """Delete the file."""
+        if not missing_ok or self.exists():
+            self._tried(lambda: self.system.delete_file(str(self.key)))
+
+    def remove_folder(self) -> None:
+        """Delete the folder and all that is in it, as far as that can be done."""
+        with suppress(OSError):
+            self.system.delete_dir(str(self.key))
+
+    @contextmanager
+    def opened(self) -> Iterator[tuple[IO[bytes], int]]:
+        """Open the file to read it, and tell its bytes; all but a large one is read at once."""
+        content = self._tried(self._content)
+        if content is not None:
+            yield io.BytesIO(content), len(content)
+            return
+        with self.system.open_input_file(str(self.key)) as file:
+            yield file, file.size()
+
+    def _content(self) -> bytes | None:
+        with self.system.open_input_file(str(self.key)) as file:
+            return bytes(file.read()) if file.size() <= READ_AT_ONCE else None
+
+    def write(self, content: bytes) -> None:
+        """Write the file, its folders made where the file system has any."""
+        try:
+            self._tried(lambda: self._write(content))
+        except FileNotFoundError:
+            self.system.create_dir(str(self.key.parent), recursive=True)
+            self._write(content)
+
+    def _tried(self, action: Callable[[], Result]) -> Result:
+        """Return what an action returns, tried again where a server is busy for a moment."""
+        for pause in PAUSES if self.system.type_name != "local" else ():
+            try:
+                return action()
+            except FileNotFoundError:
+                raise
+            except OSError as error:
+                if FINAL.search(str(error)):
+                    raise
+            sleep(pause)
+        return action()
+
+    def _write(self, content: bytes) -> None:
+        with self.system.open_output_stream(str(self.key)) as file:
+            file.write(content)
+
+
+Place = Path | RemotePath
+"""Where files are."""
+
+
+def place_at(path: Any) -> Place:
+    """Return a folder of this machine, or the one at a URL; StoreError where it is neither.
+
+    Examples
+    --------
+    >>> place_at("results").name, place_at("file:///tmp/results").name
+    ('results', 'results')
+    """
+    if isinstance(path, RemotePath):
+        return path
+    if not isinstance(path, str | PathLike):
+        raise StoreError(f"a folder must be a path or a URL: got {path!r}")
+    return RemotePath.of(path) if isinstance(path, str) and "://" in path else Path(path)
+
 
 LONGEST_NAME = 100
 """Characters of a file's name before its checksum; file systems allow 255 bytes in all."""

@@ -20,7 +20,8 @@ from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.arms import Arms
 from curricle.study.serialization import RUN
-from tests.studies import VECTOR_HUNT
+from tests.hunters import observed, transfers
+from tests.studies import OBSERVED_HUNT
 
 # A table, then a calibrated network, then two others: the last potential needs the network before
 # it, which needs the table.
@@ -39,28 +40,29 @@ predators = 1
 learner = { type = "QLearning", learning_rate = 0.3 }
 budget = { max_steps = 1_000 }
 [tasks.alone]
-type = "vector_pursuit"
-size = 3
-predators = 1
+type = "observation_task"
+id = "Curricle/Pursuit-v0"
+arguments = { size = 3, predators = 1, observation = "components" }
 time_limit = 20
 budget = { max_steps = 400 }
 eval_freq = 100
 [tasks.hunt]
-type = "vector_pursuit"
-size = 3
-predators = 2
+type = "observation_task"
+id = "Curricle/Pursuit-v0"
+arguments = { size = 3, predators = 2, observation = "components" }
 time_limit = 20
 budget = 400
 eval_freq = 200
 [[transfers]]
 source = "chase"
 target = "alone"
-project = {}
+observations = "tests.hunters:first"
 calibrate = { episodes = 5, max_steps = 100 }
 [[transfers]]
 source = "alone"
 target = "hunt"
-project = { predator = "predator_2" }
+observations = "tests.hunters:second_alone"
+actions = [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4]
 [arms.residual]
 [arms.state]
 shaping = "StateShaping"
@@ -193,8 +195,8 @@ def test_a_study_killed_within_a_network_goes_on_to_the_same(whole, one_arm, tmp
 def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
     page = write_report(whole, tmp_path / "report.html").read_text()
     for words in (
-        "observations, Box(10,) → Discrete(25)",
-        "predator is predator_2, prey by name",
+        "observations, MultiDiscrete([9 9 9]) → Discrete(25)",
+        "observations by second_alone",
         "Certificates are left out, because hunt is seen through observations",
         "predicted start",
         "DeepLearner(DQN, MlpPolicy",
@@ -293,14 +295,11 @@ def test_values_that_were_not_saved_are_refused(tmp_path):
 
 @pytest.fixture(scope="module")
 def plan():
-    chase, hunt = cr.Pursuit(3, 1), cr.interop.observed_pursuit(cr.Pursuit(3, 2, time_limit=20))
-    edge = cr.Transfer(
-        "chase", "hunt", cr.interop.predator_mapping(hunt, chase, predator="predator_1")
-    )
+    chase, hunt = cr.Pursuit(3, 1), observed(2, time_limit=20)
     quick = {"learning_starts": 50, "policy_kwargs": {"net_arch": [8]}}
     return cr.Curriculum(
         {"chase": chase, "hunt": hunt},
-        [edge],
+        transfers(hunt, chase)[:1],
         learner={"chase": cr.QLearning(), "hunt": cr.deep.DeepLearner(settings=quick)},
         budget={"chase": 200, "hunt": 300},
         eval_freq={"hunt": 100},
@@ -326,11 +325,9 @@ def test_arms_and_controls_are_compared(plan):
 
 
 def test_a_comparison_of_two_ways_refuses_other_problems(plan):
-    other = cr.interop.observed_pursuit(cr.Pursuit(3, 2, time_limit=21))
+    other = observed(2, time_limit=21)
     alone = cr.Curriculum({"hunt": other}, learner=plan.setting("learner", "hunt"), budget=300)
-    with pytest.raises(
-        cr.errors.CurriculumError, match=r"differ in time_limit \(20 against 21\); env"
-    ):
+    with pytest.raises(cr.errors.CurriculumError, match=r"differ in time_limit \(20 against 21\)"):
         compare({"a": plan, "b": alone}, seeds=2)
 
 
@@ -338,7 +335,7 @@ def test_settings_of_a_tuning_that_no_network_takes_are_refused_beforehand(tmp_p
     pytest.importorskip("optuna")
     file = tmp_path / "hunt.toml"
     space = "tasks.hunt.learner.settings.n_step = [1, 2]"
-    file.write_text(f"{VECTOR_HUNT}[tune]\ntrials = 2\n[tune.space]\n{space}\n")
+    file.write_text(f"{OBSERVED_HUNT}[tune]\ntrials = 2\n[tune.space]\n{space}\n")
     with pytest.raises(ConfigError, match="got 'n_step', did you mean 'n_steps'"):
         run_study(read_study(file), tmp_path / "out")
     assert not (tmp_path / "out").exists()

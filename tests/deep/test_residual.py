@@ -15,6 +15,7 @@ from curricle.deep.networks import NetworkValues
 from curricle.deep.plain_networks import FEW
 from curricle.deep.residual import residual_policy
 from curricle.deep.residual_networks import PotentialCache, ResidualMlpPolicy
+from tests import hunters
 
 from .worlds import one_hot, random_task, table_potential
 
@@ -201,11 +202,11 @@ def test_a_residual_tells_states_apart_by_phi_alone(reads):
 
 @pytest.mark.parametrize(("predators", "extra"), [(1, 5), (3, 1)])
 def test_of_few_actions_a_residual_reads_phi_of_each(predators, extra):
-    hunt = cr.interop.observed_pursuit(cr.Pursuit(3, predators=predators))
+    hunt = hunters.observed(predators)
     height = cr.transfer.FunctionValues(lambda rows, actions: 1.0 * actions, actions=hunt.n_actions)
     phi = cr.transfer.ObservationPotential.of(hunt, height)
     network = model_for(hunt, cr.deep.DeepLearner("DQN"), shaping=cr.QInitialisation(phi)).q_net
-    width = hunt.observations.shape[0] + extra
+    width = int(hunt.observations.nvec.sum()) + extra
     assert network.q_net[0].in_features == width
 
 

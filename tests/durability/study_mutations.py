@@ -77,7 +77,6 @@ WORDS = [
     "maze",
     "crop",
     "factory",
-    "vector_pursuit",
     "observation_task",
     "deep",
     "0-10,3",

@@ -16,7 +16,7 @@ import pytest
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
     *["errors", "array_types", "frozen_arrays", "checks", "text_tables"],
-    *["display", "progress", "remote_path", "files"],
+    *["display", "progress", "files"],
     "archives",
     *["tasks", "statistics", "planning", "learning", "teaching", "transfer", "certificate"],
     *["interop", "deep", "curriculum", "comparison", "design", "study"],

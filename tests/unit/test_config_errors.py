@@ -14,7 +14,7 @@ from tests.studies import NUMBERED_HUNT as HUNT, complaints_of
 
 TYPES = (
     "maze, crop, pursuit, four_rooms, key_lock_pit, block_dude, river_swim, deep_sea, gymnasium, "
-    "tabulated, factory, family, observation_task, distilled, vector_pursuit"
+    "tabulated, factory, family, observation_task, distilled"
 )
 """Of tasks, in the order in which they are listed."""
 

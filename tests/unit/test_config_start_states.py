@@ -10,7 +10,7 @@ from curricle.errors import ConfigError
 from curricle.planning import visit_distribution
 from curricle.study import StudyConfig
 from curricle.tasks import FourRooms, GoalDistance, taxi_family, with_start
-from tests.studies import VECTOR_HUNT, complaints_of, reader
+from tests.studies import OBSERVED_HUNT, complaints_of, reader
 
 STUDY = """\
 name = "starts"
@@ -199,8 +199,8 @@ def test_a_mistake_is_one_sentence_with_its_place(complaints, new, sentence):
 
 
 def test_tasks_without_tables_are_refused(read, complaints):
-    text = VECTOR_HUNT.replace(
-        'type = "vector_pursuit"', 'type = "vector_pursuit"\nstart_states = "uniform"'
+    text = OBSERVED_HUNT.replace(
+        'type = "observation_task"', 'type = "observation_task"\nstart_states = "uniform"'
     )
     found = complaints(text)
     assert any("tasks.hunt.start_states must be left out for hunt" in one for one in found)

@@ -56,7 +56,7 @@ def test_a_tabulated_environment_is_what_python_makes(folder):
     long = built(folder, "long")
     assert_same(long, cr.tabulate(Corridor, discount=0.99, seeds=[0, 2]))
     assert long.record.seeds == (0, 2)
-    assert len(list((folder / "kept").iterdir())) == 2
+    assert (folder / "kept.npz").exists()
     door = built(folder, "door")
     assert (door.states.size, door.mdp.time_limit) == (34, None)
 

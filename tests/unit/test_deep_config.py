@@ -3,18 +3,22 @@
 None of it needs torch.
 """
 
+import re
+
 import numpy as np
 import pytest
 
 import curricle as cr
 from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
-from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study import StudyConfig, json_schema
 from curricle.study.arms import Arms
 from curricle.study.config.templates import template
-from tests.studies import VECTOR_HUNT as HUNT, reader
+from tests.hunters import observed
+from tests.studies import OBSERVED_HUNT as HUNT, reader
 
+FIRST = HUNT.partition('target = "hunt"\n')[2].partition("[[")[0].rstrip()
+"""What the first transfer reads."""
 CART = """
 name = "cart"
 [learner]
@@ -88,19 +92,15 @@ def complaint(read, tmp_path):
     return collect
 
 
-def test_a_pursuit_is_seen_as_vectors(read):
+def test_a_network_reads_a_table(read):
     plan = read(HUNT).curriculum("transfer")
-    hunt = cr.Pursuit(size=3, predators=2, time_limit=30)
-    assert plan.tasks["hunt"] == observed_pursuit(hunt)
+    assert plan.tasks["hunt"] == observed(2, time_limit=30)
     assert plan.setting("learner", "hunt") == cr.deep.DeepLearner(settings={"learning_rate": 1e-3})
     assert plan.setting("learner", "chase") == cr.QLearning(learning_rate=0.2, epsilon=0.2)
-    assert [edge.mapping.description for edge in plan.transfers] == [
-        "predator is predator_1, prey by name",
-        "predator is predator_2, prey by name",
-    ]
-    alone = ("time_limit", "acting = 'first'\ntime_limit"), ('"predator_2"', '"predator_1"')
-    first = read(HUNT, *alone).curriculum("transfer")
-    assert first.tasks["hunt"] == observed_pursuit(hunt, acting="first")
+    cells = np.array([[4, 0, 8], [2, 1, 7]])
+    for edge, predator in zip(plan.transfers, (1, 2), strict=True):
+        states = edge.mapping.observations(cells)
+        assert states.tolist() == (9 * cells[:, 0] + cells[:, predator]).tolist()
 
 
 def test_an_environment_is_seen_as_it_is(read):
@@ -232,32 +232,32 @@ def test_every_shaping_of_a_network_may_have_a_guard(read, name):
             "'RewardBonus'",
         ),
         (
-            'project = { predator = "predator_1" }',
+            FIRST,
             'mapping = "same_position"',
             "line 21: transfers[0].mapping must be left out, or 'identity': hunt is seen through",
         ),
         (
-            'project = { predator = "predator_1" }',
-            'project = { predator = "predator_3" }',
-            "line 18: transfers[0] is refused: ",
+            FIRST,
+            "project = {}",
+            "line 21: transfers[0].project must be left out: hunt is seen through observations",
         ),
         (
-            'project = { predator = "predator_1" }',
+            FIRST,
             'factory = "own:broken"',
             "line 18: transfers[0] is refused: own:broken failed: ValueError: no idea",
         ),
         (
-            'project = { predator = "predator_1" }',
-            "project = {}\nactions = [1]",
+            FIRST,
+            'factory = "own:made"\nactions = [1]',
             "line 18: transfers[0] has actions or status, which go with observations",
         ),
         (
-            'project = { predator = "predator_1" }',
+            FIRST,
             'observations = "own:leaning"\nactions = "left"',
             "line 22: transfers[0].actions must be a list of the source's actions, -1 where",
         ),
         (
-            'project = { predator = "predator_1" }',
+            FIRST,
             'observations = "own:leanin"',
             "transfers[0] is refused: own:leanin names no function",
         ),
@@ -266,7 +266,7 @@ def test_every_shaping_of_a_network_may_have_a_guard(read, name):
             "policy_kwargs = 8",
             "policy_kwargs of a deep learner must be a Mapping: got 8",
         ),
-        ("predators = 2", "predaters = 2", "tasks.hunt.predaters is unknown, did you mean"),
+        ("time_limit", "time_limti", "tasks.hunt.time_limti is unknown, did you mean"),
         (
             "[tasks.chase]",
             "[tasks.x]\ntype = 'observation_task'\n[tasks.chase]",
@@ -301,13 +301,15 @@ def test_so_is_one_about_an_environment(complaint, old, new, sentence):
 
 
 def test_ways_of_networks_are_none_into_tables(complaint):
-    table = 'type = "pursuit"\nsize = 3\npredators = 2'
-    text = HUNT.replace('type = "vector_pursuit"\nsize = 3\npredators = 2', table)
+    text = HUNT.replace('type = "observation_task"', 'type = "pursuit"\nsize = 3')
+    text = re.sub(r"(?m)^(id|arguments|actions) = .*$", "", text)
+    text = text.replace(FIRST.partition("\n")[0], "project = {}", 1)
+    text = text.replace('observations = "tests.hunters:second"', "project = {}")
     text = text.replace('learner = { type = "deep", settings = { learning_rate = 1e-3 } }', "")
     sentence = "line 5: shaping must be for tables, to learn hunt: got 'WeightTransfer'"
     assert complaint(text, ('aggregate = "minimum"', 'shaping = "WeightTransfer"')) == sentence
     assert "transfers[0].observations must be left out: hunt is not seen" in complaint(
-        text, ('project = { predator = "predator_1" }', 'observations = "own:leaning"')
+        text, ("project = {}", 'observations = "own:leaning"')
     )
 
 
@@ -323,11 +325,10 @@ def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):
 
 def test_the_schema_knows_them():
     schema = json_schema()
-    assert schema["$defs"]["vector_pursuit"]["required"] == ["type"]
     assert {"deep", "ObservationTaskTable"} <= schema["$defs"].keys()
 
 
 def test_the_template_is_what_it_says(read):
-    plan = read(template("deep")).curriculum("residual")
-    assert plan.node("hunt").deep
-    assert not plan.node("chase").deep
+    plan = read(template("deep")).curriculum("placebo")
+    assert plan.node("three_walls").deep
+    assert plan.tasks["one_wall"].shuffled

@@ -1,8 +1,10 @@
 """Before networks are trained: cost, forecast, controls and what checking needs; without torch."""
 
+import os
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -13,10 +15,10 @@ from curricle.cli.study_preview import print_preview
 from curricle.comparison.controls import check_fit
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import differences
-from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study.arms import Arms
 from curricle.study.cost import costs
-from tests.studies import VECTOR_HUNT, reader
+from tests.hunters import observed, transfers
+from tests.studies import OBSERVED_HUNT, reader
 
 
 @pytest.fixture
@@ -25,7 +27,7 @@ def read(tmp_path):
 
 
 def test_costs_are_foreseen(read):
-    study = read(VECTOR_HUNT, set=["seeds=2"])
+    study = read(OBSERVED_HUNT, set=["seeds=2"])
     found = {(one.arm, one.task): one for one in costs(study, Arms.of(study))}
     assert found["scratch", "hunt"].steps == 5000
     assert found["scratch", "hunt"].evaluation_steps == (5000 // 20 + 1) * 5 * 30
@@ -36,14 +38,10 @@ def test_costs_are_foreseen(read):
 @pytest.fixture(scope="module")
 def plan():
     chase = cr.Pursuit(3, 1, time_limit=30)
-    hunt = observed_pursuit(cr.Pursuit(3, 2, time_limit=30))
-    edges = [
-        cr.Transfer("chase", "hunt", cr.interop.predator_mapping(hunt, chase, predator=name))
-        for name in ("predator_1", "predator_2")
-    ]
+    hunt = observed(2, time_limit=30)
     return cr.Curriculum(
         {"chase": chase, "hunt": hunt},
-        edges,
+        transfers(hunt, chase),
         aggregate=cr.minimum,
         learner={"chase": cr.QLearning(learning_rate=0.3), "hunt": cr.deep.DeepLearner()},
         budget={"chase": 20_000, "hunt": 1000},
@@ -70,7 +68,7 @@ def test_a_forecast_follows_potentials_through_observations(plan):
 
 
 def test_where_a_policy_is_reused_there_is_one_row_and_none_of_perfect_values(read, capsys):
-    print_preview(read(VECTOR_HUNT, set=["seeds=1", "scratch=false", "shaping='PolicyReuse'"]))
+    print_preview(read(OBSERVED_HUNT, set=["seeds=1", "scratch=false", "shaping='PolicyReuse'"]))
     printed = " ".join(capsys.readouterr().out.split())
     assert printed.count("its network or policy enters; its values are not read") == 1
     assert "learnt perfectly" not in printed
@@ -118,8 +116,8 @@ def test_controls_that_make_no_sense_are_refused(plan):
 
 def test_tasks_seen_through_observations_are_told_apart(plan):
     hunt = plan.tasks["hunt"]
-    assert differences(hunt, observed_pursuit(cr.Pursuit(3, 2, time_limit=30))) == ()
-    found = differences(hunt, observed_pursuit(cr.Pursuit(3, 3, discount=0.9, time_limit=30)))
+    assert differences(hunt, observed(2, time_limit=30)) == ()
+    found = differences(hunt, observed(3, discount=0.9, time_limit=30))
     assert [line.split()[0] for line in found] == [
         "observations",
         "actions",
@@ -131,7 +129,7 @@ def test_tasks_seen_through_observations_are_told_apart(plan):
 
 
 def test_checking_needs_no_torch_and_says_what_does(tmp_path):
-    (tmp_path / "study.toml").write_text(VECTOR_HUNT)
+    (tmp_path / "study.toml").write_text(OBSERVED_HUNT)
     code = """
         import sys
         class Missing:
@@ -144,16 +142,25 @@ def test_checking_needs_no_torch_and_says_what_does(tmp_path):
         main()
     """
 
+    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+
     def curricle(*arguments):
         command = [sys.executable, "-c", textwrap.dedent(code), *arguments]
-        return subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
+        return subprocess.run(
+            command,
+            cwd=tmp_path,
+            check=False,
+            capture_output=True,
+            text=True,
+            env=os.environ | {"PYTHONPATH": path},
+        )
 
     checked = curricle("check", "study.toml")
     assert checked.returncode == 0, checked.stderr
     assert 'Stable-Baselines3 is not installed: pip install "curricle[deep]"' in " ".join(
         checked.stdout.split()
     )
-    assert "hunt: Box(10,) -> Discrete(25); DQN; 5,000 steps" in checked.stdout
+    assert "hunt: MultiDiscrete([9 9 9]) -> Discrete(25); DQN; 5,000 steps" in checked.stdout
     assert (
         "Forecast for 'hunt': whether it pays is open\nno trial: 'hunt' is seen through"
         in checked.stdout

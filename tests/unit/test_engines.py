@@ -16,8 +16,8 @@ from curricle.errors import (
     StoreError,
     StudyError,
 )
+from curricle.files import RemotePath
 from curricle.interop.trackers import Tracker
-from curricle.remote_path import RemotePath
 from curricle.study import packing, read_study, run_study, running, scheduling
 from curricle.study.arms import Arms
 from curricle.study.engines import engine, opening

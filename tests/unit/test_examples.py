@@ -53,15 +53,6 @@ def test_a_gymnasium_class_of_ones_own_is_studied_from_its_file(tmp_path):
     assert "Replay of training" in cr.report.write_report(tmp_path / "results").read_text("utf-8")
 
 
-def test_a_network_learns_from_a_table(capsys, monkeypatch):
-    pytest.importorskip("stable_baselines3")
-    deep = example("deep_pursuit")
-    for name, small in {"SOURCE": 2000, "TARGET": 500, "SEEDS": 2}.items():
-        monkeypatch.setattr(deep, name, small)
-    deep.main()
-    assert "from one predator: -" in capsys.readouterr().out
-
-
 def test_a_sweep_and_a_tuning_run(tmp_path):
     pytest.importorskip("optuna")
     small = ["seeds=2", "tasks.hunt.size=3", "tasks.chase.size=3", "tasks.hunt.budget=2_000"]
@@ -79,5 +70,5 @@ def test_a_sweep_and_a_tuning_run(tmp_path):
 
 
 def test_no_example_is_left_out():
-    known = {*PICTURES, *COMPARISONS, "own_task", "deep_pursuit"}
+    known = {*PICTURES, *COMPARISONS, "own_task"}
     assert {path.stem for path in FOLDER.glob("*.py")} == known

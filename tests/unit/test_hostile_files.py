@@ -194,9 +194,9 @@ def test_a_forecast_of_endless_rollouts_is_not_begun(capsys):
         seeds = 2
         scratch = false
         learner = { type = "deep" }
-        tasks.one = { type = "vector_pursuit", size = 3, predators = 1, budget = 10 }
-        tasks.all = { type = "vector_pursuit", size = 3, predators = 2, budget = 10 }
-        transfers = [{ source = "one", target = "all", project = { predator = "predator_1" } }]
+        tasks.one = { type = "observation_task", id = "CartPole-v1", budget = 10 }
+        tasks.all = { type = "observation_task", id = "CartPole-v1", budget = 10 }
+        transfers = [{ source = "one", target = "all", mapping = "identity" }]
     """)
     Path("study.toml").write_text(text)
     study = read_study("study.toml", set=["tasks.all.time_limit=1_000_000_000"])

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pytest
 
 import curricle as cr
-from curricle.archives.array_archive import SEAL, sealed_archive
+from curricle.archives import SEAL, sealed_archive
 from curricle.errors import StoreError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, StudyStore, merge

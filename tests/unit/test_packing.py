@@ -9,7 +9,7 @@ from curricle.study import StudyResults, StudyStore, packing, read_study, run_st
 from curricle.study.arms import Arms
 from curricle.study.packing import files_of, merged_files, pack
 from curricle.study.recording import study_record
-from tests.studies import VECTOR_HUNT
+from tests.studies import OBSERVED_HUNT
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -79,7 +79,7 @@ def test_no_seed_is_merged_twice(study_file, finished, tmp_path):
 
 
 def test_a_network_has_a_file_for_each_unit(tmp_path):
-    (tmp_path / "hunt.toml").write_text(VECTOR_HUNT)
+    (tmp_path / "hunt.toml").write_text(OBSERVED_HUNT)
     study = read_study(tmp_path / "hunt.toml")
     arms = Arms.of(study)
     found = files_of(study_record(study, arms))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.archives.saved_file import write_saved
+from curricle.archives import write_saved
 from curricle.curriculum import CurriculumResult
 from curricle.curriculum.result import to_file
 from curricle.errors import CurriculumError, SettingError, StoreError

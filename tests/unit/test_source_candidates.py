@@ -13,7 +13,7 @@ from curricle.design.bottlenecks import betweenness
 from curricle.design.candidates import KINDS
 from curricle.design.simpler_models import ordered_components
 from curricle.errors import CurriculumError, TaskError
-from curricle.interop.bins import Bins
+from curricle.interop.encoders import Bins
 from curricle.paper.settings import maze as paper_maze
 from curricle.tasks import (
     CliffWalking,

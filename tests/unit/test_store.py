@@ -6,7 +6,7 @@ import os
 import pyarrow.parquet as pq
 import pytest
 
-from curricle.archives.sealed_json import sealed
+from curricle.archives import sealed
 from curricle.errors import StoreError
 from curricle.study import StudyStore
 from curricle.study.store import SCHEMA_VERSION

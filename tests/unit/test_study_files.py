@@ -29,7 +29,8 @@ def reduced(path):
     """What to set so that a study is trained in no time: tiny budgets, short calibrations."""
     study = tomllib.loads(path.read_text("utf-8"))
     arms = study.get("arms", {})
-    changes = []
+    network = "n_steps" in str(study.get("learner"))
+    changes = [f"learner.settings.{of}=50" for of in ("n_steps", "batch_size") if network]
     for name, task in study["tasks"].items():
         stops = "max_steps" in task["budget"] if isinstance(task.get("budget"), dict) else False
         short = f"{{ max_steps = {STEPS}, min_steps = 0 }}" if stops else STEPS
@@ -62,12 +63,13 @@ def test_its_curricula_have_one_target_and_share_it(path):
 @pytest.mark.filterwarnings("ignore:.* take their potential as it is")
 def test_it_is_trained(path):
     study = read_study(path, set=reduced(path))
+    solved = '"distilled"' in json.dumps(study.to_data())  # by no step
     if '"deep"' in json.dumps(study.to_data()):
         pytest.importorskip("stable_baselines3")
     for arm in study.curricula.values():
         result = arm.train(study.seeds[:1])
         assert (result[arm.target].steps_used == STEPS).all()
-        assert (result.source_steps(arm.target) > 0).all()
+        assert (result.source_steps(arm.target) == 0).all() == solved
 
 
 def test_there_are_examples_of_each_kind_of_task():
@@ -78,7 +80,7 @@ def test_there_are_examples_of_each_kind_of_task():
         for task in tomllib.loads((FOLDER / name).read_text("utf-8"))["tasks"].values()
     }
     tables = {"maze", "crop", "pursuit", "gymnasium", "factory", "family"}
-    assert found == tables | {"vector_pursuit", "observation_task", "distilled"}
+    assert found == tables | {"observation_task", "distilled"}
 
 
 # The schema that editors check files by says the same. This much of JSON Schema it uses:

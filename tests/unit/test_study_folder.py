@@ -207,7 +207,7 @@ def test_no_flipped_bit_of_a_unit_goes_unnoticed(copied):
 
 
 def test_no_flipped_bit_of_what_is_read_of_a_large_unit_goes_unnoticed(copied, monkeypatch):
-    monkeypatch.setattr("curricle.archives.array_archive.READ_AT_ONCE", 0)
+    monkeypatch.setattr("curricle.archives.READ_AT_ONCE", 0)
     store = StudyStore(copied)
     unit = store.units()[0]
     whole, draws = unit.path.read_bytes(), np.random.default_rng(0)

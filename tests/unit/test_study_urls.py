@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 
-from curricle import remote_path
+from curricle import files as whole_files
 from curricle.cli.app import main
 from curricle.errors import LostStoreError, StoreError
-from curricle.files import write_whole
-from curricle.remote_path import RemotePath, place_at
+from curricle.files import RemotePath, place_at, write_whole
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
 from curricle.study.arms import Arms
@@ -21,7 +20,7 @@ from curricle.study.packing import Packing
 from curricle.study.scheduling import Scheduler
 from curricle.study.store import StoredUnit
 from curricle.study.units import units_of
-from tests.studies import VECTOR_HUNT
+from tests.studies import OBSERVED_HUNT
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -101,7 +100,7 @@ def test_a_place_at_a_url_is_sent_with_its_options(url):
 
 @pytest.mark.parametrize("shared", [True, False])
 def test_networks_have_checkpoints_where_their_workers_see_a_place(tmp_path, shared):
-    (tmp_path / "hunt.toml").write_text(VECTOR_HUNT)
+    (tmp_path / "hunt.toml").write_text(OBSERVED_HUNT)
     study = read_study(tmp_path / "hunt.toml")
     arms = Arms.of(study)
 
@@ -210,7 +209,7 @@ def test_what_is_read_of_a_large_unit_is_what_is_read_of_all(finished, monkeypat
     unit = StudyStore(url_of(finished)).units()[0]
     store = StudyStore(finished)
     wanted = store.arrays(StoredUnit.at(finished / str(unit.path).split(f"{finished}/")[1]), "run")
-    monkeypatch.setattr("curricle.archives.array_archive.READ_AT_ONCE", 0)
+    monkeypatch.setattr("curricle.archives.READ_AT_ONCE", 0)
     found = StudyStore(url_of(finished)).arrays(unit, "run")
     assert found.keys() == wanted.keys()
     assert all(np.array_equal(found[name], wanted[name], equal_nan=True) for name in found)
@@ -267,16 +266,16 @@ BUSY = OSError("AWS Error INTERNAL_FAILURE: Failed to flush response stream")
 
 def test_a_server_that_is_busy_for_a_moment_is_asked_again(monkeypatch):
     pauses = []
-    monkeypatch.setattr(remote_path, "sleep", pauses.append)
+    monkeypatch.setattr(whole_files, "sleep", pauses.append)
     RemotePath(BusyServer(*3 * [BUSY]), "bucket/a", "s3://").unlink(missing_ok=False)
-    assert pauses == list(remote_path.PAUSES)
+    assert pauses == list(whole_files.PAUSES)
     with pytest.raises(OSError, match="INTERNAL_FAILURE"):
         RemotePath(BusyServer(*4 * [BUSY]), "bucket/a", "s3://").unlink(missing_ok=False)
 
 
 @pytest.mark.parametrize("error", [FileNotFoundError("a"), OSError("AWS Error ACCESS_DENIED")])
 def test_what_a_server_refuses_is_asked_once(monkeypatch, error):
-    monkeypatch.setattr(remote_path, "sleep", lambda _: pytest.fail("it was asked again"))
+    monkeypatch.setattr(whole_files, "sleep", lambda _: pytest.fail("it was asked again"))
     server = BusyServer(error, BUSY)
     with pytest.raises(type(error)):
         RemotePath(server, "bucket/a", "s3://").unlink(missing_ok=False)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.archives.sealed_json import sealed
+from curricle.archives import sealed
 from curricle.errors import ConfigError, LostStoreError, SettingError, StoreError, StudyError
-from curricle.remote_path import RemotePath
+from curricle.files import RemotePath
 from curricle.study import (
     StudyResults,
     StudyStore,

@@ -116,7 +116,7 @@ def run(
         str, typer.Option(help="i/n: the i-th of n parts of the seeds, to be merged later.")
     ] = "1/1",
     track: Annotated[
-        list[str] | None, typer.Option(help="Also send curves to tensorboard, wandb or mlflow.")
+        list[str] | None, typer.Option(help="Also log curves in a tool: tensorboard.")
     ] = None,
     resume: Annotated[bool, typer.Option(help="Go on with what the folder holds.")] = False,
     keep_stale: Annotated[

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from curricle.remote_path import Place
+from curricle.files import Place
 from curricle.study.progress import Pace
 
 if TYPE_CHECKING:

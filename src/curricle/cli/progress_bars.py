@@ -13,8 +13,8 @@ from rich.console import Console
 
 from curricle.cli.compilation import announce_compilation
 from curricle.cli.live_page import page_of_run
+from curricle.files import Place
 from curricle.progress import Bars, shown
-from curricle.remote_path import Place
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.progress import Pace, Progress, shown_units

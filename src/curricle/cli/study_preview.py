@@ -7,7 +7,7 @@ from curricle.cli.terminal_tables import print_table, print_text, wrapped
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import SettingError
-from curricle.remote_path import Place, place_at
+from curricle.files import Place, place_at
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig

@@ -30,7 +30,7 @@ from curricle.curriculum.sources import (
 from curricle.deep.miniature_task import Miniatures
 from curricle.display import block, brief_value, shortened, table
 from curricle.errors import CurriculumError
-from curricle.files import file_name
+from curricle.files import Place, file_name, place_at
 from curricle.learning.budget import Budget, limits
 from curricle.learning.learners import Learner
 from curricle.learning.result import LearningResult
@@ -39,14 +39,13 @@ from curricle.learning.shaping import Shaping
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
-from curricle.remote_path import Place, place_at
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, generative_model, same_task
 from curricle.text_tables import counted
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
-from curricle.transfer.found_mappings import with_mapping
 from curricle.transfer.edges import Calibrate, Transfer
+from curricle.transfer.found_mappings import with_mapping
 from curricle.transfer.task_pair import search_steps
 
 

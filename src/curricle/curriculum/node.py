@@ -13,6 +13,7 @@ from curricle.deep.miniature_task import Miniatures
 from curricle.deep.spaces import check_spaces
 from curricle.display import brief_repr
 from curricle.errors import CurriculumError, SettingError
+from curricle.files import Place
 from curricle.learning.budget import Budget, longest_run, spacing
 from curricle.learning.decisions import Decisions
 from curricle.learning.learners import Learner
@@ -24,7 +25,6 @@ from curricle.learning.storage import Storage
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
 from curricle.progress import Progress
-from curricle.remote_path import Place
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate

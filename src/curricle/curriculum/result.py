@@ -9,7 +9,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from curricle.archives.saved_file import SavedFile, read_saved, write_saved
+from curricle.archives import SavedFile, read_saved, write_saved
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.curriculum.sources import SourceValues, StoredValues, source_values

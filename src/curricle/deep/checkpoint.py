@@ -14,8 +14,7 @@ import numpy as np
 import torch
 
 from curricle.errors import LostStoreError, StoreError, reason
-from curricle.files import opened_regular, write_whole
-from curricle.remote_path import Place, RemotePath
+from curricle.files import Place, RemotePath, opened_regular, write_whole
 
 LEFT_OUT = ("_logger",)
 """Attributes of a model that hold open files, and are created again."""

@@ -6,10 +6,10 @@ from functools import lru_cache
 from typing import Any
 
 from curricle.errors import CurricleError, SettingError
+from curricle.interop.tabulation.exploration import core_and_views
 from curricle.interop.tabulation.minigrid import fitting_state, is_minigrid
 from curricle.interop.tabulation.tabulate import tabulate
 from curricle.interop.tabulation.tabulated_task import TabulatedTask
-from curricle.interop.tabulation.world import core_and_views
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.visits import expected_return
 from curricle.tasks.observation_task import ObservationTask

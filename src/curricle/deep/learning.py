@@ -13,6 +13,7 @@ from curricle.deep.result import DeepResult
 from curricle.deep.shaping import PolicyReuse
 from curricle.deep.spaces import check_spaces
 from curricle.errors import SettingError
+from curricle.files import Place, place_at
 from curricle.learning.budget import Budget, Episodes, limits, longest_run, spacing
 from curricle.learning.record import WarmUp
 from curricle.learning.result import learning_result
@@ -22,7 +23,6 @@ from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, StoppingRule
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.progress import Progress, check_progress, shown
-from curricle.remote_path import Place, place_at
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.potentials import ObservationPotential
 

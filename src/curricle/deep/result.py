@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from curricle.archives.saved_file import read_saved
+from curricle.archives import read_saved
 from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.deep.policy import TrainedPolicy, policies_of

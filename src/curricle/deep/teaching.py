@@ -9,11 +9,11 @@ from curricle.deep.curriculum_vec_env import Success, TeachingRecord, taught_tas
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import train_seeds
 from curricle.errors import SettingError
+from curricle.files import Place
 from curricle.learning.budget import Budget
 from curricle.learning.shaping import Shaping
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress
-from curricle.remote_path import Place
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import ObservationTask
 from curricle.teaching.result import TeachingResult, teaching_result

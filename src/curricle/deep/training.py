@@ -21,13 +21,13 @@ from curricle.deep.learner import SAVES, DeepLearner
 from curricle.deep.models import environments, model_for
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
+from curricle.files import Place
 from curricle.learning.record import Record, WarmUp
 from curricle.learning.run import Outcome
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import nothing
-from curricle.remote_path import Place
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_rollouts import Environments, mean_episode_return

@@ -12,8 +12,12 @@ from gymnasium.vector.utils import batch_space
 from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.interop.potential_sources import Potential
-from curricle.interop.shaping_potential import Episodes, check_unshaped, shaping_potential
+from curricle.interop.potential_shaping import (
+    Episodes,
+    Potential,
+    check_unshaped,
+    shaping_potential,
+)
 from curricle.learning.schedules import Schedule
 from curricle.tasks.observation_task import stack
 from curricle.transfer.aggregation import Aggregate

@@ -1,4 +1,4 @@
-"""Other people's worlds: Gymnasium and PettingZoo, both ways, and trackers of runs."""
+"""Other people's worlds: Gymnasium, both ways, and trackers of runs."""
 
 import lazy_loader
 

@@ -1,41 +1,24 @@
-from .bins import Bins as Bins
 from .encoders import (
+    Bins as Bins,
     FlatDict as FlatDict,
     FunctionEncoder as FunctionEncoder,
+    MiniGridFullView as MiniGridFullView,
+    MiniGridView as MiniGridView,
     StackedFrames as StackedFrames,
 )
 from .environment import TaskEnvironment as TaskEnvironment, to_gymnasium as to_gymnasium
 from .gymnasium import from_gymnasium as from_gymnasium, observation_task as observation_task
-from .minigrid_encoders import (
-    MiniGridFullView as MiniGridFullView,
-    MiniGridView as MiniGridView,
-)
-from .pettingzoo import (
-    PursuitParallelEnv as PursuitParallelEnv,
-    agent_mappings as agent_mappings,
-    to_pettingzoo as to_pettingzoo,
-)
 from .potential_shaping import (
     PotentialShaping as PotentialShaping,
     VectorPotentialShaping as VectorPotentialShaping,
 )
 from .tabulation.exploration import Progress as Progress
 from .tabulation.minigrid import MiniGridState as MiniGridState
-from .tabulation.observation_table import ObservationTable as ObservationTable
-from .tabulation.state_access import DeepCopy as DeepCopy
+from .tabulation.states import DeepCopy as DeepCopy
 from .tabulation.tabulate import tabulate as tabulate
 from .tabulation.tabulated_task import (
+    ObservationTable as ObservationTable,
     TabulatedTask as TabulatedTask,
     TabulationRecord as TabulationRecord,
 )
-from .trackers import (
-    Tracker as Tracker,
-    Trackers as Trackers,
-    open_trackers as open_trackers,
-)
-from .vector_pursuit import (
-    PursuitVectors as PursuitVectors,
-    VectorPursuit as VectorPursuit,
-    observed_pursuit as observed_pursuit,
-    predator_mapping as predator_mapping,
-)
+from .trackers import Tracker as Tracker, Trackers as Trackers, checkpoints as checkpoints

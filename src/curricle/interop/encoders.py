@@ -1,12 +1,15 @@
-"""Encoders: how an environment's observations become what a network takes.
+"""Encoders: what of an environment's observations a table or a network sees.
 
-An encoder is a function from an environment to the same environment, wrapped, so that it has other
-observations. Those of this module and of ``minigrid_encoders`` are frozen dataclasses: equal
-settings are equal encoders, with the same text in every process.
+:class:`Bins` make numbers of a table's states. An encoder for networks is a function from an
+environment to the same environment, wrapped, so that it has other observations. All are frozen
+dataclasses: equal settings are equal encoders, with the same text in every process.
 """
 
-from collections.abc import Callable
+from bisect import bisect_right
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
+from itertools import pairwise
 from typing import Any
 
 import gymnasium as gym
@@ -16,9 +19,118 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 from gymnasium.spaces.utils import flatten, flatten_space
 from gymnasium.wrappers import FrameStackObservation
 
-from curricle.checks import instance, whole_number
+from curricle.array_types import FloatTable, IntArray
+from curricle.checks import instance, numbers, whole_number
 from curricle.errors import SettingError, TaskError
+from curricle.interop.tabulation.minigrid import is_minigrid
 from curricle.tasks.observation_task import named, space_text
+from curricle.tasks.spaces import Component, Space
+
+
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """An observation of n numbers as n components, each cut into bins at its edges.
+
+    For `encode` of :func:`from_gymnasium`. What lies outside the outermost edges falls into the
+    first or the last bin. Equal edges make equal bins.
+
+    Parameters
+    ----------
+    edges : dict of str to (m + 1,) float array
+        For each entry of an observation, in order, the name of its component and the ascending
+        edges of its m bins; a bin includes its lower edge.
+
+    Raises
+    ------
+    TaskError
+        When edges do not ascend or make no bin; when called, on an observation that is not n
+        numbers.
+
+    Examples
+    --------
+    >>> bins = Bins({"position": [-1.2, -0.5, 0.6], "velocity": [-0.07, -0.01, 0.01, 0.07]})
+    >>> bins.states
+    Space(6 points: position[2] x velocity[3])
+    >>> bins.states.label(bins(np.array([-0.5, -9.0])))
+    'position=-0.5 and above velocity=below -0.01'
+    """
+
+    edges: Mapping[str, npt.ArrayLike]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.edges, Mapping) or not self.edges:
+            raise TaskError(f"bins need a dict from names to edges: got {self.edges!r}")
+        checked = {}
+        for name, edges in self.edges.items():
+            given = numbers(f"the edges of {name!r}", edges, TaskError)
+            if given.ndim != 1 or given.size < 2 or not (np.diff(given) > 0).all():
+                raise TaskError(
+                    f"edges must be two or more ascending numbers: {name!r} has {given.tolist()}"
+                )
+            checked[str(name)] = tuple(given.tolist())
+        object.__setattr__(self, "edges", checked)
+
+    @cached_property
+    def states(self) -> Space:
+        """The space of all combinations of bins."""
+        named = zip(self.edges, self._inner, strict=True)
+        return Space(
+            [Component(name, len(inner) + 1, labels=_labels(inner)) for name, inner in named]
+        )
+
+    @cached_property
+    def _inner(self) -> list[tuple[float, ...]]:
+        """The edges between the bins of each component."""
+        each: Any = self.edges.values()
+        return [edges[1:-1] for edges in each]
+
+    def __call__(self, observation: FloatTable) -> int:
+        """Return the number of the state that an observation, (n,) float, falls into."""
+        values = observation.tolist()
+        if len(values) != len(self._inner):
+            raise TaskError(f"an observation must have {len(self._inner)} entries: got {values}")
+        if any(value != value for value in values):
+            raise TaskError(f"an observation must be of numbers: got {values}")
+        return self.states.encode_one(tuple(map(bisect_right, self._inner, values)))
+
+    def many(self, observations: FloatTable) -> IntArray:
+        """Return the numbers of the states that N observations, (N, n) float, fall into, (N,).
+
+        An :class:`ObservationMapping` reads a source's table with it.
+
+        Examples
+        --------
+        >>> Bins({"position": [-1.2, -0.5, 0.6]}).many(np.array([[-0.7], [0.1]]))
+        array([0, 1])
+        """
+        values = np.asarray(observations)
+        if values.ndim != 2 or values.shape[1] != len(self._inner) or np.isnan(values).any():
+            raise TaskError(
+                f"observations must be numbers of shape (N, {len(self._inner)}): got shape "
+                f"{values.shape}{', some of them NaN' * bool(np.isnan(values).any())}"
+            )
+        bins = map(partial(np.searchsorted, side="right"), self._inner, values.T)
+        return self.states.encode(**dict(zip(self.edges, bins, strict=True)))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Bins):
+            return NotImplemented
+        return list(self.edges.items()) == list(other.edges.items())
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.edges.items()))
+
+
+def _labels(inner: tuple[float, ...]) -> tuple[str, ...]:
+    """Return different names for the bins between these edges."""
+    if not inner:
+        return ("any",)
+    shown = [f"{edge:g}" for edge in inner]
+    if len(set(shown)) < len(shown):
+        shown = [repr(edge) for edge in inner]
+    between = (f"{low} to {high}" for low, high in pairwise(shown))
+    return f"below {shown[0]}", *between, f"{shown[-1]} and above"
+
 
 Environment = gym.Env[Any, Any]
 Encoder = Callable[[Environment], Environment]
@@ -244,3 +356,230 @@ def _of_numbers(space: gym.Space[Any]) -> bool:
         parts = space.spaces.values() if isinstance(space, Dict) else space.spaces
         return all(map(_of_numbers, parts))
     return isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary)
+
+
+OBJECTS, COLOURS, STATES = 11, 6, 3
+"""MiniGrid's codes of a cell: its object, the object's colour, and whether a door is open."""
+CHANNELS = OBJECTS + COLOURS + STATES
+DIRECTIONS = 4
+AGENT = 10
+"""The code of the agent among objects."""
+VOCABULARY = (
+    "a after agent and at avoid ball behind blue box door empty end fetch find floor from front "
+    "get go goal green grey hallway in key lava left matching maze must near next object of on "
+    "open opening pick purple put reach red right room rooms square the then to traverse "
+    "unlock unseen up use wall yellow you your"
+)
+WORDS = tuple(VOCABULARY.split())
+"""The words of missions: those of MiniGrid's ``DictObservationSpaceWrapper`` and of BabyAI."""
+
+Cells = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class _MiniGridEncoder:
+    """What both encoders of MiniGrid have in common."""
+
+    def __post_init__(self) -> None:
+        for name in ("picture", "mission"):
+            instance(f"{name} of an encoder", getattr(self, name), bool, SettingError)
+        if self._form.picture and self._form.mission:
+            raise SettingError("a mission goes with a vector: got picture=True and mission=True")
+
+    @property
+    def _form(self) -> "_Form":
+        mine: Any = self
+        return _Form(mine.picture, mine.mission)
+
+    def _wrapped(
+        self, env: Environment, cells: Callable[[Any, Any], Cells], width: int, height: int
+    ) -> Environment:
+        space = self._form.space(width, height)
+        return EncodedObservations(env, _Encoded(cells, self._form), space)
+
+
+@dataclass(frozen=True)
+class MiniGridView(_MiniGridEncoder):
+    """What a MiniGrid agent sees before it, as zeros and ones.
+
+    Each of the view's 7 x 7 cells is one-hot by its object (11), colour (6) and state (3), the
+    agent's direction by 4 more: a vector of 984 numbers, float32. The mission is left out.
+
+    Parameters
+    ----------
+    picture : bool
+        The same as planes, (24, 7, 7), channels first; the direction is a plane of ones among four.
+        :class:`~curricle.deep.SmallCNN` reads it.
+    mission : bool
+        Append which of MiniGrid's 59 words the mission has, whatever their order.
+
+    Raises
+    ------
+    SettingError
+        When a setting makes no sense.
+    TaskError
+        When an environment is not one of MiniGrid's or a wrapper has changed its observations.
+
+    Examples
+    --------
+    >>> MiniGridView(), MiniGridView() == MiniGridView(mission=True)
+    (MiniGridView(picture=False, mission=False), False)
+    """
+
+    picture: bool = False
+    mission: bool = False
+
+    def __call__(self, env: Environment) -> Environment:
+        """Return the environment with encoded observations."""
+        width, height = _checked(env, "MiniGridView")
+        return self._wrapped(env, _seen, width, height)
+
+
+@dataclass(frozen=True)
+class MiniGridFullView(_MiniGridEncoder):
+    """All of a MiniGrid level, as zeros and ones.
+
+    Cells are one-hot as in :class:`MiniGridView`. The agent is one more object of its cell, as is
+    what it carries. A level that is smaller lies in the middle, among unseen cells, so that levels
+    of several sizes share a space: 20 x width x height + 4 numbers, float32.
+
+    Parameters
+    ----------
+    width, height : int
+        Of the largest level, walls included.
+    picture, mission : bool
+        As in :class:`MiniGridView`; a picture is (24, height, width).
+
+    Raises
+    ------
+    SettingError
+        When a setting makes no sense.
+    TaskError
+        When an environment is not one of MiniGrid's, or larger.
+
+    Examples
+    --------
+    >>> MiniGridFullView(9, 9)
+    MiniGridFullView(width=9, height=9, picture=False, mission=False)
+    """
+
+    width: int
+    height: int
+    picture: bool = False
+    mission: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            whole_number(f"{name} of an encoder", getattr(self, name), 3, SettingError)
+        super().__post_init__()
+
+    def __call__(self, env: Environment) -> Environment:
+        """Return the environment with encoded observations."""
+        _checked(env, "MiniGridFullView")
+        base: Any = env.unwrapped
+        self._check_size(base)
+        return self._wrapped(env, self._cells, self.width, self.height)
+
+    def _check_size(self, base: Any) -> None:
+        if base.width > self.width or base.height > self.height:
+            raise TaskError(
+                f"a level must fit into its encoder's {self.width} x {self.height} cells: {base} "
+                f"has {base.width} x {base.height}"
+            )
+
+    def _cells(self, base: Any, observation: Any) -> Cells:
+        """Return the whole grid, (width, height, 20)."""
+        codes = np.zeros((self.width, self.height, 3), np.uint8)  # (0, 0, 0) are unseen cells
+        self._check_size(base)  # a reset may make another grid
+        left, top = (self.width - base.width) // 2, (self.height - base.height) // 2
+        codes[left : left + base.width, top : top + base.height] = base.grid.encode()
+        cells = _one_hot(codes)
+        x, y = base.agent_pos
+        here = cells[left + x, top + y]
+        here[AGENT] = 1
+        if base.carrying is not None:
+            carried, colour, _ = base.carrying.encode()
+            here[[carried, OBJECTS + colour]] = 1
+        return cells
+
+
+@dataclass(frozen=True)
+class _Form:
+    """Puts cells, direction and mission together, as a vector or a picture."""
+
+    picture: bool
+    mission: bool
+
+    def space(self, width: int, height: int) -> Box:
+        """Return the space of encoded observations of so many cells."""
+        if self.picture:
+            return Box(0, 1, (CHANNELS + DIRECTIONS, height, width), np.float32)
+        words = len(WORDS) if self.mission else 0
+        return Box(0, 1, (width * height * CHANNELS + DIRECTIONS + words,), np.float32)
+
+    def of(self, cells: Cells, observation: Any) -> Cells:
+        """Return an encoded observation; cells are (width, height, 20)."""
+        direction = _identity(DIRECTIONS)[observation["direction"]]
+        if self.picture:
+            width, height, _ = cells.shape
+            planes = np.broadcast_to(direction[:, None, None], (DIRECTIONS, height, width))
+            return np.concatenate([cells.transpose(2, 1, 0), planes])
+        words = [_words(observation["mission"])] if self.mission else []
+        return np.concatenate([cells.reshape(-1), direction, *words])
+
+
+@dataclass(frozen=True)
+class _Encoded:
+    """The function of an :class:`EncodedObservations` of MiniGrid."""
+
+    cells: Callable[[Any, Any], Cells]
+    form: _Form
+
+    def __call__(self, base: Any, observation: Any) -> Cells:
+        return self.form.of(self.cells(base, observation), observation)
+
+
+def _seen(base: Any, observation: Any) -> Cells:
+    """Return the cells before the agent, (7, 7, 20)."""
+    return _one_hot(observation["image"])
+
+
+def _checked(env: Environment, encoder: str) -> tuple[int, int]:
+    """Return the width and height of MiniGrid's view; TaskError where observations are others."""
+    space: gym.Space[Any] = env.observation_space
+    if not is_minigrid(env):
+        raise TaskError(f"{encoder} is for MiniGrid's environments: got {env}")
+    image = space.spaces.get("image") if isinstance(space, Dict) else None
+    if image is None or len(shape := image.shape or ()) != 3 or shape[2] != 3:
+        raise TaskError(
+            f"{encoder} reads MiniGrid's own observations, a Dict with an image of codes and the "
+            f"direction: got {space_text(space)}"
+        )
+    return shape[0], shape[1]
+
+
+def _one_hot(codes: npt.NDArray[Any]) -> Cells:
+    """Return codes of cells, (width, height, 3), as zeros and ones, (width, height, 20)."""
+    sizes = (OBJECTS, COLOURS, STATES)
+    try:
+        return np.concatenate([_identity(n)[codes[..., k]] for k, n in enumerate(sizes)], axis=-1)
+    except IndexError:
+        raise TaskError(
+            f"MiniGrid's codes of object, colour and state must be below {sizes}: got up to "
+            f"{codes.max(axis=(0, 1)).tolist()}"
+        ) from None
+
+
+def _words(mission: str) -> Cells:
+    """Return which of MiniGrid's words a mission has, (59,)."""
+    found = np.zeros(len(WORDS), np.float32)
+    for word in mission.lower().replace(",", " ").split():
+        if word not in WORDS:
+            raise TaskError(f"a mission must have words of MiniGrid's: got {word!r} in {mission!r}")
+        found[WORDS.index(word)] = 1
+    return found
+
+
+@cache
+def _identity(n: int) -> Cells:
+    return np.eye(n, dtype=np.float32)

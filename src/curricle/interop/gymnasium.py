@@ -12,7 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from curricle.checks import whole_number
 from curricle.errors import CurricleError, TaskError
-from curricle.interop.bins import Bins
+from curricle.interop.encoders import Bins
 from curricle.interop.spaces import (
     Number,
     Point,
@@ -23,7 +23,7 @@ from curricle.interop.spaces import (
     with_labels,
     with_names,
 )
-from curricle.interop.tabulation.world import time_limit_of
+from curricle.interop.tabulation.exploration import time_limit_of
 from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
 from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP

@@ -5,7 +5,6 @@ from gymnasium.envs import registration
 ENVIRONMENTS = {
     "Curricle/Maze-v0": "environment:MazeEnvironment",
     "Curricle/Pursuit-v0": "environment:PursuitEnvironment",
-    "Curricle/VectorPursuit-v0": "vector_pursuit:VectorPursuitEnvironment",
 }
 
 

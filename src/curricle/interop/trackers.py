@@ -1,12 +1,10 @@
-"""Trackers: a study's curves in TensorBoard, Weights & Biases, MLflow or a tool of one's own."""
+"""Trackers: a study's curves in TensorBoard or a tool of the user's."""
 
 import json
-import os
 import sys
+import time
+import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -14,6 +12,7 @@ import numpy as np
 
 from curricle.checks import one_of
 from curricle.errors import SettingError
+from curricle.files import file_name
 from curricle.learning.result import LearningResult
 
 CURVES = {
@@ -23,15 +22,13 @@ CURVES = {
     "curricle/guard_share": "guard_share",
 }
 """Tag of a curve, as other libraries name it, -> field of :class:`LearningResult`."""
-TRACKERS = {"tensorboard": "TensorBoard", "wandb": "WandB", "mlflow": "MLflow"}
-"""A tool, which is also its package and Curricle's extra -> its tracker in ``tools``."""
 
 
 @runtime_checkable
 class Tracker(Protocol):
     """Logs a study as it runs.
 
-    A tracker may raise any `Exception`: :class:`Trackers` reports it and switches the tracker off.
+    A tracker may raise any `Exception`: it is reported, and the tracker is switched off.
 
     Examples
     --------
@@ -46,8 +43,8 @@ class Tracker(Protocol):
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
         """Begin a study, before anything is trained.
 
-        `configuration` has the settings, nested as in the study's file. `folder` is where its
-        results are, absolute; an earlier run of the study may have logged there.
+        `configuration` has the settings, nested as in the study's file. `folder`, absolute, is
+        where its results are.
         """
 
     def record(self, arm: str, node: str, result: LearningResult) -> None:
@@ -58,131 +55,74 @@ class Tracker(Protocol):
 
 
 class Trackers:
-    """Several trackers as one, which never stops the study.
+    """Several trackers, none of which stops the study.
 
-    A tracker that raises is reported, with the place and the exception, and not called again; the
-    others go on. KeyboardInterrupt and whatever else is no `Exception` is raised.
+    A tracker that raises an `Exception` is reported and not called again; the others go on.
 
-    Parameters
-    ----------
-    trackers : iterable of Tracker
-    report : callable, optional
-        Called with one sentence for each failure; by default it is printed to stderr.
-
-    Attributes
-    ----------
-    failures : list of str
-        What was reported of them.
+    `report` is called with one sentence for each failure; by default it is printed to stderr.
 
     Examples
     --------
-    >>> class Full(Tracker):
-    ...     def start(self, study, configuration, folder):
-    ...         raise OSError("no space left")
-    >>> trackers = Trackers([Full()], report=print)
-    >>> trackers.start("hunt", {}, Path("results"))
-    Full failed at the start of the study and is switched off: OSError: no space left
-    >>> len(trackers.failures)
-    1
+    >>> Trackers(["tensorbord"])
+    Traceback (most recent call last):
+    curricle.errors.SettingError: a tracker must be one of tensorboard: got 'tensorbord'...
     """
 
     def __init__(
-        self, trackers: Iterable[Tracker], report: Callable[[str], Any] | None = None
+        self, trackers: Iterable[str | Tracker], report: Callable[[str], Any] | None = None
     ) -> None:
-        self._working = list(trackers)
+        self._working = trackers_of(trackers)
         self._report = to_stderr if report is None else report
         self._recorded = False
-        self.failures: list[str] = []
 
-    def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
+    def start(self, study: str, configuration: Mapping[str, Any], folder: str | Path) -> None:
         """Begin a study with every tracker."""
-        folder = folder.resolve()
-        self._each("at the start of the study", lambda t: t.start(study, configuration, folder))
+        place = Path(folder).resolve()
+        self._call("at the start of the study", lambda t: t.start(study, configuration, place))
 
     def record(self, arm: str, node: str, result: LearningResult) -> None:
         """Log a task that has been trained with every tracker."""
         self._recorded = True
-        self._each(f"at arm {arm!r}, task {node!r}", lambda t: t.record(arm, node, result))
+        self._call(f"at arm {arm!r}, task {node!r}", lambda t: t.record(arm, node, result))
 
     def close(self) -> None:
         """End the study with every tracker, and report if nothing was ever recorded."""
         if self._working and not self._recorded:
             tools = ", ".join(type(tracker).__name__ for tracker in self._working)
             self._report(f"{tools}: nothing was logged, as this run finished no unit of work")
-        self._each("at the end of the study", lambda t: t.close())
+        self._call("at the end of the study", lambda t: t.close())
         self._working = []
 
-    def _each(self, place: str, call: Callable[[Tracker], None]) -> None:
-        """Call all trackers that work, and switch off those that raise."""
+    def _call(self, place: str, call: Callable[[Tracker], None]) -> None:
         for tracker in tuple(self._working):
             try:
                 call(tracker)
             except Exception as error:
                 self._working = [other for other in self._working if other is not tracker]
-                what = " ".join(f"{type(error).__name__}: {error}".split())
-                failure = f"{type(tracker).__name__} failed {place} and is switched off: {what}"
-                self.failures.append(failure)
-                self._report(failure)
+                reason = " ".join(f"{type(error).__name__}: {error}".split())
+                name = type(tracker).__name__
+                self._report(f"{name} failed {place} and is switched off: {reason}")
 
 
-def open_trackers(
-    trackers: Iterable[str | Tracker],
-    study: str,
-    configuration: Mapping[str, Any],
-    folder: str | Path,
-    report: Callable[[str], Any] | None = None,
-) -> Trackers:
-    """Return trackers as one, started on a study.
-
-    Parameters
-    ----------
-    trackers : iterable of str or Tracker
-        "tensorboard", "wandb", "mlflow", or a :class:`Tracker` of one's own; each is opened once.
-    study : str
-        Its name.
-    configuration : Mapping
-        Its settings; logged as hyperparameters.
-    folder : str or Path
-        The study's folder. What the tools write stays inside.
-    report : callable, optional
-        Called with one sentence for each failure; by default it is printed to stderr.
-
-    Raises
-    ------
-    SettingError
-        When a name is unknown or its tool is not installed.
-
-    Examples
-    --------
-    >>> open_trackers(["tensorbord"], "hunt", {}, "results")
-    Traceback (most recent call last):
-        ...
-    curricle.errors.SettingError: a tracker must be one of tensorboard, wandb, mlflow: got ...
-    """
-    opened = Trackers(trackers_of(trackers), report)
-    opened.start(study, configuration, Path(folder))
-    return opened
-
-
-def trackers_of(given: Iterable[str | Tracker]) -> list[Tracker]:
+def trackers_of(trackers: Iterable[str | Tracker]) -> list[Tracker]:
     """Return trackers, each once; SettingError where a name is unknown or its tool is missing."""
-    if isinstance(given, str):
-        raise SettingError(f"trackers must be a list of them: got {given!r}")
-    return [_tracker_of(each) for each in dict.fromkeys(given)]
+    if isinstance(trackers, str):
+        raise SettingError(f"trackers must be a list of them: got {trackers!r}")
+    return [
+        tracker if isinstance(tracker, Tracker) else _tensorboard(tracker)
+        for tracker in dict.fromkeys(trackers)
+    ]
 
 
-def _tracker_of(given: str | Tracker) -> Tracker:
-    if isinstance(given, Tracker):
-        return given
-    one_of("a tracker", given, TRACKERS, SettingError)
-    found = find_spec(given)
-    if found is None or found.origin is None:  # a folder of that name is importable, but empty
+def _tensorboard(name: str) -> "TensorBoard":
+    one_of("a tracker", name, ("tensorboard",), SettingError)
+    try:
+        import tensorboard.summary.writer.record_writer  # noqa: F401 - of no empty folder
+    except ModuleNotFoundError:
         raise SettingError(
-            f"tracker {given!r} needs a package that is not installed: "
-            f'pip install "curricle[{given}]"'
-        )
-    made: Tracker = getattr(import_module("curricle.interop.tools"), TRACKERS[given])()
-    return made
+            'TensorBoard must be installed to be a tracker: pip install "curricle[tensorboard]"'
+        ) from None
+    return TensorBoard()
 
 
 def to_stderr(sentence: str) -> None:
@@ -190,14 +130,16 @@ def to_stderr(sentence: str) -> None:
     print(sentence, file=sys.stderr)
 
 
-# What the trackers of tools share
-
-
 def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str, float]]]:
     """Yield the steps and values of each checkpoint of the k-th seed at which any was measured.
 
-    Steps are those taken in this task, at most what the seed used. Values are by tag
-    (:data:`CURVES`); NaN is left out.
+    Values are by tag, such as ``eval/mean_reward``; NaN is left out.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> next(checkpoints(learn(GridWorld("S.T"), budget=20), 0))
+    (0, {'eval/mean_reward': 168.98, 'time/episodes': 0.0})
     """
     curves = {tag: getattr(result, field)[k] for tag, field in CURVES.items()}
     for t in np.flatnonzero(result.steps <= result.steps_used[k]):
@@ -206,27 +148,10 @@ def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str,
             yield int(result.steps[t]), values
 
 
-def run_name(arm: str, node: str, seed: int) -> str:
-    """Return the name of the run of one seed."""
-    return f"{arm}/{node}/seed-{seed}"
-
-
-def as_json(configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings in JSON's types; values of other types become text."""
-    found: dict[str, Any] = json.loads(json.dumps(dict(configuration), default=str))
-    return found
-
-
 def hyperparameters(configuration: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
-    """Return nested settings as one level, with dotted names; lists and None become JSON text.
-
-    Examples
-    --------
-    >>> hyperparameters({"budget": 1000, "learner": {"epsilon": 0.1, "tags": ["a", "b"]}})
-    {'budget': 1000, 'learner.epsilon': 0.1, 'learner.tags': '["a", "b"]'}
-    """
+    """Return nested settings as one level, with dotted names; lists and None become JSON text."""
     flat: dict[str, bool | int | float | str] = {}
-    for name, value in as_json(configuration).items():
+    for name, value in json.loads(json.dumps(dict(configuration), default=str)).items():
         if isinstance(value, dict) and value:
             flat |= {f"{name}.{inner}": leaf for inner, leaf in hyperparameters(value).items()}
         elif isinstance(value, bool | int | float | str):
@@ -236,13 +161,45 @@ def hyperparameters(configuration: Mapping[str, Any]) -> dict[str, bool | int | 
     return flat
 
 
-@contextmanager
-def environment_variables(**defaults: str) -> Iterator[None]:
-    """Set environment variables, those that are not set already, while the context lasts."""
-    added = {name: value for name, value in defaults.items() if name not in os.environ}
-    os.environ.update(added)
-    try:
-        yield
-    finally:
-        for name in added:
-            os.environ.pop(name, None)
+class TensorBoard:
+    """Event files in ``<folder>/tensorboard/<arm>/<node>/seed-<seed>``, float32.
+
+    Each seed's file is new, so that nothing logged by another process or an earlier run of the
+    study is overwritten; TensorBoard shows all files of a folder as one run.
+    """
+
+    def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
+        """Make the folder."""
+        self._configuration = configuration
+        self._root = folder / "tensorboard"
+        self._root.mkdir(parents=True, exist_ok=True)
+
+    def record(self, arm: str, node: str, result: LearningResult) -> None:
+        """Write a file for each seed."""
+        from tensorboard.compat.proto.event_pb2 import Event
+        from tensorboard.compat.proto.summary_pb2 import Summary
+        from tensorboard.plugins.hparams.summary_v2 import hparams_pb
+        from tensorboard.summary.writer.record_writer import RecordWriter
+
+        settings = hyperparameters({**self._configuration, "arm": arm, "node": node})
+        now = time.time()
+        for k, seed in enumerate(result.seeds):
+            events = [
+                Event(wall_time=now, file_version="brain.Event:2"),
+                Event(wall_time=now, summary=hparams_pb(settings, start_time_secs=now)),
+            ]
+            for step, values in checkpoints(result, k):
+                scalars = [Summary.Value(tag=tag, simple_value=v) for tag, v in values.items()]
+                events.append(Event(wall_time=now, step=step, summary=Summary(value=scalars)))
+            folder = self._root / file_name(arm) / file_name(node) / f"seed-{seed}"
+            folder.mkdir(parents=True, exist_ok=True)
+            # TensorBoard reads a folder's files in the order of their names.
+            name = f"events.out.tfevents.{int(now):010d}.{uuid.uuid4().hex}"
+            # On a full disk the thread of a SummaryWriter dies and its caller waits for ever.
+            with (folder / name).open("xb") as file:
+                writer = RecordWriter(file)
+                for event in events:
+                    writer.write(event.SerializeToString())
+
+    def close(self) -> None:
+        """Do nothing: the files are complete."""

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.archives.saved_file import SavedFile, read_saved, write_saved
+from curricle.archives import SavedFile, read_saved, write_saved
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.display import block
 from curricle.errors import SettingError

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any
 
-from curricle.archives.saved_file import SavedFile
+from curricle.archives import SavedFile
 from curricle.errors import CurricleError, SettingError, StoreError
 from curricle.learning.learners import (
     SARSA,

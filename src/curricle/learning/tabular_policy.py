@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.archives.saved_file import read_saved, write_saved
+from curricle.archives import read_saved, write_saved
 from curricle.array_types import FloatTable
 from curricle.checks import brief, numbers, whole_number
 from curricle.display import brief_value

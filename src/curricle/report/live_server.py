@@ -15,7 +15,7 @@ from typing import Any
 from markupsafe import Markup
 
 from curricle.errors import SettingError, StudyError, reason
-from curricle.remote_path import Place
+from curricle.files import Place
 from curricle.report.live_study import LiveStudy, one_line
 from curricle.report.templates import asset, render
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from curricle.checks import listed
 from curricle.errors import in_words
-from curricle.remote_path import Place, RemotePath, place_at
+from curricle.files import Place, RemotePath, place_at
 from curricle.report.graph import CardCurve, card_curves
 from curricle.report.study_report import stored_page
 from curricle.statistics.curves import SCRATCH

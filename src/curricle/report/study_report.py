@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from curricle.remote_path import Place
+from curricle.files import Place
 from curricle.report.page import ShownStudy, page_of
 from curricle.report.templates import write_page
 from curricle.study.effects import effects_of

@@ -7,8 +7,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from curricle.errors import LostStoreError, StoreError, reason
-from curricle.files import PART
-from curricle.remote_path import Place
+from curricle.files import PART, Place
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
 UNITS = "units"

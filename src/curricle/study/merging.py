@@ -5,7 +5,7 @@ from itertools import chain
 
 from curricle.checks import BEYOND_64_BITS
 from curricle.errors import StoreError
-from curricle.remote_path import Place
+from curricle.files import Place
 from curricle.study.failures import read_failures, write_failures
 from curricle.study.packing import files_of, pack
 from curricle.study.results import StudyResults

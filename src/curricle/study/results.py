@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from curricle.archives.sealed_json import sealed
+from curricle.archives import sealed
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
@@ -17,9 +17,9 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues, source_values, sources_read
 from curricle.deep.policy import policies_of
 from curricle.errors import StoreError, StudyError
+from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, joined_results
-from curricle.remote_path import Place
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
 from curricle.study.failures import failed_arms, read_failures

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from curricle.remote_path import Place, place_at
+from curricle.files import Place, place_at
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of

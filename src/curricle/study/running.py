@@ -15,10 +15,10 @@ from typing import Any
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.interop.trackers import Tracker, Trackers, open_trackers, to_stderr, trackers_of
+from curricle.files import Place
+from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
 from curricle.progress import check_progress
-from curricle.remote_path import Place
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
@@ -95,7 +95,7 @@ def run_study(
     keep_stale : bool
         Whether to use units that are stale because of code or Curricle's version alone.
     trackers : sequence of str or Tracker
-        They get each unit's curves too: "tensorboard", "wandb", "mlflow", or one's own. One that
+        They get each unit's curves too: "tensorboard", or one's own. One that
         fails is reported and switched off; it never stops the run.
     report : callable, optional
         Called with a sentence for each failure of a tracker, and for each task with units that are
@@ -279,7 +279,9 @@ def _tracking(
 ) -> Trackers:
     """Return the trackers of a run, which write beside its folder."""
     beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
-    return open_trackers(trackers, study.name, _settings(study, arms), beside, report)
+    opened = Trackers(trackers, report)
+    opened.start(study.name, _settings(study, arms), beside)
+    return opened
 
 
 def _workers(

@@ -12,11 +12,17 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from curricle.archives.array_archive import Damaged
-from curricle.archives.sealed_json import as_json, parsed_json, sealed, unsealed
+from curricle.archives import Damaged, as_json, parsed_json, sealed, unsealed
 from curricle.errors import StoreError
-from curricle.files import PART, read_bounded, remove_folder, write_whole
-from curricle.remote_path import Place, RemotePath, place_at
+from curricle.files import (
+    PART,
+    Place,
+    RemotePath,
+    place_at,
+    read_bounded,
+    remove_folder,
+    write_whole,
+)
 from curricle.study.dependencies import Dependencies
 from curricle.study.description import differences, shown
 from curricle.study.folders import (

@@ -4,8 +4,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, JsonValue, model_validator
 
-from curricle.archives.sealed_json import sealed
-from curricle.remote_path import Place
+from curricle.archives import sealed
+from curricle.files import Place
 from curricle.study.folders import holds_study
 from curricle.study.plain_data import Count, Plain
 from curricle.study.record import plain, read_record

@@ -9,15 +9,17 @@ from typing import Any
 import numpy.typing as npt
 import pyarrow as pa
 
-from curricle.archives.array_archive import (
+from curricle.archives import (
     ArrayArchive,
     archive_content,
+    as_json,
+    digest_of,
     opened_archive,
     opened_whole,
+    parsed_json,
 )
-from curricle.archives.sealed_json import as_json, digest_of, parsed_json
+from curricle.files import Place
 from curricle.learning.result_arrays import checkpoints_of
-from curricle.remote_path import Place
 from curricle.study.record import UnitRecord, plain, read_record
 from curricle.study.serialization import (
     DECISION_SCHEMA,

@@ -14,11 +14,11 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import StoredValues, source_values
 from curricle.display import brief_repr
+from curricle.files import Place
 from curricle.learning.budget import ended_by
 from curricle.learning.result_arrays import arrays_of
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.storage import Storage
-from curricle.remote_path import Place
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import Dependencies

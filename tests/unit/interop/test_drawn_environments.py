@@ -4,14 +4,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
-from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import SettingError
-from curricle.study import StudyResults
 from curricle.tasks.grid_layout import layout_of
 from curricle.tasks.grid_view import GridView
-from curricle.tasks.scenes import scene_of
 
 MOVES = ("up", "right", "down", "left")
 
@@ -84,11 +81,6 @@ def test_cells_of_states_with_other_components_are_no_walls(tabled):
     assert GridView.of(tabled, {"fuel": 3}).cells.tolist() == [[1, 0], [1, 1], [2, 0]]
 
 
-def test_a_row_may_be_fixed_instead():
-    view = GridView.of(LIVE, {"row": 1})
-    assert view.shape == (3, 5)  # columns and fuel
-
-
 @pytest.mark.parametrize(
     ("at", "sentence"),
     [
@@ -100,54 +92,3 @@ def test_a_row_may_be_fixed_instead():
 def test_what_is_no_view_is_refused(at, sentence):
     with pytest.raises(SettingError, match=sentence):
         GridView.of(LIVE, at)
-
-
-def test_values_of_a_live_task_are_drawn():
-    axes = Figure().subplots()
-    values = np.arange(float(LIVE.states.size))
-    image = cr.plotting.draw_potential(axes, LIVE, values, label="V")
-    assert image.get_array().tolist() == [[4, 9, 14], [19, 24, 29]]
-
-
-def test_an_environment_of_tables_is_rendered_as_a_grid(tabled):
-    scene = scene_of(tabled)
-    assert scene.text(int(tabled.mdp.start_states[0])) == "@..\n...\nfuel = 4"
-
-
-STUDY = """
-name = "tank"
-seeds = 2
-budget = 400
-evaluation = { episodes = 1 }
-[tasks.full]
-type = "gymnasium"
-factory = "own:Tank"
-arguments = { full = 8 }
-names = ["row", "column", "fuel"]
-actions = ["up", "right", "down", "left"]
-time_limit = 9
-[tasks.low]
-type = "gymnasium"
-factory = "own:Tank"
-names = ["row", "column", "fuel"]
-actions = ["up", "right", "down", "left"]
-time_limit = 9
-[[transfers]]
-source = "full"
-target = "low"
-project = {}
-"""
-
-
-def test_a_study_replays_a_class_of_ones_own_on_its_grid(tmp_path):
-    (tmp_path / "own.py").write_text("from tests.unit.interop.test_drawn_environments import Tank")
-    (tmp_path / "tank.toml").write_text(STUDY)
-    cr.run_study(tmp_path / "tank.toml", tmp_path / "results")
-    results = StudyResults(tmp_path / "results")
-    views = [task.view for task in results.record.tasks]
-    assert sorted(view.words for view in views) == ["fuel 4", "fuel 8"]
-    episodes = results.analysis.episodes["transfer"]["low"]
-    before, after = episodes.before, episodes.after
-    assert before.cells[0].tolist() == after.cells[0].tolist() == [0]
-    page = cr.report.write_report(tmp_path / "results").read_text("utf-8")
-    assert "One episode, before and after" in page

@@ -7,7 +7,6 @@ from gymnasium import spaces
 
 import curricle as cr
 from curricle.interop.spaces import Number as space_number
-from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.task import same_task
 
 from .environments import TWO, Echo, Ring
@@ -141,21 +140,10 @@ def test_bins_make_numbers_states():
     assert len(set(close)) == 4
 
 
-def test_bins_are_values():
-    assert cr.interop.Bins(EDGES) == cr.interop.Bins(dict(EDGES))
-    assert hash(cr.interop.Bins(EDGES)) == hash(cr.interop.Bins(dict(EDGES)))
-    assert cr.interop.Bins(EDGES) != cr.interop.Bins(dict(reversed(EDGES.items())))
-    assert cr.interop.Bins(EDGES) != 3
-
-
 BAD_BINS = {
     "no dict": ([1, 2], "bins need a dict"),
-    "none": ({}, "bins need a dict"),
-    "one edge": ({"x": [1.0]}, "'x' has"),
     "descending": ({"x": [2, 1]}, "'x' has"),
-    "twice the same": ({"x": [1, 1, 2]}, "'x' has"),
     "not a number": ({"x": [1, np.nan]}, "'x' has"),
-    "words": ({"x": "ab"}, "must be an array of numbers"),
     "a table": ({"x": [[1, 2]]}, "'x' has"),
 }
 
@@ -181,14 +169,6 @@ BOX = spaces.Box(0, 1, (2,))
 
 REFUSED = {
     "a box": ({"observation_space": BOX, "action_space": TWO}, "observations must be discrete"),
-    "a box of actions": (
-        {"observation_space": TWO, "action_space": BOX},
-        "actions must be discrete",
-    ),
-    "text in a dict": (
-        {"observation_space": spaces.Dict(a=spaces.Text(3)), "action_space": TWO},
-        "observations must be discrete",
-    ),
     "no states": (
         {"observation_space": BOX, "action_space": TWO, "encode": int},
         "needs the states it encodes to",
@@ -197,7 +177,6 @@ REFUSED = {
         {"observation_space": BOX, "action_space": TWO, "encode": cr.interop.Bins({"x": [0, 1]})},
         r"edges for each entry of an observation, \(2,\): they have edges for 1",
     ),
-    "a discount": ({"observation_space": TWO, "action_space": TWO, "discount": 2}, "discount must"),
     "no end in sight": (
         {"observation_space": TWO, "action_space": TWO, "discount": 1},
         "a live task with discount 1 needs a time limit",
@@ -266,14 +245,3 @@ def test_live_tasks_made_of_the_same_are_one():
         for _ in range(2)
     ]  # fmt: skip
     assert same_task(*echoes)
-
-
-def test_what_a_maker_holds_cannot_be_changed_from_outside():
-    table = np.array([1.0, 2.0])
-    maker = EnvironmentMaker(dict, {"table": table.copy()})
-    assert maker == EnvironmentMaker(dict, {"table": table})
-    assert maker != EnvironmentMaker(dict, {"table": table + 1})
-    assert maker != 3
-    maker()["table"][0] = 7.0
-    assert maker == EnvironmentMaker(dict, {"table": table})
-    assert "table=" in str(maker)

@@ -116,16 +116,6 @@ def test_moves_go_where_their_names_say():
             assert (there["row"], there["column"]) == (row + down, column + right)
 
 
-def test_a_lake_is_mapped_to_a_maze_by_name():
-    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9)
-    maze = cr.GridWorld(["S..", "...", "..T"])
-    mapping = cr.project(lake, maze)
-    south = 1
-    pair = mapping.index[lake.states.encode(row=1, column=2), south]
-    assert maze.states.label(pair // 4) == "row=1 column=2"
-    assert maze.actions.label(pair % 4) == "move=south"
-
-
 def test_an_end_that_depends_on_the_transition_is_a_state_of_its_own():
     tabled = cr.from_gymnasium(Ring, discount=0.5)
     live = cr.from_gymnasium(Ring, discount=0.5, live=True)
@@ -136,11 +126,6 @@ def test_an_end_that_depends_on_the_transition_is_a_state_of_its_own():
     learnt = [cr.learn(task, learner, 500, evaluation=OFF).values[0] for task in (tabled, live)]
     np.testing.assert_array_equal(learnt[0][:3], learnt[1])
     np.testing.assert_array_equal(learnt[1][:, 0], [1.75, 1.5, 1.0])
-
-
-def test_names_that_do_not_fit_an_end_set_apart_are_refused():
-    with pytest.raises(cr.errors.TaskError, match="states must name the environment's 4: got 3"):
-        cr.from_gymnasium(Ring, discount=0.5, states=cr.Space([cr.Component("place", 3)]))
 
 
 class Doubled(gym.Wrapper):

@@ -51,23 +51,6 @@ def test_exceptions_of_an_environment_are_raised_unchanged(error, loop, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_guarded_run_stops_too():
-    def fail(log):
-        if log.count("step") == 40:
-            raise Trouble
-
-    task = watched([], fail)
-    phi = cr.StateActionPotential(task, np.ones((2, 2)))
-    with pytest.raises(Trouble):
-        cr.learn(
-            task,
-            budget=10**9,
-            eval_freq=10**6,
-            shaping=cr.QInitialisation(phi, guard=cr.Guard()),
-            evaluation=OFF,
-        )
-
-
 def fails_at(line, number):
     def fail(log):
         if sum(entry.startswith(line) for entry in log) == number:
@@ -128,7 +111,7 @@ def test_an_interrupt_from_the_keyboard_stops_learning():
     assert log.count("open") == log.count("close")
 
 
-@pytest.mark.parametrize("shown", [2, -1, 1.5, "x", (0, 0), np.array([1, 1])])
+@pytest.mark.parametrize("shown", [2, 1.5, np.array([1, 1])])
 def test_an_observation_that_is_no_state_is_refused(shown):
     task = cr.from_gymnasium(lambda: Echo(TWO, TWO, [0, shown, 0]), discount=0.9)
     with pytest.raises(
@@ -144,10 +127,7 @@ PARTS = "must return (observation, reward, terminated, truncated, info): got"
     ("answer", "words"),
     [
         ((0, None, False, False, {}), "rewards must be finite, .* the environment returned None"),
-        ((0, "x", False, False, {}), "rewards must be finite, .* the environment returned 'x'"),
-        ((0, np.ones(2), False, False, {}), "rewards must be finite, .* returned array"),
         ((0, 1.0), re.escape(f"a step of an environment {PARTS} (0, 1.0)")),
-        ((0, 1.0, False, {}), re.escape(f"a step of an environment {PARTS} (0, 1.0, False, {{}})")),
         (None, re.escape(f"a step of an environment {PARTS} None")),
     ],
 )

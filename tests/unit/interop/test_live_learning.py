@@ -118,16 +118,6 @@ def test_a_time_limit_reaches_the_environment():
     assert result.episodes_used[0] == 2
 
 
-def test_code_is_compiled_once_for_all_environments():
-    from curricle.learning.q_learning import train_q_learning
-    from curricle.tasks.overloads import compiled
-
-    cr.learn(watched([]), budget=10, evaluation=OFF)
-    before = len(compiled(train_q_learning, False).signatures)
-    cr.learn(watched([]), budget=10, evaluation=OFF, seeds=3)
-    assert len(compiled(train_q_learning, False).signatures) == before
-
-
 def lake(**settings):
     return cr.from_gymnasium("FrozenLake-v1", discount=0.95, is_slippery=False, **settings)
 
@@ -172,26 +162,3 @@ def test_what_needs_tables_is_refused():
         cr.errors.SettingError, match="budget in episodes needs a task with a time limit"
     ):
         cr.learn(cr.from_gymnasium(Ring, discount=0.9, live=True), budget=cr.Episodes(3))
-
-
-def test_a_comparison_without_evaluation_is_refused():
-    plan = cr.Curriculum(tasks={"lake": lake()}, evaluation=OFF, budget=100)
-    with pytest.raises(
-        cr.errors.SettingError, match="needs greedy evaluation: that of 'lake' is off"
-    ):
-        cr.compare(plan, seeds=2)
-
-
-def test_rollouts_of_tasks_given_by_functions():
-    def step(n, state, action, bits):
-        return state + action, -1.0, state + action == n - 1
-
-    line = cr.ComputedMDP(cr.Space([cr.Component("place", 4)]), cr.Space([cr.Component("go", 2)]),
-                          lambda n, bits: 0, step, data=4)  # fmt: skip
-    episode = cr.planning.rollout(line, np.ones(4, int))
-    assert episode.states.tolist() == [0, 1, 2, 3]
-    assert episode.terminated
-    chance = np.full((4, 2), 0.5)
-    some = [len(cr.planning.rollout(line, chance, seed=seed)) for seed in range(20)]
-    assert len(set(some)) > 3
-    assert cr.planning.rollout(line, np.zeros(4, int), steps=7).truncated

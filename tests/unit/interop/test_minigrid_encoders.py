@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.errors import SettingError, TaskError
+from curricle.errors import SettingError, StoreError, TaskError
 from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
 from curricle.tasks.observation_task import EnvironmentMaker
 
@@ -132,47 +132,15 @@ def test_tables_of_a_level_have_the_observations_of_the_networks_task(encode, sh
     assert (found == seen).reshape(len(found), -1).all(axis=1).any()
 
 
-def test_the_full_view_shows_every_state_and_the_partial_one_does_not():
-    views = MiniGridFullView(6, 6), MiniGridView()
-    full, part = (
-        cr.tabulate(EnvironmentMaker(DOOR, encode=view), discount=0.9, seeds=2) for view in views
-    )
-    assert not full.observations.ambiguous.any()
-    assert part.observations.ambiguous.any()
+def test_an_encoded_level_is_read_from_its_file(tmp_path):
+    def table(encode):
+        maker = EnvironmentMaker("MiniGrid-Empty-5x5-v0", encode=encode)
+        return cr.tabulate(maker, discount=0.9, cache=tmp_path / "level")
 
-
-def test_tables_by_copies_have_the_same_observations():
-    maker = EnvironmentMaker("MiniGrid-Empty-5x5-v0", encode=MiniGridFullView(7, 7))
-    fast, copies = (
-        cr.tabulate(maker, discount=0.9, state=cr.interop.MiniGridState(copies=way))
-        for way in (False, True)
-    )
-    mine, yours = (
-        {one.tobytes() for one in table.observations.batch()} for table in (fast, copies)
-    )
-    assert yours <= mine
-    assert len(yours) > len(mine) / 2
-
-
-def test_an_encoded_level_is_found_in_the_cache(tmp_path):
-    tables = [
-        cr.tabulate(
-            EnvironmentMaker("MiniGrid-Empty-5x5-v0", encode=encode), discount=0.9, cache=tmp_path
-        )
-        for encode in (MiniGridView(), MiniGridView(), MiniGridView(picture=True))
-    ]
-    assert len(list(tmp_path.glob("*.npz"))) == 2
-    first, again, _ = (table.observations.batch() for table in tables)
+    first, again = (table(MiniGridView()).observations.batch() for _ in range(2))
     np.testing.assert_array_equal(first, again)
-
-
-def test_levels_of_several_sizes_share_a_space():
-    encode = MiniGridFullView(11, 11)
-    spaces = [
-        cr.observation_task(f"MiniGrid-SimpleCrossingS{n}-v0", encode=encode).observations
-        for n in ("9N1", "11N5")
-    ]
-    assert spaces[0] == spaces[1]
+    with pytest.raises(StoreError, match="a cache must hold tables of the same environment"):
+        table(MiniGridView(picture=True))
 
 
 def test_minigrids_own_limit_is_the_tasks():
@@ -188,17 +156,11 @@ def test_minigrids_own_limit_is_the_tasks():
     [
         (lambda: MiniGridView(picture=1), SettingError, "picture of an encoder"),
         (lambda: MiniGridView(picture=True, mission=True), SettingError, "goes with a vector"),
-        (lambda: MiniGridFullView(2, 9), SettingError, "width of an encoder"),
         (lambda: MiniGridView()(gym.make("CartPole-v1")), TaskError, "is for MiniGrid's"),
         (
             lambda: MiniGridView()(minigrid.wrappers.ImgObsWrapper(gym.make(CROSSING))),
             TaskError,
             r"a Dict with an image of codes and the direction: got Box\(",
-        ),
-        (
-            lambda: MiniGridFullView(8, 9)(gym.make(CROSSING)),
-            TaskError,
-            "must fit into its encoder's 8 x 9 cells: .* has 9 x 9",
         ),
         (
             lambda: first_views(minigrid.wrappers.FullyObsWrapper(gym.make(DOOR))),

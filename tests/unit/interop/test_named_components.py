@@ -67,27 +67,9 @@ def test_actions_are_labelled():
     assert lake.actions.label(3) == "move=n"
 
 
-def test_tables_found_by_visiting_take_other_names():
-    names = ["y", "x"]
-    lake = cr.tabulate("FrozenLake-v1", discount=0.9, names=names)
-    plain = cr.tabulate("FrozenLake-v1", discount=0.9)
-    assert lake.states.names == ("y", "x")
-    np.testing.assert_array_equal(lake.states.points, plain.states.points)
-    np.testing.assert_array_equal(lake.mdp.next_state, plain.mdp.next_state)
-
-
 GRID = spaces.MultiDiscrete([2, 3])
 REFUSED = {
     "too few": (GRID, {"names": ["row"]}, "in the order of state_1, state_2: got 1, row"),
-    "none": (GRID, {"names": []}, "in the order of state_1, state_2: got 0, none"),
-    "too many": (
-        TWO,
-        {"names": ["a", "b"]},
-        "sizes must say how many values each of a, b has: got",
-    ),
-    "text": (GRID, {"names": "row"}, "names of a state's components must be a list of text"),
-    "numbers": (GRID, {"names": [1, 2]}, "must be text, not empty: got 1"),
-    "empty": (GRID, {"names": ["a", ""]}, "must be text, not empty: got ''"),
     "twice": (GRID, {"names": ["a", "a"]}, "must differ: got a, a"),
     "sizes alone": (TWO, {"sizes": [2]}, r"sizes need names of what has them: got sizes \[2\]"),
     "sizes of several": (
@@ -95,18 +77,11 @@ REFUSED = {
         {"names": ["a", "b"], "sizes": [2, 3]},
         "sizes are for observations that are one number: these have state_1, state_2",
     ),
-    "sizes missing": (
-        TWO,
-        {"names": ["a", "b"], "sizes": [2]},
-        r"sizes must be of each name, a, b: got 1, \[2\]",
-    ),
     "other sizes": (
         TWO,
         {"names": ["a", "b"], "sizes": [2, 3]},
         "must make the environment's 2 states when multiplied: 2 x 3 is 6",
     ),
-    "one size": (TWO, {"names": ["a"], "sizes": 2}, "sizes must be a list of whole numbers: got 2"),
-    "size of none": (TWO, {"names": ["a"], "sizes": [0]}, "must be a whole number, at least 1"),
     "states too": (
         TWO,
         {"names": ["a"], "states": cr.Space([cr.Component("b", 2)])},
@@ -117,12 +92,6 @@ REFUSED = {
         {"actions": ["a"]},
         "actions must have one label each, 2 in all: got 1",
     ),
-    "labels as text": (
-        TWO,
-        {"actions": "ab"},
-        "labels of actions must be a list of text: got 'ab'",
-    ),
-    "labels twice": (TWO, {"actions": ["a", "a"]}, "labels of actions must differ: got a, a"),
 }
 
 
@@ -131,19 +100,6 @@ def test_what_names_nothing_is_refused_in_a_sentence(name):
     space, settings, sentence = REFUSED[name]
     with pytest.raises(cr.errors.TaskError, match=sentence):
         echo(space, space.sample(), **settings)
-
-
-def test_labels_are_not_for_joint_actions():
-    with pytest.raises(cr.errors.TaskError, match="others are named by a Space: these have act"):
-        cr.from_gymnasium(
-            Echo, discount=0.9, actions=list("abcdef"), observation_space=TWO, action_space=GRID
-        )
-
-
-@pytest.mark.parametrize("names", ["row", ["a", "a"], ["a", "b", "c"]])
-def test_tables_are_not_named_by_anything(names):
-    with pytest.raises(cr.errors.TaskError, match="names"):
-        cr.tabulate("FrozenLake-v1", discount=0.9, names=names)
 
 
 def test_the_time_limit_of_a_wrapper_is_the_task_s():
@@ -170,9 +126,3 @@ def test_a_maker_brings_arguments_of_any_name():
         EnvironmentMaker("FrozenLake-v1", {"map_name": "8x8"}), discount=0.9, time_limit=9
     )
     assert (lake.states.size, lake.time_limit) == (64, 9)
-
-
-def test_an_observation_task_takes_a_class_with_arguments():
-    task = cr.observation_task(Room, discount=0.9, names=["x"])
-    assert task.make().names == ["x"]
-    assert task == cr.observation_task(Room, discount=0.9, names=["x"])

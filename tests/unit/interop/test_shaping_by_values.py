@@ -10,7 +10,7 @@ from gymnasium.wrappers import TimeLimit
 from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle.errors import CurriculumError, PotentialError, SettingError
+from curricle.errors import PotentialError, SettingError
 from curricle.interop.gymnasium import observation_task
 from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 from curricle.tasks.observation_task import stack
@@ -144,14 +144,6 @@ def test_a_potential_over_observations_states_the_discount_and_the_space():
         PotentialShaping(walk(), TableValues(np.zeros((SIZE, 1))))
 
 
-def test_values_stand_beside_functions_and_tables():
-    values = TableValues(PAIRS)
-    sources = {"values": values, "function": lambda cell: 2.0 * cell}
-    env = PotentialShaping(walk(), sources, discount=DISCOUNT, aggregate=cr.total)
-    both = (np.nan_to_num(PHI) + 2.0 * np.arange(SIZE)).__getitem__
-    assert paid(env) == pytest.approx(paid(PotentialShaping(walk(), both, discount=DISCOUNT)))
-
-
 @pytest.mark.parametrize(
     ("read", "said"),
     [
@@ -200,11 +192,3 @@ def test_numbers_are_aggregated_as_arrays_are(numbers):
     for function in (cr.mean, cr.total, cr.maximum, cr.minimum, sideways):
         expected = aggregate(function, column)[0, 0]
         assert aggregate_numbers(function, numbers) == pytest.approx(expected, rel=1e-12, abs=1e-7)
-
-
-def test_numbers_that_aggregate_to_none_are_refused():
-    infinite = pytest.raises(CurriculumError, match="must return finite values: total returned inf")
-    with infinite, np.errstate(over="ignore"):
-        aggregate_numbers(cr.total, [1e308, 1e308])
-    with pytest.raises(CurriculumError, match="must return shape"):
-        aggregate_numbers(lambda potentials: potentials, [1.0, 2.0])

@@ -1,18 +1,17 @@
 """Shaping vector environments, beside an oracle that steps them one by one."""
 
-import copy
 import re
 from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordVectorStatistics
 
 import curricle as cr
 from curricle.errors import SettingError
-from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
+from curricle.interop.potential_shaping import VectorPotentialShaping
 
 from .shaping import (
     DISCOUNT,
@@ -108,45 +107,6 @@ def test_each_sub_environment_gets_what_the_oracle_writes_out(mode, terminal, li
             np.testing.assert_allclose(infos["original_return"], total, atol=1e-12)
             assert abs(infos["telescoping_residual"]).max() < 1e-12
     assert n_ended > 5
-
-
-def assert_same_infos(one, other):
-    assert set(one) == set(other)
-    for name, value in one.items():
-        if isinstance(value, dict):
-            assert_same_infos(value, other[name])
-        else:
-            np.testing.assert_allclose(value, other[name], atol=1e-12, err_msg=name)
-
-
-@pytest.mark.parametrize("batched", [False, True])
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
-def test_infos_are_laid_out_as_those_of_environments_shaped_one_by_one(mode, batched):
-    sources = {"a": table, "mask": cr.StatePotential(task(), PHI[::-1])}
-    actions = actions_of(40, 3)
-    shaped = SyncVectorEnv([lambda: PotentialShaping(world(), sources)] * 3, autoreset_mode=mode)
-    plain = SyncVectorEnv([world] * 3, autoreset_mode=mode)
-    envs = VectorPotentialShaping(plain, sources, batched=batched)
-    for (rewards, infos), (other_rewards, other_infos) in zip(
-        vector_steps(envs, actions), vector_steps(shaped, actions), strict=True
-    ):
-        np.testing.assert_allclose(rewards, other_rewards, atol=1e-12)
-        if infos["_shaping"].any():
-            assert_same_infos(infos, other_infos)
-        else:  # all only reset: Gymnasium's has no entries then, the wrapper's are always there
-            assert set(other_infos) == {"begun", "_begun"}
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_processes_of_their_own_change_nothing(mode):
-    actions = actions_of(25, 2)
-    phi = cr.StatePotential(task(), PHI)
-    runs = []
-    for make in (SyncVectorEnv, AsyncVectorEnv):
-        envs = VectorPotentialShaping(make([world] * 2, autoreset_mode=mode), phi, batched=True)
-        runs.append([rewards for rewards, _ in vector_steps(envs, actions)])
-        envs.close()
-    np.testing.assert_array_equal(*runs)
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -274,12 +234,3 @@ def test_a_vector_environment_must_say_how_it_resets():
     del envs.metadata["autoreset_mode"]
     with pytest.raises(SettingError, match="must say how it resets"):
         VectorPotentialShaping(envs, table, discount=DISCOUNT)
-
-
-def test_a_copied_vector_goes_on_where_the_original_is():
-    envs = VectorPotentialShaping(SyncVectorEnv([world] * 2), table, discount=DISCOUNT)
-    envs.reset(seed=0)
-    envs.step(np.array([0, 1]))
-    twin = copy.deepcopy(envs)
-    for row in actions_of(20, 2):
-        np.testing.assert_array_equal(twin.step(row)[1], envs.step(row)[1])

@@ -8,11 +8,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import SyncVectorEnv
 from gymnasium.wrappers import Autoreset, RecordEpisodeStatistics, TimeLimit
 
 import curricle as cr
-from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
+from curricle.interop.potential_shaping import PotentialShaping
 
 from .shaping import (
     DISCOUNT,
@@ -24,7 +23,6 @@ from .shaping import (
     episodes_of,
     shaped_steps,
     table,
-    task,
     world,
 )
 
@@ -52,14 +50,6 @@ def test_each_step_gets_what_the_oracle_writes_out(terminal, limit, discount):
                 assert info["original_return"] == pytest.approx(total, abs=1e-12)
                 assert abs(info["telescoping_residual"]) < 1e-12
     assert next(steps, None) is None
-
-
-def test_the_oracle_met_both_ends_of_episodes():
-    episodes = episodes_of(world(), actions_of(300))[:-1]
-    terminated = [episode[-1][3] for episode in episodes]
-    assert any(terminated)
-    assert not all(terminated)
-    assert all(len(episode) == LIMIT for episode in episodes if not episode[-1][3])
 
 
 def test_only_ends_of_episodes_report_a_residual():
@@ -102,13 +92,6 @@ def test_a_hand_sized_episode():
     _, reward, terminated, truncated, info = env.step(1)
     assert (terminated, truncated, reward) == (False, True, -1 + 0.5 * 20 - 10)
     assert info["potential"] == 20.0
-
-
-def test_terminal_observations_are_not_read():
-    env = PotentialShaping(Corridor(), {0: 1.0, 1: 2.0}.__getitem__, discount=1)
-    env.reset()
-    env.step(1)
-    assert env.step(1)[4]["potential"] == 0.0
 
 
 def test_statistics_inside_stay_unshaped():
@@ -183,10 +166,3 @@ def test_a_copy_goes_on_where_the_original_is(clone):
     env.step(2)
     twin = clone(env)
     assert followed(twin, [2, 2, 1]) == followed(env, [2, 2, 1])
-
-
-def test_constructor_arguments_are_recorded_as_they_are():
-    phi = cr.StatePotential(task(), PHI)
-    envs = VectorPotentialShaping(SyncVectorEnv([world]), phi, batched=True)
-    assert envs._saved_kwargs["potential"] is phi
-    assert envs._saved_kwargs["batched"] is True

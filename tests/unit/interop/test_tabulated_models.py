@@ -7,7 +7,7 @@ import curricle as cr
 from curricle.errors import SettingError, TaskError
 from curricle.planning import visit_distribution
 from curricle.tasks import GoalDistance, with_start
-from tests.worlds_to_tabulate import Corridor, Dark
+from tests.worlds_to_tabulate import Corridor
 
 
 class Rule:
@@ -49,12 +49,6 @@ def test_a_model_is_worth_what_it_earns(rule, bare):
     earned = np.mean([played(rule, 0.9, seed) for seed in range(10)])
     assert cr.evaluate(task, model).start_value == pytest.approx(earned, abs=1e-8)
     assert model.asked == [task.states.size]
-
-
-def test_a_model_sees_only_what_is_observed():
-    task = cr.tabulate(Dark, discount=0.9)
-    policy = task.policy(Rule(lambda seen: int(seen) % 2))
-    np.testing.assert_array_equal(policy, task.observations.batch() % 2)
 
 
 def test_a_model_is_evaluated_from_other_starts():

@@ -1,21 +1,29 @@
-"""Trackers as one: failures switch a tracker off, and never stop the study."""
+"""Trackers: failures never stop a study, and TensorBoard shows its curves."""
 
 import json
+import os
+import pickle
+import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+import curricle
 from curricle.errors import SettingError
-from curricle.interop import tools
-from curricle.interop.trackers import (
-    TRACKERS,
-    Tracker,
-    Trackers,
-    hyperparameters,
-    open_trackers,
-)
+from curricle.interop.trackers import TensorBoard, Trackers, checkpoints, hyperparameters
+from curricle.learning.learners import QLearning
+from curricle.learning.result import LearningResult
+from curricle.tasks.gridworld import GridWorld
+
+
+def started(trackers, folder="results", report=None):
+    opened = Trackers(trackers, report)
+    opened.start("hunting", {}, folder)
+    return opened
 
 
 class Diary:
@@ -51,27 +59,26 @@ PLACES = {
 @pytest.mark.parametrize("place", PLACES)
 def test_a_failing_tracker_is_reported_and_off_and_stops_nobody(place):
     broken, well, reported = Diary(place), Diary(), []
-    trackers = open_trackers([broken, well], "hunting", {}, "results", reported.append)
+    trackers = started([broken, well], report=reported.append)
     trackers.record("scratch", "hunt", None)
     trackers.record("mean", "hunt", None)
     trackers.close()
     assert broken.calls == ALL[: ALL.index(place) + 1]
     assert well.calls == ALL
-    assert reported == trackers.failures
     assert reported == [f"Diary failed {PLACES[place]} and is switched off: OSError: no space left"]
 
 
 def test_each_of_two_failures_is_reported():
-    trackers = Trackers([Diary("start"), Diary("close", ValueError("x"))], report=lambda _: None)
-    trackers.start("hunting", {}, Path("results"))
+    reported = []
+    trackers = started([Diary("start"), Diary("close", ValueError("x"))], report=reported.append)
     trackers.record("scratch", "hunt", None)
     trackers.close()
-    assert [failure.split(": ")[1] for failure in trackers.failures] == ["OSError", "ValueError"]
+    assert [failure.split(": ")[1] for failure in reported] == ["OSError", "ValueError"]
 
 
 def test_a_failure_is_printed_to_stderr_by_default(capsys):
-    trackers = open_trackers([Diary("start")], "hunting", {}, "results")
-    assert capsys.readouterr().err == trackers.failures[0] + "\n"
+    started([Diary("start")])
+    assert capsys.readouterr().err.startswith("Diary failed at the start of the study and is")
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -89,46 +96,31 @@ def test_an_interruption_passes(place):
 
 def test_logs_that_stay_empty_are_reported(tmp_path):
     reported = []
-    trackers = open_trackers(["tensorboard", Diary()], "hunting", {}, tmp_path, reported.append)
+    trackers = started(["tensorboard", Diary()], tmp_path, reported.append)
     trackers.close()
     assert reported == [
         "TensorBoard, Diary: nothing was logged, as this run finished no unit of work"
     ]
-    assert trackers.failures == []
 
 
 def test_no_trackers_do_nothing(tmp_path, capsys):
-    trackers = open_trackers([], "hunting", {}, tmp_path)
+    trackers = started([], tmp_path)
     trackers.record("scratch", "hunt", None)
     trackers.close()
     assert not list(tmp_path.iterdir())
     assert capsys.readouterr() == ("", "")
 
 
-def test_every_name_opens_a_tracker():
-    for name in TRACKERS.values():
-        assert isinstance(getattr(tools, name)(), Tracker)
+def test_an_unknown_tracker_is_refused_with_the_valid_names():
+    for unknown in ("tensorbord", "wandb", "", 3, None, object()):
+        with pytest.raises(SettingError, match="a tracker must be one of tensorboard: got"):
+            Trackers([unknown])
 
 
-@pytest.mark.parametrize("unknown", ["tensorbord", "", 3, None, object()])
-def test_an_unknown_tracker_is_refused_with_the_valid_names(tmp_path, unknown):
-    with pytest.raises(SettingError, match="must be one of tensorboard, wandb, mlflow: got"):
-        open_trackers([unknown], "hunting", {}, tmp_path)
-
-
-@pytest.mark.parametrize("tool", TRACKERS)
-def test_a_tool_that_is_not_installed_is_named_with_its_cure(tmp_path, monkeypatch, tool):
-    monkeypatch.setitem(sys.modules, tool, None)
-    with pytest.raises(SettingError, match=rf'pip install "curricle\[{tool}\]"$'):
-        open_trackers([tool], "hunting", {}, tmp_path)
-
-
-def test_a_folder_of_the_tools_name_is_not_the_tool(tmp_path, monkeypatch):
-    (tmp_path / "boardroom").mkdir()
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(TRACKERS, "boardroom", "Boardroom")
-    with pytest.raises(SettingError, match="'boardroom' needs a package that is not installed"):
-        open_trackers(["boardroom"], "hunting", {}, tmp_path)
+def test_a_tool_that_is_not_installed_is_named_with_its_cure(monkeypatch):
+    monkeypatch.setitem(sys.modules, "tensorboard", None)
+    with pytest.raises(SettingError, match=r'pip install "curricle\[tensorboard\]"$'):
+        Trackers(["tensorboard"])
 
 
 JSON = st.recursive(
@@ -153,3 +145,224 @@ def test_hyperparameters_are_single_values_that_hold_every_setting(configuration
     for name, value in dict(leaves(configuration)).items():
         single = isinstance(value, bool | int | float | str)
         assert (flat[name] if single else json.loads(flat[name])) == value
+
+
+# TensorBoard
+
+
+CONFIGURATION = {
+    "budget": 400,
+    "learner": {"kind": "QLearning", "epsilon": 0.1, "double": False},
+    "transfers": [{"source": "chase"}],
+    "evaluation": None,
+    "tasks": {"größe (m)": {"rows": 3}},
+}
+FLAT = {
+    "budget": 400,
+    "learner.kind": "QLearning",
+    "learner.epsilon": 0.1,
+    "learner.double": False,
+    "transfers": '[{"source": "chase"}]',
+    "evaluation": "null",
+    "tasks.größe (m).rows": 3,
+    "arm": "mean",
+    "node": "hunt",
+}
+
+
+def some_result(seeds=(0, 7), n=5, guarded=False):
+    """Random numbers: NaN where no episode ended, one seed done before the others."""
+    rng = np.random.default_rng(list(seeds))
+    shape = (len(seeds), n)
+    training = rng.normal(size=shape)
+    training[:, 0] = np.nan
+    training[0, 2] = np.nan
+    used = np.full(len(seeds), 100 * (n - 1))
+    used[-1] -= 150
+    return LearningResult(
+        task=GridWorld("S.T"),
+        learner=QLearning(),
+        seeds=tuple(seeds),
+        values=None,
+        steps=np.arange(n) * 100,
+        training_return=training,
+        greedy_return=rng.normal(size=shape) * 1e3,
+        episodes=rng.integers(0, 100, shape).cumsum(axis=1),
+        steps_used=used,
+        episodes_used=np.ones(len(seeds), np.int64),
+        evaluation_steps=np.zeros(len(seeds), np.int64),
+        out_of_memory=np.zeros(len(seeds), np.bool_),
+        own_rewards=np.ones(len(seeds), np.bool_),
+        guard_share=rng.random(shape) if guarded else np.full(shape, np.nan),
+    )
+
+
+def expected(result, k):
+    """Tag -> steps and values of the seed at place k, written down the long way."""
+    curves = {
+        "rollout/ep_rew_mean": result.training_return,
+        "eval/mean_reward": result.greedy_return,
+        "time/episodes": result.episodes,
+        "curricle/guard_share": result.guard_share,
+    }
+    found = {}
+    for tag, curve in curves.items():
+        for step, value in zip(result.steps, curve[k], strict=True):
+            if step <= result.steps_used[k] and not np.isnan(value):
+                found.setdefault(tag, []).append((int(step), float(value)))
+    return found
+
+
+def board(folder):
+    """A tracker that has begun a study."""
+    tracker = TensorBoard()
+    tracker.start("hunting", CONFIGURATION, folder)
+    return tracker
+
+
+def test_a_seed_ends_where_its_budget_did_and_holds_no_nan():
+    result = some_result()
+    steps = [[step for step, _ in checkpoints(result, k)] for k in range(2)]
+    assert steps == [[0, 100, 200, 300, 400], [0, 100, 200]]
+    ended = ["rollout/ep_rew_mean" in values for _, values in checkpoints(result, 0)]
+    assert ended == [False, True, False, True, True]
+    assert not any("curricle/guard_share" in values for _, values in checkpoints(result, 0))
+
+
+def test_a_checkpoint_at_which_nothing_was_measured_is_left_out():
+    result = some_result()
+    nothing = np.full(result.guard_share.shape, np.nan)
+    result = replace(result, greedy_return=nothing, episodes=nothing)
+    assert [step for step, _ in checkpoints(result, 0)] == [100, 300, 400]
+
+
+# TensorBoard
+
+
+def read_board(folder):
+    """Tag -> steps and float32 values, as TensorBoard reads a run's folder."""
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events = EventAccumulator(str(folder), size_guidance={"scalars": 0})
+    events.Reload()
+    return {
+        tag: [(event.step, event.value) for event in events.Scalars(tag)]
+        for tag in events.Tags()["scalars"]
+    }
+
+
+def as_float32(curves):
+    return {tag: [(s, float(np.float32(v))) for s, v in curve] for tag, curve in curves.items()}
+
+
+@pytest.mark.parametrize("guarded", [False, True])
+def test_tensorboard_shows_the_curves(tmp_path, guarded):
+    result = some_result(guarded=guarded)
+    tracker = board(tmp_path)
+    tracker.record("mean", "hunt", result)
+    tracker.close()
+    for k, seed in enumerate(result.seeds):
+        shown = read_board(tmp_path / "tensorboard" / "mean" / "hunt" / f"seed-{seed}")
+        assert shown == as_float32(expected(result, k))
+        assert ("curricle/guard_share" in shown) is guarded
+
+
+def test_tensorboard_has_the_settings_as_hyperparameters(tmp_path):
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+    from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
+
+    tracker = board(tmp_path)
+    tracker.record("mean", "hunt", some_result())
+    events = EventAccumulator(str(tmp_path / "tensorboard" / "mean" / "hunt" / "seed-7"))
+    events.Reload()
+    (content,) = events.PluginTagToContent("hparams").values()
+    shown = HParamsPluginData.FromString(content).session_start_info.hparams
+    assert {name: getattr(value, value.WhichOneof("kind")) for name, value in shown.items()} == FLAT
+
+
+def test_tensorboards_of_one_second_in_one_folder_overwrite_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr("curricle.interop.trackers.time.time", lambda: 1e9)
+    result = some_result(seeds=(0,))
+    trackers = [board(tmp_path) for _ in range(2)]
+    for tracker in trackers:
+        tracker.record("mean", "hunt", result)
+    for tracker in trackers:
+        tracker.close()
+    shown = read_board(tmp_path / "tensorboard" / "mean" / "hunt" / "seed-0")
+    twice = {tag: curve * 2 for tag, curve in as_float32(expected(result, 0)).items()}
+    assert shown == twice
+
+
+NAMES = ["mean", "mean, placebo", "a/b", "a%2Fb", "..", ".", "C:\\x", "größe", "φ → ψ", "end."]
+
+
+def test_any_name_is_a_folder_of_its_own_inside_the_study(tmp_path):
+    tracker = board(tmp_path / "study")
+    for name in NAMES:
+        tracker.record(name, "..", some_result(seeds=(0,), n=3))
+    tracker.close()
+    inside = [p.relative_to(tmp_path).parts for p in tmp_path.rglob("*tfevents*")]
+    assert all(len(parts) == 6 for parts in inside)  # study, tensorboard, arm, node, seed, file
+    assert len({parts[2] for parts in inside}) == len(NAMES)
+
+
+ALONE = """
+import pickle
+import sys
+
+calls = []
+sys.addaudithook(lambda event, arguments: calls.append((event, arguments)) if (
+    event == "socket.getaddrinfo" or event == "socket.connect" and type(arguments[1]) is tuple
+) else None)
+
+from curricle.interop.trackers import Trackers
+
+result = pickle.load(sys.stdin.buffer)
+for arm in ("scratch", "mean"):
+    trackers = Trackers(["tensorboard"], sys.exit)
+    trackers.start("corridor", {"budget": 100}, sys.argv[1])
+    trackers.record(arm, "maze", result)
+    trackers.close()
+assert not calls, calls
+"""
+KEPT = ("PATH", "TMPDIR", "SYSTEMROOT")
+
+
+def test_it_calls_nobody_and_writes_inside_the_study_only(tmp_path):
+    for name in ("home", "here", "study"):
+        (tmp_path / name).mkdir()
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", ALONE, str(tmp_path / "study")],
+        cwd=tmp_path / "here",
+        env={n: os.environ[n] for n in KEPT if n in os.environ}
+        | {
+            "HOME": str(tmp_path / "home"),
+            # This very package, installed or not; and its compiled code not in the home directory.
+            "PYTHONPATH": str(Path(curricle.__file__).parents[1]),
+            "NUMBA_CACHE_DIR": str(tmp_path / "numba"),
+        },
+        input=pickle.dumps(some_result()),
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr.decode()) == (0, b"", "")
+    assert [p.name for p in (tmp_path / "study").iterdir()] == ["tensorboard"]
+    assert not list((tmp_path / "home").iterdir())
+    assert not list((tmp_path / "here").iterdir())
+
+
+def test_a_tool_that_fails_for_real_is_named_with_the_run(tmp_path):
+    said = []
+    trackers = started(["tensorboard"], tmp_path, said.append)
+    (tmp_path / "tensorboard" / "mean").write_text("in the way")
+    trackers.record("mean", "hunt", some_result())
+    trackers.close()
+    (sentence,) = said
+    assert sentence.startswith("TensorBoard failed at arm 'mean', task 'hunt' and is switched off")
+    assert str(tmp_path) in sentence
+
+
+def test_a_tracker_named_twice_is_opened_once(tmp_path):
+    trackers = started(["tensorboard"] * 2, tmp_path)
+    trackers.record("mean", "hunt", some_result(seeds=(0,)))
+    assert len(list(tmp_path.rglob("*tfevents*"))) == 1

@@ -2,11 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 
+from curricle.archives import saved_path
+from curricle.array_types import IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.gymnasium import (
@@ -18,17 +22,306 @@ from curricle.interop.gymnasium import (
     refusals_of_make,
 )
 from curricle.interop.spaces import name_list, with_names
-from curricle.interop.tabulation.explorables import Listed
-from curricle.interop.tabulation.exploration import Budget, Progress
-from curricle.interop.tabulation.minigrid import max_steps_of, named_actions
-from curricle.interop.tabulation.plan import Plan
-from curricle.interop.tabulation.state_access import copied
-from curricle.interop.tabulation.table_cache import TableCache
-from curricle.interop.tabulation.tabulated_task import TabulatedTask
-from curricle.interop.tabulation.world import refuse_stacked_frames, time_limit_of
-from curricle.interop.toy_text import names_of
+from curricle.interop.tabulation.exploration import (
+    Budget,
+    Explored,
+    Listed,
+    ListedOutcomes,
+    Progress,
+    StepOutcomes,
+    World,
+    core_and_views,
+    explore,
+    refuse_stacked_frames,
+    time_limit_of,
+)
+from curricle.interop.tabulation.minigrid import (
+    MiniGridAccess,
+    MiniGridState,
+    fitting_state,
+    is_minigrid,
+    max_steps_of,
+    named_actions,
+)
+from curricle.interop.tabulation.states import DeepCopy, SaveAndRestore, Words, copied
+from curricle.interop.tabulation.tables import Tables, assembled, made_of, read_tables, write_tables
+from curricle.interop.tabulation.tabulated_task import (
+    TabulatedTask,
+    TabulationRecord,
+    parts_of,
+    same_observation,
+)
+from curricle.interop.toy_text import has_table, names_of
 from curricle.learning.seeds import seed_tuple
+from curricle.progress import check_progress, shown
+from curricle.tasks.labels import values_of
 from curricle.tasks.spaces import Space
+
+STEPS = 1000
+"""Steps that are compared with the tables."""
+WALKS = 20
+"""Times that an episode goes to a state drawn at random, before it goes on at random."""
+CLOSE = 1e-9
+"""Relative difference of rewards that is rounding."""
+
+
+class Checker:
+    """Plays episodes and follows them in the tables.
+
+    What saves and restores a state may miss a part of it; then the tables and the environment
+    differ sooner or later.
+
+    Parameters
+    ----------
+    world : World
+        Its environment is played, with all wrappers.
+    tables : Tables
+    n_actions : int
+    """
+
+    def __init__(self, world: World, tables: Tables, n_actions: int):
+        self.env, self.act, self.name = world.env, world.act, world.name
+        self.tables, self.n_actions = tables, n_actions
+        self.rng = np.random.default_rng(0)
+        self.steps = 0
+
+    def check(self, seeds: Sequence[int]) -> int:
+        """Return how many steps were compared; TaskError where one is not in the tables."""
+        for walk in range(WALKS):
+            k = walk % len(seeds)
+            first = int(self.tables.first[k])
+            self._play(seeds[k], first, self._way(first))
+            if self.steps >= STEPS:
+                break
+        return self.steps
+
+    def _play(self, seed: int, first: int, way: Sequence[int]) -> None:
+        """Play one episode: along a way, then at random."""
+        observed, _ = self.env.reset(seed=seed)
+        possible, truncated, taken = {first}, False, 0
+        self._compare(possible, observed, f"a reset with seed {seed}")
+        most = len(way) + STEPS // WALKS
+        while not truncated and taken < most and not self.tables.terminal[list(possible)].any():
+            action = way[taken] if taken < len(way) else int(self.rng.integers(self.n_actions))
+            observed, reward, ended, truncated, _ = self.env.step(self.act(action))
+            taken += 1
+            self.steps += 1
+            possible = {
+                after
+                for state in possible
+                for after in self._successors(state, action, float(reward), bool(ended))
+            }
+            where = f"step {taken} after a reset with seed {seed}, action {action}"
+            possible = self._compare(possible, observed, where)
+
+    def _successors(self, state: int, action: int, reward: float, ended: bool) -> list[int]:
+        """Return the states that the tables give for what a step returned."""
+        tables, pair = self.tables, state * self.n_actions + action
+        fits = (
+            (tables.probability[pair] > 0)
+            & np.isclose(tables.reward[pair], reward, rtol=CLOSE, atol=CLOSE)
+            & (tables.terminal[tables.next_state[pair]] == ended)
+        )
+        return tables.next_state[pair][fits].tolist()  # type: ignore[no-any-return]
+
+    def _compare(self, possible: set[int], observed: Any, where: str) -> set[int]:
+        """Return the possible states that look like what was observed, at least one."""
+        seen = self.tables.observations
+        if seen is not None:
+            parts = parts_of(observed)
+            possible = {
+                state
+                for state in possible
+                if same_observation({n: a[state] for n, a in seen.parts.items()}, parts)
+            }
+        if not possible:
+            raise TaskError(
+                "tables must say what the environment does, so that all that matters of a state "
+                f"must be saved and compared: {where} led elsewhere in {self.name}"
+            )
+        return possible
+
+    def _way(self, first: int) -> list[int]:
+        """Return actions that lead to a state drawn at random if their most likely outcomes do."""
+        tables = self.tables
+        likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
+        after = likely.reshape(-1, self.n_actions)
+        parent = _breadth_first(after, tables.terminal, first)
+        met = np.flatnonzero(parent[:, 0] >= 0)
+        state, way = int(self.rng.choice(met)), list[int]()
+        while state != first:
+            before, action = parent[state].tolist()
+            way.append(action)
+            state = before
+        return way[::-1]
+
+
+def _breadth_first(after: IntArray, terminal: Any, first: int) -> IntArray:
+    """Return the state and action from which each state is first reached, (S, 2); -1 where not."""
+    parent = np.full((len(after), 2), -1)
+    parent[first] = first, 0
+    front = np.array([first])
+    while front.size:
+        front = front[~terminal[front]]
+        new = after[front]
+        state, action = np.nonzero(parent[new, 0] < 0)
+        found, which = np.unique(new[state, action], return_index=True)
+        parent[found, 0], parent[found, 1] = front[state[which]], action[which]
+        front = found
+    return parent
+
+
+MOST_SAMPLES = 1_000_000
+"""Steps by which the outcomes of a pair are estimated, at most."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How an environment is tabulated."""
+
+    seeds: tuple[int, ...]
+    state: Any
+    outcomes: Listed | None
+    samples: int | None
+    budget: Budget
+    progress: bool | Callable[[Progress], Any] | None
+    cache: Path | None = None
+
+    def check(self) -> None:
+        """Raise SettingError if settings are invalid or contradict each other."""
+        pair = isinstance(self.state, tuple) and len(self.state) == 2
+        known = self.state is None or callable(getattr(self.state, "open", None))
+        if not known and not (pair and all(map(callable, self.state))):
+            raise SettingError(
+                "state must be DeepCopy(...), MiniGridState(...) or two functions, (save, "
+                f"restore): got {self.state!r}"
+            )
+        check_progress(self.progress)
+        if self.outcomes is not None and not callable(self.outcomes):
+            raise SettingError(f"outcomes must be a function: got {self.outcomes!r}")
+        if self.samples is not None:
+            samples = whole_number("samples", self.samples, 1, SettingError)
+            number("samples", samples, SettingError, high=MOST_SAMPLES)
+            if self.outcomes is not None:
+                raise SettingError("outcomes are listed or estimated: got outcomes and samples")
+
+    def carried_out(
+        self, env: Any, act: Callable[[int], Any], n_actions: int, name: str
+    ) -> tuple[Tables, TabulationRecord]:
+        """Return an environment's tables, and how they came about; from the cache if there."""
+        how = self._how(env)
+        if self.cache is None:
+            return self._made(env, act, n_actions, name, how)
+        ways = [*how] if isinstance(how, tuple) else [how]
+        ways += [self.outcomes, self.samples, self.state is None]
+        origin = made_of(env, name, self.seeds, ways)
+        tables = read_tables(self.cache, origin)
+        if tables is None:
+            tables = self._made(env, act, n_actions, name, how)
+            write_tables(self.cache, origin, *tables)
+        return tables
+
+    def _made(
+        self, env: Any, act: Callable[[int], Any], n_actions: int, name: str, how: Any
+    ) -> tuple[Tables, TabulationRecord]:
+        """Return an environment's tables, made anew."""
+        if self.state is None and isinstance(how, MiniGridState) and not how.copies:
+            fast = MiniGridAccess(own_reward=False)
+            try:
+                return self._tables(World(env, act, fast, name), n_actions, how)
+            except TaskError:
+                if not fast.missed(env.unwrapped):
+                    raise
+                fast.release()
+                how = MiniGridState(copies=True)
+        pair = isinstance(how, tuple)
+        access = SaveAndRestore(*how) if pair else how.open()
+        return self._tables(World(env, act, access, name), n_actions, how)
+
+    def _tables(self, world: World, n_actions: int, how: Any) -> tuple[Tables, TabulationRecord]:
+        """Return the tables of a world, and how they came about."""
+        access = world.access
+        source = self._source(world, n_actions)
+        found = self._explored(source)
+        by_steps = isinstance(source, StepOutcomes)
+        sampled = self.samples is not None
+        tables = assembled(found, n_actions, sampled=sampled, merge=access.copies and by_steps)
+        access.end()
+        checked = 0 if sampled else Checker(world, tables, n_actions).check(self.seeds)
+        record = TabulationRecord(
+            environment=world.name,
+            seeds=self.seeds,
+            samples=self.samples,
+            transitions=source.transitions,
+            drawing=world.drawing,
+            checked=checked,
+            cut=found.cut,
+            explored=len(found.terminal),
+            seconds=found.seconds,
+            observing=found.observing,
+            note=getattr(how, "note", ""),
+        )
+        return tables, record
+
+    def _how(self, env: Any) -> Any:
+        """Return how states are saved and restored."""
+        if isinstance(self.state, MiniGridState) and not is_minigrid(env):
+            raise SettingError(f"state={self.state!r} is for MiniGrid's environments: got {env}")
+        if self.state is not None:
+            return self.state
+        if is_minigrid(env):
+            core = core_and_views(env, views_apart=True).core
+            return fitting_state(env, core, self.seeds[0])
+        return DeepCopy()
+
+    def _source(self, world: World, n_actions: int) -> StepOutcomes | ListedOutcomes:
+        """Return what is explored: listed outcomes where there are any, else steps."""
+        env, base = world.env, world.env.unwrapped
+        if self.outcomes is not None:
+            save = self.state[0] if isinstance(self.state, tuple) else None
+            return ListedOutcomes(env, self.outcomes, n_actions, self.seeds, world.name, save)
+        if self.state is None and self.samples is None and has_table(env):
+            table: Any = base
+            return ListedOutcomes(
+                env,
+                lambda s, a: table.P[s][a],
+                n_actions,
+                self.seeds,
+                world.name,
+                words=words_of(base),
+            )
+        return StepOutcomes(world, n_actions, self.seeds, self.samples)
+
+    def _explored(self, source: Any) -> Explored:
+        """Return all states, and show the progress if asked to."""
+        words = f"tabulating {source.name}"
+        with shown(self.progress, lambda: words) as bars:
+
+            def show(now: Progress) -> None:
+                nonlocal words
+                words = now.in_words(source.name)
+                bars.at(source.name, now.expanded, now.states)
+                bars.tell(now)
+
+            return explore(source, self.budget._replace(show=show))
+
+
+def words_of(world: Any) -> Callable[[Any], Words] | None:
+    """Return the function from a state of a known environment to its components, if known."""
+    states = names_of(world)[0]
+    if states is None:
+        return None
+
+    def words(state: Any) -> Words:
+        values = values_of(states, int(state)).items()
+        return {
+            name: value if states.component(name).labels is None
+            else states.component(name).label(value)
+            for name, value in values
+        }  # fmt: skip
+
+    return words
+
 
 MOST_STATES = 1_000_000
 """States of a table by default, at most."""
@@ -96,10 +389,10 @@ def tabulate(
     progress : bool or callable, optional
         True shows how far it is; a function is called with a :class:`Progress`.
     cache : str or Path, optional
-        A folder in which tables are kept and found again by a hash of what they are made from: what
-        the environment holds after each reset, the code of its classes and all that this names, the
-        versions of installed packages, and the settings above. Not of what it reads elsewhere, such
-        as a file of data.
+        A file that the tables are read from, and written to when it is not there. It notes the
+        environment's name, classes and content after each reset, the settings above, and the
+        versions of packages; a file of others is refused. The code of your environment is not
+        compared: name another file when you change it.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
@@ -118,7 +411,7 @@ def tabulate(
     SettingError
         When a setting makes no sense.
     StoreError
-        When the cache is no folder, or cannot be written to.
+        When the cache holds other tables, is damaged or cannot be written to.
 
     Examples
     --------
@@ -139,7 +432,7 @@ def tabulate(
             number("max_seconds", max_seconds, SettingError, low=0),
         ),
         progress=progress,
-        cache=None if cache is None else TableCache(cache),
+        cache=None if cache is None else saved_path(cache),
     )
     plan.check()
     discount = number("discount", discount, TaskError, low=0, high=1)

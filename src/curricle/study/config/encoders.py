@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-from curricle.interop.encoders import FlatDict, StackedFrames
-from curricle.interop.minigrid_encoders import MiniGridFullView, MiniGridView
+from curricle.interop.encoders import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
 from curricle.study.config.derived_tables import ObjectTable, built, table_of
 from curricle.study.config.references import load
 from curricle.study.config.tables import not_one_of, tagged, wrong

@@ -143,7 +143,7 @@ class TabulatedTaskTable(EnvironmentTable):
         default=(0,), description="Of the resets that starts are taken from."
     )
     cache: Name | None = Field(
-        default=None, description="A folder beside the study file, in which tables are kept."
+        default=None, description="A file beside the study, which keeps the tables."
     )
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:

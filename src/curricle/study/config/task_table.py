@@ -66,7 +66,7 @@ def _mismatches_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, 
         yield (
             ("learner",),
             f'must be tabular for {name}, such as {{ type = "QLearning" }}: networks learn tasks '
-            "seen through observations, of type 'observation_task' or 'vector_pursuit'",
+            "seen through observations, of type 'observation_task'",
         )
     if task.shaping is not None and not task.shaping.makes.for_tables:
         yield ("shaping",), f"must be for tables, to learn {name}: got {task.shaping.type!r}"

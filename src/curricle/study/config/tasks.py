@@ -1,7 +1,7 @@
 """Tasks: mazes, crops, pursuits, other domains, Gymnasium's environments, and a user's own."""
 
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -13,7 +13,6 @@ from pydantic import (
 )
 
 from curricle.errors import TaskError
-from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study.config.derived_tables import table_of
 from curricle.study.config.environments import (
     DistilledTask,
@@ -222,42 +221,28 @@ class _PursuitTask(TaskTable):
         return given
 
 
-class _VectorPursuitTask(_PursuitTask):
-    deep: ClassVar[bool] = True
-    acting: Literal["all", "first"] = Field(
-        default="all", description="Who acts: all predators as one, or the first among random ones."
-    )
-
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the pursuit as a task seen through observations."""
-        return observed_pursuit(super().build(folder), acting=self.acting)
-
-
-PursuitTask, VectorPursuitTask = (
-    table_of(
-        Pursuit,
-        base,
-        tag=tag,
-        capture=Annotated[
-            Literal["all", "any", "as_published"] | int,
-            word(
-                "be 'all', 'any', 'as_published' or a number of predators",
-                ("all", "any", "as_published"),
-                other=whole_number,
-            ),
-        ],
-        prey=Annotated[
-            str | tuple[tuple[Number, ...], ...],
-            word(
-                "be 'uniform', rows of probabilities, or a function as module:function",
-                ("uniform",),
-                function=True,
-                lists=tuple[tuple[Number, ...], ...],
-            ),
-        ],
-        time_limit=TimeLimit,
-    )
-    for base, tag in ((_PursuitTask, "pursuit"), (_VectorPursuitTask, "vector_pursuit"))
+PursuitTask = table_of(
+    Pursuit,
+    _PursuitTask,
+    tag="pursuit",
+    capture=Annotated[
+        Literal["all", "any", "as_published"] | int,
+        word(
+            "be 'all', 'any', 'as_published' or a number of predators",
+            ("all", "any", "as_published"),
+            other=whole_number,
+        ),
+    ],
+    prey=Annotated[
+        str | tuple[tuple[Number, ...], ...],
+        word(
+            "be 'uniform', rows of probabilities, or a function as module:function",
+            ("uniform",),
+            function=True,
+            lists=tuple[tuple[Number, ...], ...],
+        ),
+    ],
+    time_limit=TimeLimit,
 )
 
 
@@ -292,7 +277,6 @@ TASKS = (
     FamilyTask,
     ObservationTaskTable,
     DistilledTask,
-    VectorPursuitTask,
 )
 _BY_TYPE = tagged(*TASKS)
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from curricle.interop.vector_pursuit import predator_mapping
 from curricle.study.config.derived_tables import ObjectTable, table_of
 from curricle.study.config.references import load, users_code
 from curricle.study.config.tables import Name, Number, Reference, shown, whole_number, word, wrong
@@ -109,17 +108,20 @@ class _TransferTable(ObjectTable):
 
         A target that is `deep` is seen through observations.
         """
+        seen = (
+            f"{self.target} is seen through observations, which observations, mapping = 'identity' "
+            "or factory map"
+        )
         if not deep:
             for key in OF_OBSERVATIONS:
                 if getattr(self, key) is not None:
                     yield key, f"must be left out: {self.target} is not seen through observations"
-        elif self.function is not None or self.mapping not in (None, "identity"):
-            key = "mapping" if self.function is None else "function"
-            yield (
-                key,
-                f"must be left out, or 'identity': {self.target} is seen through observations, "
-                "which observations, project or factory map",
-            )
+        elif self.mapping not in (None, "identity"):
+            yield "mapping", f"must be left out, or 'identity': {seen}"
+        else:
+            for key in ("project", "function"):
+                if getattr(self, key) is not None:
+                    yield key, f"must be left out: {seen}"
 
     def transfer(self, f: Any) -> Transfer:
         """Return the transfer, with a mapping that :meth:`mappings_in` returned."""
@@ -183,8 +185,6 @@ class _TransferTable(ObjectTable):
 
     def _of_observations(self, target: Any, source: Any, folder: Path) -> Any:
         value = self.unmapped_value
-        if self.project is not None:
-            return predator_mapping(target, source, unmapped_value=value, **self.project)
         functions: dict[str, Any] = {
             key: load(given, folder) if isinstance(given, str) else given
             for key in OF_OBSERVATIONS

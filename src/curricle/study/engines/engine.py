@@ -7,7 +7,7 @@ from socket import create_connection
 from typing import Any, Protocol
 
 from curricle.errors import EngineError
-from curricle.remote_path import Place, RemotePath
+from curricle.files import Place, RemotePath
 from curricle.study.engines.sending import SentUnit, train_apart, train_sent
 from curricle.study.stored_values import StoredSource
 from curricle.study.units import UnitInput, train_unit

@@ -16,8 +16,7 @@ from threading import Lock
 from typing import Any, NamedTuple, TypeVar
 
 from curricle.errors import CurricleError, EngineError, ForeignError, in_words
-from curricle.files import remove_folder
-from curricle.remote_path import Place
+from curricle.files import Place, remove_folder
 from curricle.study.config.references import PACKAGES
 from curricle.study.folders import lost_errors
 from curricle.study.serialization import UnitResult

@@ -9,7 +9,7 @@ KINDS = {
     "maze": "a maze learnt from its corner",
     "pursuit": "two predators learn to hunt from the values of one",
     "gymnasium": "a slippery lake learnt from one that is not",
-    "deep": "two predators learn by a network what one learnt in a table",
+    "deep": "a network learns three walls from solved levels of one wall",
 }
 """Files that are there, and what they are about."""
 

@@ -1,23 +1,80 @@
-"""An npz archive of arrays and a few other members, sealed at its end.
+"""Files of arrays and JSON with their own checksums, without pickles.
 
-It ends with two checksums: of the archive's directory, and of all before the last. So a file is
+An npz archive ends with two checksums: of its directory, and of all before the last. So a file is
 whole or none, however it was written, and ``numpy.load`` reads its arrays.
 """
 
+import hashlib
 import io
+import json
 import math
+import re
 import zipfile
 import zlib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from typing import IO, Any
+from pathlib import Path
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.archives.sealed_json import digest_of
-from curricle.files import opened_regular
-from curricle.remote_path import READ_AT_ONCE, Place
+from curricle.errors import StoreError, reason
+from curricle.files import READ_AT_ONCE, Place, local_file, opened_regular, write_whole
+
+DIGEST_BYTES = 16
+
+
+def sealed(value: Mapping[str, Any]) -> bytes:
+    """Return JSON with its own checksum."""
+    return as_json({**value, "digest": digest_of(as_json(value))})
+
+
+def unsealed(content: bytes) -> dict[str, Any] | None:
+    """Return what ``sealed`` was called on; None if the content has changed since.
+
+    Examples
+    --------
+    >>> unsealed(sealed({"seeds": [0, 1]})), unsealed(sealed({"seeds": 1}).replace(b"1", b"2", 1))
+    ({'seeds': [0, 1]}, None)
+    """
+    try:
+        found = json.loads(content)
+        digest = found.pop("digest")
+        whole = digest == digest_of(as_json(found))
+    except (ValueError, AttributeError, TypeError, KeyError, IndexError, RecursionError):
+        return None
+    return dict(found) if whole else None
+
+
+def parsed_json(content: bytes) -> Any:
+    """Return the value of JSON; ValueError if it is none, or nested deeply.
+
+    Examples
+    --------
+    >>> parsed_json(b"[1, 2]")
+    [1, 2]
+    """
+    try:
+        return json.loads(content)
+    except RecursionError:
+        raise ValueError("it must be JSON that is not nested deeply") from None
+    except ValueError as error:
+        raise ValueError(f"it must be JSON: {error}") from None
+
+
+def as_json(value: Any) -> bytes:
+    """Return indented JSON, numbers of a list in one line."""
+    text = json.dumps(value, indent=1)
+    # Within a string there is no line break.
+    text = re.sub(r"\[\n[-+.\deE,\s]+\]", lambda found: " ".join(found[0].split()), text)
+    return f"{text}\n".encode()
+
+
+def digest_of(content: bytes) -> str:
+    """Return the checksum of a content."""
+    return hashlib.blake2b(content, digest_size=DIGEST_BYTES).hexdigest()
+
 
 DIGEST = len(digest_of(b""))
 SEAL = 2 * DIGEST
@@ -196,3 +253,95 @@ def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
         raise ValueError(f"an array of shape {shape} does not fill its file")
     flat = np.frombuffer(bytearray(file.read()), dtype)
     return flat.reshape(shape, order="F" if fortran else "C")
+
+
+ABOUT, FORMAT = "about.json", 1
+ENDING = ".npz"
+LARGEST_ABOUT = 2**26
+"""Bytes of ``about.json`` at most."""
+
+
+class SavedFile(NamedTuple):
+    """What a file holds."""
+
+    path: Path
+    arrays: dict[str, npt.NDArray[Any]]
+    about: dict[str, Any]
+
+
+def write_saved(
+    path: str | Path, kind: str, arrays: Mapping[str, npt.NDArray[Any]], about: Mapping[str, Any]
+) -> Path:
+    """Write a file in one move, folders made if need be, and return its path, an ``.npz``.
+
+    Parameters
+    ----------
+    path : path
+        The ending is added where it is missing.
+    kind : str
+        The class whose ``load`` reads it.
+    arrays : dict of str to array
+    about : dict
+        What JSON can hold.
+
+    Raises
+    ------
+    StoreError
+        When it cannot be written, as at a URL; what was there before stays.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> import numpy as np
+    >>> file = write_saved(f"{mkdtemp()}/two", "Numbers", {"n": np.arange(2)}, {"unit": "steps"})
+    >>> file.name, read_saved(file, "Numbers").arrays, read_saved(file, "Numbers").about["unit"]
+    ('two.npz', {'n': array([0, 1])}, 'steps')
+    """
+    file = saved_path(path)
+    others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
+    content = archive_content(arrays, others)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(file, content)
+    except OSError as error:
+        raise StoreError(f"a {kind} cannot be written to {file}: {reason(error)}") from None
+    return file
+
+
+def read_saved(path: str | Path, kind: str) -> SavedFile:
+    """Return what a file holds; it may only hold arrays and JSON, and nothing in it is run.
+
+    Raises
+    ------
+    StoreError
+        When it cannot be read, is damaged, of another kind or no file that `save` wrote.
+    """
+    file = saved_path(path)
+    try:
+        with opened_whole(file) as archive:
+            arrays = archive.read(*archive.names)
+            about = parsed_json(archive.content(ABOUT, LARGEST_ABOUT))
+    except Damaged:
+        raise StoreError(
+            f"a saved {kind} must be as its save() wrote it: {file} was changed since, cut off, or "
+            "written by something else"
+        ) from None
+    except ValueError as error:
+        raise StoreError(f"{file} is not as {kind}.save() writes it: {error}") from None
+    except OSError as error:
+        raise StoreError(f"a saved {kind} cannot be read from {file}: {reason(error)}") from None
+    if not isinstance(about, dict) or about.get("kind") != kind:
+        there = about.get("kind") if isinstance(about, dict) else about
+        raise StoreError(f"a {kind} is loaded from a file that holds one: {file} holds a {there}")
+    if about.get("format") != FORMAT:
+        raise StoreError(
+            f"{file} must have format {FORMAT}, which this version of Curricle reads: it has "
+            f"{about.get('format')}"
+        )
+    return SavedFile(file, arrays, about)
+
+
+def saved_path(path: str | Path) -> Path:
+    """Return the path of a file that is saved, with its ending."""
+    file = local_file(path)
+    return file if file.suffix == ENDING else file.with_name(f"{file.name}{ENDING}")

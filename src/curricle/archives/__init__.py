@@ -1,1 +1,0 @@
-"""Files of arrays and JSON that carry their own checksums: whole or refused, without pickles."""

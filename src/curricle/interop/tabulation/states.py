@@ -1,0 +1,493 @@
+"""The states of an environment: told apart, saved and restored."""
+
+import hashlib
+import random
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from enum import Enum
+from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+
+from curricle.errors import SettingError, TaskError
+from curricle.interop.toy_text import HARMLESS
+
+GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
+SALT = 2718
+"""Begins the seeds of repeated steps, so that they are not those of the environment's resets."""
+
+
+class RandomStates:
+    """States to start generators from, in place; the same for the same kind and repetition."""
+
+    def __init__(self) -> None:
+        self._starts = dict[tuple[int, int, type], Any]()
+        self._streams = dict[tuple[int, type], Any]()
+
+    def restart(self, generators: Sequence[Any], repetition: int) -> None:
+        """Let each generator draw other numbers than in other repetitions."""
+        for place, each in enumerate(generators):
+            key = place, repetition, _kind(each)
+            if key not in self._starts:
+                self._starts[key] = _fresh(each, place, repetition)
+            _set(each, self._starts[key])
+
+    def resume(self, generators: Sequence[Any]) -> None:
+        """Let each generator go on where the generator in its place was left."""
+        for place, each in enumerate(generators):
+            key = place, _kind(each)
+            _set(each, self._streams.get(key) or _fresh(each, place, 0))
+
+    def leave(self, generators: Sequence[Any]) -> None:
+        """Note where each generator is left."""
+        for place, each in enumerate(generators):
+            self._streams[place, _kind(each)] = state_of(each)
+
+
+def state_of(generator: Any) -> Any:
+    """Return a generator's state, to be compared.
+
+    Examples
+    --------
+    >>> one, other = np.random.default_rng(0), np.random.default_rng(0)
+    >>> _ = one.random()
+    >>> state_of(one) == state_of(other)
+    False
+    """
+    if isinstance(generator, np.random.Generator):
+        return generator.bit_generator.state
+    if isinstance(generator, np.random.RandomState):
+        name, keys, *rest = generator.get_state()
+        return name, tuple(np.asarray(keys).tolist()), *rest
+    return generator.getstate()
+
+
+def _set(generator: Any, state: Any) -> None:
+    if isinstance(generator, np.random.Generator):
+        generator.bit_generator.state = state
+    elif isinstance(generator, np.random.RandomState):
+        generator.set_state(state)
+    else:
+        generator.setstate(state)
+
+
+def _fresh(generator: Any, place: int, repetition: int) -> Any:
+    """Return the state of a new generator of the same kind."""
+    seed = SALT + 1000 * place + repetition
+    if isinstance(generator, np.random.Generator):
+        return type(generator.bit_generator)(seed).state
+    if isinstance(generator, np.random.RandomState):
+        return state_of(np.random.RandomState(seed))
+    return random.Random(seed).getstate()
+
+
+def _kind(generator: Any) -> type:
+    numpy = isinstance(generator, np.random.Generator)
+    return type(generator.bit_generator) if numpy else type(generator)
+
+
+PLAIN = (type(None), bool, int, float, complex, str, bytes)
+CONSTANT = (gym.Space, EnvSpec, *GENERATORS)
+"""What is no part of a state: spaces and specifications are constant, and generators of random
+numbers decide what happens next only in environments that are random."""
+NAMED = (type, BuiltinFunctionType, ModuleType)
+UNCHANGING = (tuple, frozenset, Enum, *NAMED, FunctionType, MethodType, CodeType)
+"""What is read again wherever it is met: sharing it makes no difference."""
+
+
+def fingerprint(
+    value: Any, left_out: Collection[str] = (), generators: list[Any] | None = None
+) -> bytes:
+    """Return a digest of a value and all that it refers to, 16 bytes.
+
+    Equal for values that are equal part by part, with the same parts shared between the same
+    places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out.
+
+    Parameters
+    ----------
+    value : any
+    left_out : collection of str
+        Names of attributes that do not count.
+    generators : list, optional
+        Random generators that are met are appended to it, each once.
+
+    Raises
+    ------
+    TaskError
+        When a part holds what cannot be read, such as an open file.
+
+    Examples
+    --------
+    >>> fingerprint([1, np.arange(2)]) == fingerprint([1, np.arange(2)])
+    True
+    >>> fingerprint([1, 2]) == fingerprint((1, 2))
+    False
+    """
+    reader = _Reader(frozenset(left_out))
+    reader.read(value)
+    if generators is not None:
+        generators += reader.generators.values()
+    return reader.digest.digest()
+
+
+class _Reader:
+    """Feeds values to a digest; each shared part once, then by its number."""
+
+    def __init__(self, left_out: frozenset[str]):
+        self.digest = hashlib.blake2b(digest_size=16)
+        self.left_out = left_out
+        self.met = dict[int, int]()
+        self.generators = dict[int, Any]()
+        self.alive = list[Any]()  # so that no number in `met` is given to another object
+
+    def tell(self, *words: Any) -> None:
+        for word in words:
+            content = word if isinstance(word, bytes) else str(word).encode()
+            self.digest.update(b"%d:" % len(content) + content)
+
+    def read(self, value: Any) -> None:
+        if isinstance(value, np.generic):
+            value = value.item()
+        if isinstance(value, PLAIN) and not isinstance(value, Enum):
+            content = value if isinstance(value, bytes) else repr(value)
+            self.tell(type(value).__name__, content)
+        elif isinstance(value, CONSTANT):
+            self.tell("constant")
+            if isinstance(value, GENERATORS):
+                self.generators[id(value)] = value
+        elif isinstance(value, HARMLESS):
+            self.read(value.env)
+        elif isinstance(value, UNCHANGING):
+            self._read_parts(value)
+        elif id(value) in self.met:
+            self.tell("met", self.met[id(value)])
+        else:
+            self.met[id(value)] = len(self.met)
+            self.alive.append(value)
+            self._read_parts(value)
+
+    def _read_parts(self, value: Any) -> None:
+        """Read a value that has parts or a name."""
+        if isinstance(value, np.ndarray) and value.dtype != object:
+            self.tell("array", value.dtype.str, value.shape, value.tobytes())
+        elif isinstance(value, Enum):
+            self.tell("enum", type(value).__qualname__, value.name)
+        elif isinstance(value, NAMED):
+            self.tell("name", getattr(value, "__module__", ""), value.__name__)
+        elif isinstance(value, FunctionType | MethodType | CodeType):
+            self._read_function(value)
+        elif isinstance(value, tuple | list | deque | np.ndarray):
+            self.tell(type(value).__name__, np.shape(value) if hasattr(value, "shape") else "")
+            self._read_all(list(value))
+        elif isinstance(value, dict):
+            self._read_dict(value)
+        elif isinstance(value, set | frozenset):
+            self.tell("set", *sorted(fingerprint(one, self.left_out) for one in value))
+        else:
+            self._read_object(value)
+
+    def _read_all(self, values: Collection[Any]) -> None:
+        self.tell(len(values))
+        for each in values:
+            self.read(each)
+
+    def _read_dict(self, value: dict[Any, Any]) -> None:
+        self.tell(type(value).__name__, len(value))
+        for key in sorted(value, key=repr):
+            self.read(key)
+            self.read(value[key])
+
+    def _read_function(self, value: Any) -> None:
+        if isinstance(value, MethodType):
+            self.tell("method", value.__func__.__qualname__)
+            self.read(value.__self__)
+        elif isinstance(value, CodeType):
+            self.tell("code", value.co_code, repr(value.co_names))
+            self._read_all(value.co_consts)
+        else:
+            self.tell("function", value.__module__, value.__qualname__)
+            self.read(value.__code__)
+            self.read(value.__defaults__)
+            self._read_all([cell.cell_contents for cell in value.__closure__ or ()])
+
+    def _read_object(self, value: Any) -> None:
+        """Read an object by its attributes, or where it has none by what pickle would keep."""
+        kind = type(value)
+        self.tell("object", kind.__module__, kind.__qualname__)
+        attributes = dict(getattr(value, "__dict__", {}))
+        for base in kind.__mro__:
+            names = vars(base).get("__slots__", ())
+            for name in (names,) if isinstance(names, str) else names:
+                if hasattr(value, name):
+                    attributes[name] = getattr(value, name)
+        for name in sorted(attributes.keys() - self.left_out):
+            self.tell(name)
+            self.read(attributes[name])
+        if not attributes and not isinstance(value, gym.Env):
+            try:
+                self.read(list(value.__reduce_ex__(4)[1:]))
+            except TypeError as error:
+                raise TaskError(
+                    "states must be told apart to be tabulated, by all that an environment holds "
+                    f"or by functions state=(save, restore): a {kind.__qualname__} in it cannot be "
+                    f"read ({error})"
+                ) from None
+
+
+Environment = gym.Env[Any, Any]
+Words = Mapping[str, int | str]
+"""A state in words: the value of each component by name."""
+CONSTANTS = frozenset({"metadata", "spec"})
+"""Attributes that no step changes; copies share them."""
+TOY_TEXT = "gymnasium.envs.toy_text."
+TOY_CONSTANTS = frozenset({"P", "initial_state_distrib", "desc", "locs"})
+"""Further attributes of Gymnasium's toy-text environments that no step changes."""
+LEFT_OUT = CONSTANTS | {"_np_random_seed"}
+"""Attributes that make no difference between states."""
+TOY_LEFT_OUT = TOY_CONSTANTS | {"lastaction", "taxi_orientation"}
+"""Further ones of toy-text environments: some are only drawn."""
+MOST_CELLS = 16
+"""Entries of an array that are part of a state's label, at most."""
+
+
+class SavedState(NamedTuple):
+    """A state of an environment."""
+
+    key: Hashable  # equal for equal states
+    content: Any  # what it is restored from
+
+
+class StateAccess(ABC):
+    """Saves and restores the states of one environment while it is tabulated.
+
+    `copies` is whether each restored state has an environment of its own, wrappers included.
+    """
+
+    copies: bool
+
+    def prepare(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
+        """Change for good what is to be tabulated in another way than the environment has it."""
+
+    def begin(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
+        """Note what a reset made."""
+
+    @abstractmethod
+    def save(self, env: Environment) -> SavedState:
+        """Return the state of an environment."""
+
+    @abstractmethod
+    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+        """Return an environment in a saved state, the one given or another; its generators."""
+
+    def observation(self, env: Environment, returned: Any) -> Any:
+        """Return the observation of an environment, given what its step or reset returned."""
+        return returned
+
+    @abstractmethod
+    def describe(self, env: Environment) -> Words:
+        """Return the state in words."""
+
+    def end(self) -> None:  # noqa: B027 - many have nothing to do
+        """Check what can only be checked when all states are known."""
+
+
+@dataclass(frozen=True)
+class DeepCopy:
+    """States are deep copies of the environment: right for every environment that can be copied.
+
+    Two states are equal if all attributes are, part by part. Random generators do not count: what
+    they decide is randomness. States that differ in nothing that can be observed or earned later
+    are made one in the end.
+
+    Parameters
+    ----------
+    ignore : collection of str
+        Names of attributes, of whatever object, that make no difference to what happens, such as a
+        counter that is only shown.
+
+    Examples
+    --------
+    >>> DeepCopy(ignore=["episodes_so_far"])
+    DeepCopy(ignore=('episodes_so_far',))
+    """
+
+    ignore: Collection[str] = ()
+
+    def __post_init__(self) -> None:
+        given = self.ignore
+        if not isinstance(given, Collection) or isinstance(given, str):
+            raise SettingError(f"ignore must be a list of attributes' names: got {given!r}")
+        object.__setattr__(self, "ignore", tuple(map(str, given)))
+
+    def open(self) -> StateAccess:
+        """Return what saves and restores by copies."""
+        return Copies(frozenset(self.ignore))
+
+
+class Copies(StateAccess):
+    """States as copies: the content of one is an environment and its random generators.
+
+    Parameters
+    ----------
+    ignored : frozenset of str
+        As of :class:`DeepCopy`.
+    """
+
+    copies = True
+
+    def __init__(self, ignored: frozenset[str]):
+        self.ignored = ignored
+
+    def save(self, env: Environment) -> SavedState:
+        """Return the environment itself, and its digest."""
+        generators = list[Any]()
+        return SavedState(
+            fingerprint(env, self.ignored | left_out(env), generators), (env, generators)
+        )
+
+    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+        """Return a copy, and its generators."""
+        saved, generators = content
+        copy, memo = copied(saved)
+        return copy, [memo[id(each)] for each in generators if id(each) in memo]
+
+    def describe(self, env: Environment) -> Words:
+        """Return the plain attributes of the environment."""
+        found, ignored = plain_attributes(env.unwrapped), self.ignored | left_out(env)
+        return {name: value for name, value in found.items() if name not in ignored}
+
+
+class SaveAndRestore(StateAccess):
+    """States are saved and restored by two functions: a hundred times as fast as copies.
+
+    Parameters
+    ----------
+    save_state : callable
+        ``save(env)`` returns the state, hashable: equal states are one. `env` is the environment
+        without wrappers.
+    restore_state : callable
+        ``restore(env, state)`` puts the environment into a state that was saved.
+    """
+
+    copies = False
+
+    def __init__(
+        self, save_state: Callable[[Any], Hashable], restore_state: Callable[[Any, Any], Any]
+    ):
+        self.save_state, self.restore_state = save_state, restore_state
+        self.generators = list[Any]()
+
+    def begin(self, env: Environment) -> None:
+        """Find the random generators."""
+        self.generators = []
+        fingerprint(env, left_out(env), self.generators)
+
+    def save(self, env: Environment) -> SavedState:
+        """Return what the function returns, which tells states apart and restores them."""
+        state = self.save_state(env.unwrapped)
+        try:
+            hash(state)
+        except TypeError:
+            raise TaskError(
+                f"a saved state must be hashable, as a tuple of numbers is: {state!r} is a "
+                f"{type(state).__name__}"
+            ) from None
+        return SavedState(state, state)
+
+    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+        """Return the same environment, put into the state."""
+        self.restore_state(env.unwrapped, content)
+        return env, self.generators
+
+    def describe(self, env: Environment) -> Words:
+        """Return the numbers and words that are saved."""
+        return words_of_state(self.save_state(env.unwrapped))
+
+
+def layers_of(env: Environment) -> list[Any]:
+    """Return an environment's wrappers from the outermost, and it itself last."""
+    found: list[Any] = [env]
+    while isinstance(found[-1], gym.Wrapper):
+        found.append(found[-1].env)
+    return found
+
+
+def left_out(env: Environment) -> frozenset[str]:
+    """Return the names of an environment's attributes that make no difference between states."""
+    return LEFT_OUT | TOY_LEFT_OUT if _is_toy(env) else LEFT_OUT
+
+
+def _is_toy(env: Environment) -> bool:
+    return type(env.unwrapped).__module__.startswith(TOY_TEXT)
+
+
+def copied(env: Any) -> tuple[Any, dict[int, Any]]:
+    """Return a deep copy that shares what is constant, and the memo of copying; or TaskError."""
+    memo: dict[int, Any] = {}
+    shared = CONSTANTS | TOY_CONSTANTS if _is_toy(env) else CONSTANTS
+    layer: Any = env
+    while layer is not None:
+        for name, value in vars(layer).items():
+            if name in shared or isinstance(value, gym.Space):
+                memo[id(value)] = value
+        layer = vars(layer).get("env")
+    try:
+        return deepcopy(env, memo), memo
+    except Exception as error:
+        raise TaskError(
+            "an environment must be one that can be copied, or come with functions state=(save, "
+            f"restore), to be tabulated: copying {env} failed with {type(error).__name__}: {error}"
+        ) from error
+
+
+def plain_attributes(env: Any) -> dict[str, int | str]:
+    """Return an environment's attributes that are whole numbers or words.
+
+    Examples
+    --------
+    >>> class Room:
+    ...     def __init__(self):
+    ...         self.place, self.lit = (2, 3), True
+    >>> plain_attributes(Room())
+    {'place_1': 2, 'place_2': 3, 'lit': 1}
+    """
+    found = dict[str, Any]()
+    for name, value in vars(env).items():
+        if name.startswith("_") or isinstance(value, CONSTANT):
+            continue
+        if isinstance(value, tuple | list | np.ndarray):
+            flat = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
+            if len(flat) <= MOST_CELLS:
+                found |= {f"{name}_{i + 1}": each for i, each in enumerate(flat)}
+        else:
+            found[name] = value
+    return _plain(found)
+
+
+def words_of_state(state: Any) -> Words:
+    """Return the numbers and words of a state that is one of these, or a tuple of them.
+
+    Examples
+    --------
+    >>> words_of_state((3, "red")), words_of_state(4)
+    ({'state_1': 3, 'state_2': 'red'}, {'state': 4})
+    """
+    if not isinstance(state, tuple):
+        return _plain({"state": state})
+    names = getattr(state, "_fields", [f"state_{i + 1}" for i in range(len(state))])
+    return _plain(dict(zip(names, state, strict=True)))
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, int | str]:
+    """Return what is a whole number or a word, the former as ints."""
+    return {
+        name: value if isinstance(value, str) else int(value)
+        for name, value in values.items()
+        if isinstance(value, bool | int | np.integer | np.bool_ | str) and value != ""
+    }
