@@ -97,7 +97,7 @@ def complaints(tmp_path, monkeypatch):
             "epsilon = 0.1",
             "type = 'Sarsa'",
             "line 5: learner.type must be one of QLearning, SARSA, ExpectedSARSA, DoubleQLearning, "
-            "UCBQLearning, OPIQ, deep: got 'Sarsa', did you mean 'SARSA'?",
+            "OptimisticQLearning, deep: got 'Sarsa', did you mean 'SARSA'?",
         ),
         (
             "epsilon = 0.1",

@@ -225,8 +225,8 @@ def says(probabilities):
                 "class": (lambda: teach(BOTH, TSCL, target="far"), "must have the methods start"),
                 "number": (lambda: teach(BOTH, 3, target="far"), "must have the methods start"),
                 "learner": (
-                    lambda: teach(BOTH, None, cr.learning.OPIQ(), target="far"),
-                    "not by bonuses",
+                    lambda: teach(BOTH, None, cr.learning.OptimisticQLearning(), target="far"),
+                    "not by a start",
                 ),
                 "kind": (lambda: teach(BOTH, None, "Q", target="far"), "learner must be a Learner"),
                 "sum": (says([0.5, 0.6]), "sum to 1: after 0 episodes"),

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.certificate.potential_fit import Fit, fit, negligible, other_fit, rounding
+from curricle.certificate.potential_fit import Fit, fit, negligible, rounding
 from curricle.certificate.shaped_task import Reachable
 from curricle.tasks.labels import action_name, state_name
 
@@ -23,7 +23,7 @@ class Origin:
     """The potential behind a shaping reward."""
 
     plain: Fit  # with the task's discount and Phi = 0 at the ends
-    found: Fit | None  # without residual, maybe with another discount or ends that are not 0
+    found: Fit | None  # without residual, maybe with ends that are not 0
     sentences: tuple[str, ...]
     by_rounding: bool = False  # whether rounding alone keeps F from being gamma Phi(s') - Phi(s)
 
@@ -48,17 +48,11 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
         sentence = f"{form} with Phi = 0 at the ends, to {plain.worst:.1g}"
         return Origin(plain, plain, (sentence,), plain.worst <= rounding(met, f, plain))
     by_action = _depends_on_action(task, met, f)
-    other = None if by_action else other_fit(met, f)
-    if other is None:
+    found = None if by_action else fit(met, f, discount, ends_are_zero=False)
+    if found is None or found.worst > enough:
         return Origin(plain, None, (by_action or _unequal_paths(task, met, f, plain),))
-    found, ends_are_zero = other
-    sentences = []
-    if found.discount != discount:
-        sentences.append(other_discount(found.discount, discount))
-    if not ends_are_zero:
-        ends = met.ends[abs(found.potential[met.ends]) > enough]
-        sentences.append(nonzero_ends(task, ends, found.potential[ends]))
-    return Origin(plain, found, tuple(sentences))
+    ends = met.ends[abs(found.potential[met.ends]) > enough]
+    return Origin(plain, found, (nonzero_ends(task, ends, found.potential[ends]),))
 
 
 def other_discount(discount: float, own: float) -> str:

@@ -6,7 +6,6 @@ state thus gives the only possible Phi, and all other transitions tell whether i
 Russell 1999).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,10 +18,6 @@ from curricle.frozen_arrays import Frozen, frozen
 
 RELATIVE_RESIDUAL = 1e-5
 """Residual, relative to the largest F, up to which a potential fits."""
-SEARCHED = 20_000
-"""Transitions that the search for a second discount uses; all of them decide in the end."""
-VALLEYS = 4
-"""Local minima of the grid around which it searches."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,70 +76,6 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
     (array([1., 3., 0.]), 0.0)
     """
     return _fitted(met, f, discount, _order(met, ends_are_zero, discount < 1))
-
-
-def other_fit(met: Reachable, f: FloatArray) -> tuple[Fit, bool] | None:
-    """Return the simplest other fit of F, and whether its Phi is 0 at the ends; None without one.
-
-    It may have a discount other than the task's, ends that are not 0, or both.
-    """
-    for ends_are_zero, same_discount in ((True, False), (False, True), (False, False)):
-        if same_discount:
-            found = fit(met, f, met.mdp.discount, ends_are_zero=ends_are_zero)
-        else:
-            found = second_discount(met, f, ends_are_zero=ends_are_zero)
-        if found.worst <= negligible(f):
-            return found, ends_are_zero
-    return None
-
-
-def second_discount(met: Reachable, f: FloatArray, *, ends_are_zero: bool = True) -> Fit:
-    """Return the fit with the discount in [0.02, 1] whose worst residual is least.
-
-    The residual of each transition is the distance from the right discount times a polynomial. A
-    grid, and golden-section search around its lowest minima, find the discount.
-    """
-    among = np.arange(len(f))
-    if len(among) > SEARCHED:
-        among = np.random.default_rng(0).choice(among, SEARCHED, replace=False)
-    steps = _order(met, ends_are_zero, True)
-
-    def worst(discount: float) -> float:
-        return _fitted(met, f, discount, steps, among).worst
-
-    grid = np.sort(np.append(np.linspace(0.02, 0.98, 49), 1 - np.logspace(-9, -2, 15)))
-    levels = np.array([worst(g) for g in grid])
-    best, least = grid[levels.argmin()], levels.min()
-    around = np.pad(levels, 1, constant_values=np.inf)
-    valleys = np.flatnonzero((levels <= around[:-2]) & (levels <= around[2:]))
-    for i in valleys[np.argsort(levels[valleys])][:VALLEYS]:
-        found = _golden_section(worst, grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)])
-        if worst(found) < least:
-            best, least = found, worst(found)
-    undiscounted = fit(met, f, 1.0, ends_are_zero=ends_are_zero)
-    if undiscounted.worst <= max(negligible(f), least):
-        return undiscounted
-    return _fitted(met, f, float(best), steps)
-
-
-def _golden_section(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return the minimum of a function that falls and then rises, to 1e-12.
-
-    SciPy's bounded search stops at 1e-8: its parabolas suit smooth minima, and this one is a kink.
-    """
-    share = (np.sqrt(5) - 1) / 2
-    a, b = high - share * (high - low), low + share * (high - low)
-    at_a, at_b = function(a), function(b)
-    while high - low > 1e-12:
-        if at_a < at_b:
-            high, b, at_b = b, a, at_a
-            a = high - share * (high - low)
-            at_a = function(a)
-        else:
-            low, a, at_a = a, b, at_b
-            b = low + share * (high - low)
-            at_b = function(b)
-    return float((low + high) / 2)
 
 
 # -- from F to Phi -------------------------------------------------------------------------------
@@ -242,15 +173,13 @@ def _potential(
     return phi
 
 
-def _fitted(
-    met: Reachable, f: FloatArray, discount: float, steps: list[Step], which: Any = slice(None)
-) -> Fit:
-    """Return Phi for a discount and the residual of the transitions `which`."""
-    source, target = met.source[which], met.target[which]
+def _fitted(met: Reachable, f: FloatArray, discount: float, steps: list[Step]) -> Fit:
+    """Return Phi for a discount and the residual of every transition."""
+    source, target = met.source, met.target
     # Forward at a small discount numbers may overflow. Then nothing fits.
     with np.errstate(over="ignore", invalid="ignore"):
         phi = _potential(met, f, discount, steps, 0.0)
-        left = f[which] - discount * phi[target] + phi[source]
+        left = f - discount * phi[target] + phi[source]
         if any(step.kind == FREE for step in steps):
             # Phi and the residual are linear in the free numbers, one for each group of states.
             slope = _potential(met, np.zeros_like(f), discount, steps, 1.0)

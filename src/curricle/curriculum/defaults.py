@@ -8,7 +8,7 @@ from curricle.deep.shaping import WeightTransfer
 from curricle.learning.budget import Budget, Episodes, limits
 from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner, QLearning
-from curricle.learning.optimistic_learners import OptimisticLearner
+from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import SETTLED, StoppingRule
 from curricle.learning.storage import Storage
@@ -103,7 +103,7 @@ def default_shaping(
     """
     if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
         return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)
-    possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticLearner)
+    possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
     if possible and retrain is None and storage.kind != "sparse":
         generative = generative_model(task)
         if generative.states.size * generative.actions.size <= MOST_GUARDED:

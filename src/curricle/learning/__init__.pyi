@@ -7,9 +7,8 @@ from .learners import (
     Learner as Learner,
     QLearning as QLearning,
 )
-from .optimistic_learners import (
-    OPIQ as OPIQ,
-    UCBQLearning as UCBQLearning,
+from .optimistic_learning import (
+    OptimisticQLearning as OptimisticQLearning,
     value_bounds as value_bounds,
 )
 from .potential import (

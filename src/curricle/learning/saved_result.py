@@ -14,7 +14,7 @@ from curricle.learning.learners import (
     Learner,
     QLearning,
 )
-from curricle.learning.optimistic_learners import OPIQ, UCBQLearning
+from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.result_arrays import Arrays, check_result_arrays, check_value_arrays
 from curricle.learning.schedules import Schedule
 from curricle.tasks.observation_task import is_observation_task
@@ -22,7 +22,7 @@ from curricle.tasks.task import generative_model
 
 LEARNERS: dict[str, type[Learner]] = {
     kind.__name__: kind
-    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, UCBQLearning, OPIQ)
+    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
 }
 """Those that a file may name; nothing else is made of what it says."""
 

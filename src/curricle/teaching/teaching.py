@@ -6,7 +6,7 @@ from curricle.checks import text
 from curricle.errors import SettingError
 from curricle.learning.budget import Budget, limits, longest_run, spacing
 from curricle.learning.learners import Learner, QLearning
-from curricle.learning.optimistic_learners import OptimisticLearner
+from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.result import learning_result
 from curricle.learning.seeds import seed_settings, threads_for
 from curricle.learning.storage import Storage
@@ -54,7 +54,7 @@ def teach(
     teacher : Teacher
         Default :class:`Uniform`.
     learner : Learner
-        Default :class:`QLearning`; any but :class:`UCBQLearning` and :class:`OPIQ`.
+        Default :class:`QLearning`; any but :class:`OptimisticQLearning`.
     budget : int, Episodes or StoppingRule
         Steps in all tasks (the last episode may be cut), episodes, or steps until the greedy return
         in the target is good enough.
@@ -92,10 +92,9 @@ def teach(
     check_teacher(teacher)
     text("stream", stream or "-", SettingError)
     learner = given_or_default("learner", learner, Learner, QLearning)
-    if isinstance(learner, OptimisticLearner):
+    if isinstance(learner, OptimisticQLearning):
         raise SettingError(
-            "a teacher's learner must explore by epsilon or softmax, not by bonuses: got "
-            f"{learner!r}"
+            f"a teacher's learner must explore by epsilon or softmax, not by a start: got {learner!r}"
         )
     evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
     needs_goal = bool(getattr(teacher, "uses_goal", False))

@@ -10,7 +10,7 @@ from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer
 from curricle.learning.budget import Episodes
 from curricle.learning.learners import SARSA, DoubleQLearning, ExpectedSARSA, QLearning
-from curricle.learning.optimistic_learners import OPIQ, UCBQLearning
+from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.shaping import (
     DecayingAdvice,
     LookAheadAdvice,
@@ -80,7 +80,7 @@ class EpisodesTable(ObjectTable):
 
 LEARNERS = tuple(
     table_of(one, tag=one.__name__)
-    for one in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, UCBQLearning, OPIQ)
+    for one in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
 )
 DeepLearnerTable = table_of(
     DeepLearner,
