@@ -1,8 +1,8 @@
 """Learners without sources, on the targets of the benchmark of pairs: how well do they explore?
 
 Prints for each target and learner the mean greedy return while learning, on the way from the random
-policy (0) to the optimum (1). "single table" is the optimistic learner without its second table: the
-values that it acts on are evaluated.
+policy (0) to the optimum (1). "single table" is the optimistic learner without its second table:
+the values that it acts on are evaluated.
 
     python -m benchmarks.scratch_learners [--split verification] [--seeds 20]
 """

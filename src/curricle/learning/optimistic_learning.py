@@ -34,9 +34,10 @@ from curricle.tasks.task import Task, generative_model, has_tables, tables
 class OptimisticQLearning(Learner):
     """Q-learning that acts on values started at the highest that the task allows.
 
-    U(s,a) += alpha (r + gamma min(highest, max_b U(s',b)) - U(s,a)) is acted on, greedily (Even-Dar,
-    Mansour 2001). Q(s,a), :class:`QLearning` from the same steps, is evaluated, returned and
-    transferred; it starts at the lowest value, so that its greedy policy keeps to what was tried.
+    U(s,a) += alpha (r + gamma min(highest, max_b U(s',b)) - U(s,a)) is acted on, greedily
+    (Even-Dar, Mansour 2001). Q(s,a), :class:`QLearning` from the same steps, is evaluated, returned
+    and transferred; it starts at the lowest value, so that its greedy policy keeps to what was
+    tried.
     The learning rate is that of Jin et al. 2018, without their bonus for pairs seldom tried.
 
     A potential by :class:`QInitialisation` or :class:`LookAheadAdvice` is added to the start of
