@@ -13,8 +13,7 @@ from curricle.design.relations import Relation, relation_of
 from curricle.design.standing import learns_slowly
 from curricle.design.trends import Trend
 from curricle.errors import CurricleError
-from curricle.tasks.families.family import FamilyMember
-from curricle.tasks.families.parameters import Parameter
+from curricle.tasks.families.family import FamilyMember, Parameter
 from curricle.tasks.task import has_tables
 
 SHARES = (0.5, 0.7, 0.3)

@@ -15,8 +15,7 @@ from curricle.design.makers import KINDS, MAKERS
 from curricle.design.proposals import Draft, SourceCandidate, design_target
 from curricle.errors import CurricleError, CurriculumError
 from curricle.frozen_arrays import Frozen
-from curricle.tasks.families.family import FamilyMember
-from curricle.tasks.families.parameters import Parameter
+from curricle.tasks.families.family import FamilyMember, Parameter
 
 TERM = re.compile(r"(?P<share>\d*\.?\d+)?\s*n\s*(?P<more>[+-]\s*\d+)?")
 """A parameter of a source by that of its target, n: such as ``0.5 n`` or ``n - 1``."""

@@ -9,7 +9,7 @@ import numpy as np
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.errors import MappingError
-from curricle.tasks.families.components_by_name import Unequal
+from curricle.tasks.families.family import Unequal
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value, pair_mapping

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from curricle.errors import MappingError
-from curricle.tasks.families.components_by_name import Unequal
+from curricle.tasks.families.family import Unequal
 from curricle.transfer.component_mapping import ComponentMapping, describe_renaming, source_points
 from curricle.transfer.mapping import pair_mapping
 from curricle.transfer.mapping_search import Assignment, assignments
