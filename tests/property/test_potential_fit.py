@@ -5,7 +5,7 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
-from curricle.certificate.potential_fit import fit
+from curricle.certificate.diagnosis import fit
 from curricle.certificate.shaped_task import Reachable
 from tests.certificates import difference
 from tests.enumeration import all_discounts, met_states, states_of

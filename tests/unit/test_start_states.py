@@ -34,7 +34,7 @@ from curricle.tasks import (
     with_start,
 )
 from curricle.tasks.grid_view import GridView
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import reachable_states
 from tests.tasks import ring
 
 MAZE = GridWorld(["S..P", ".#.T", "...."])

@@ -14,7 +14,7 @@ from curricle.errors import TaskError
 from curricle.tasks import CliffWalking, FrozenLake, Taxi
 from curricle.tasks.frozen_lake import random_lake
 from curricle.tasks.grid_view import GridView
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import reachable_states
 
 
 def dense(mdp):

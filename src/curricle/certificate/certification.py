@@ -31,9 +31,8 @@ from curricle.errors import SettingError
 from curricle.learning.shaping import Claim, Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.progress import Progress, check_progress, shown
-from curricle.tasks.labels import state_name
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import improper_states
+from curricle.tasks.mdp import FiniteMDP, improper_states
+from curricle.tasks.spaces import state_name
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 LARGEST_EXACT = 20_000_000

@@ -10,12 +10,16 @@ import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate.checked_shaping import CheckedShaping
-from curricle.certificate.diagnosis import different_by_action, several_entries, widest
-from curricle.certificate.potential_fit import RELATIVE_RESIDUAL
+from curricle.certificate.diagnosis import (
+    RELATIVE_RESIDUAL,
+    different_by_action,
+    several_entries,
+    widest,
+)
 from curricle.certificate.shaped_task import shaping_rewards
 from curricle.planning.rollouts import RandomRollouts, random_rollouts
-from curricle.tasks.labels import state_name
 from curricle.tasks.live import is_live
+from curricle.tasks.spaces import state_name
 from curricle.tasks.task import generative_model
 
 LONGEST = 200

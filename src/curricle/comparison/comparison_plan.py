@@ -35,9 +35,8 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.curriculum.result import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.budget import Episodes, limits, spacing
 from curricle.learning.result import LearningResult
-from curricle.learning.stopping import StoppingRule
+from curricle.learning.stopping import Episodes, StoppingRule, limits, spacing
 from curricle.planning.target import Target
 from curricle.progress import SILENT, Bars
 from curricle.statistics.curves import SCRATCH

@@ -10,7 +10,7 @@ import numpy as np
 
 from curricle.planning.target import Target
 from curricle.statistics.intervals import mean_interval
-from curricle.tasks.labels import state_name
+from curricle.tasks.spaces import state_name
 from curricle.transfer.observation_rollouts import ObservationTarget
 from curricle.transfer.quality import PotentialQuality
 

@@ -15,7 +15,7 @@ from curricle.comparison.candidates import Candidate
 from curricle.comparison.comparing import FRACTION
 from curricle.comparison.trial import SEEDS, run_trial
 from curricle.curriculum.sources import SourceValues
-from curricle.learning.budget import limits
+from curricle.learning.stopping import limits
 from curricle.planning.greedy import Values
 from curricle.planning.models import TabularPlanningModel
 from curricle.planning.policy_evaluation import greedy_policy_return

@@ -6,7 +6,7 @@ import numpy as np
 
 from curricle.display import beside, block, brief_value, shortened, table
 from curricle.errors import CurricleError
-from curricle.learning.results_table import learnt_curve, learnt_table
+from curricle.learning.result import learnt_curve, learnt_table
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 from curricle.text_tables import counted

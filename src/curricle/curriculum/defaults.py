@@ -5,12 +5,11 @@ from typing import Any
 from curricle.curriculum.retraining import RetrainSources
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import WeightTransfer
-from curricle.learning.budget import Budget, Episodes, limits
 from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.shaping import QInitialisation, Shaping
-from curricle.learning.stopping import SETTLED, StoppingRule
+from curricle.learning.stopping import SETTLED, Budget, Episodes, StoppingRule, limits
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.task import generative_model

@@ -16,10 +16,9 @@ from curricle.curriculum.retraining import RetrainedResult
 from curricle.curriculum.saved_curriculum import Parts, from_file, to_file
 from curricle.curriculum.sources import SourceValues
 from curricle.errors import CurriculumError
-from curricle.learning.curve_frame import curve_columns, data_frame
-from curricle.learning.decisions import Decisions
-from curricle.learning.result import LearningResult
-from curricle.learning.result_arrays import arrays_of
+from curricle.learning.result import LearningResult, curve_columns, data_frame
+from curricle.learning.saved_result import arrays_of
+from curricle.learning.stopping import Decisions
 from curricle.planning.episode import Episode
 from curricle.transfer.calibration import AnyPotential, Calibration
 

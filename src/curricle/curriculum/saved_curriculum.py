@@ -19,8 +19,14 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.frozen_arrays import frozen
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
-from curricle.learning.result_arrays import all_values_of, arrays_of_values, check_value_arrays
-from curricle.learning.saved_result import as_saved, pairs_of, task_record
+from curricle.learning.saved_result import (
+    all_values_of,
+    arrays_of_values,
+    as_saved,
+    check_value_arrays,
+    pairs_of,
+    task_record,
+)
 from curricle.learning.stopping import Decision, StoppingKernel, StoppingRule
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.scale_fit import ScaleEvidence

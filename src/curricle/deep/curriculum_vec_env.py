@@ -17,7 +17,7 @@ from curricle.tasks.draws import stream_start
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import ObservationTask, stack
 from curricle.teaching.teachers import Episode, TaskSampler, Teacher, Uniform, check_teacher
-from curricle.teaching.teaching import _check_names as check_names
+from curricle.teaching.teaching import check_names
 from curricle.transfer.value_sources import ValueSource
 
 try:

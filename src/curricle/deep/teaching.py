@@ -9,8 +9,8 @@ from curricle.deep.curriculum_vec_env import Success, TeachingRecord, taught_tas
 from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import train_seeds
 from curricle.errors import SettingError
-from curricle.learning.budget import Budget
 from curricle.learning.shaping import Shaping
+from curricle.learning.stopping import Budget
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress
 from curricle.remote_path import Place

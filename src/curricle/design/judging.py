@@ -9,8 +9,7 @@ from curricle.array_types import BoolArray, FloatArray
 from curricle.design.proposals import aims
 from curricle.errors import CurricleError
 from curricle.planning.solution import evaluate, solve
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.start_states import goal_distance
 from curricle.transfer.partition_refinement import model_for_refinement, refined
 

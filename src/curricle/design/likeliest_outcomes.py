@@ -14,8 +14,7 @@ from curricle.tasks.cliff_walking import CliffWalking
 from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.frozen_lake import FrozenLake
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.taxi import Taxi
 from curricle.transfer.partition_refinement import merged_outcomes
 

@@ -1,4 +1,3 @@
-from .budget import Episodes as Episodes
 from .guard import Guard as Guard
 from .learners import (
     SARSA as SARSA,
@@ -35,7 +34,7 @@ from .shaping import (
     Shaping as Shaping,
     StateShaping as StateShaping,
 )
-from .stopping import Decision as Decision, StoppingRule as StoppingRule
+from .stopping import Decision as Decision, Episodes as Episodes, StoppingRule as StoppingRule
 from .storage import SparseValues as SparseValues, Storage as Storage
 from .tabular_policy import TabularPolicy as TabularPolicy
 from .training import learn as learn

@@ -15,10 +15,11 @@ from curricle.learning.guard import (
     SHAPED,
     UNDECIDED,
     Guard,
+    TwoLearners,
     empty_tally,
     longest_turn,
+    train_guarded,
 )
-from curricle.learning.guarded_loop import TwoLearners, train_guarded
 from curricle.learning.learners import Learner
 from curricle.learning.optimistic_learning import OptimisticQLearning, train_optimistically
 from curricle.learning.potential import MappedPotential

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from curricle.array_types import IntArray
 from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum_table import MOST_CURVES
-from curricle.learning.result import LearningResult
-from curricle.learning.results_table import shown_returns
+from curricle.learning.result import LearningResult, shown_returns
 from curricle.plotting.scales import minus, return_scale, steps_scale
 from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, new_figure
 from curricle.statistics.curves import Curve, smooth

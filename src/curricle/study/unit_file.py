@@ -16,7 +16,7 @@ from curricle.archives.array_archive import (
     opened_whole,
 )
 from curricle.archives.sealed_json import as_json, digest_of, parsed_json
-from curricle.learning.result_arrays import checkpoints_of
+from curricle.learning.saved_result import checkpoints_of
 from curricle.remote_path import Place
 from curricle.study.record import UnitRecord, plain, read_record
 from curricle.study.serialization import (

@@ -14,9 +14,9 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.stored_sources import StoredValues, source_values
 from curricle.display import brief_repr
-from curricle.learning.budget import ended_by
-from curricle.learning.result_arrays import arrays_of
+from curricle.learning.saved_result import arrays_of
 from curricle.learning.seeds import MOST_SEEDS
+from curricle.learning.stopping import ended_by
 from curricle.learning.storage import Storage
 from curricle.remote_path import Place
 from curricle.study.arms import Arms, arms_from_json

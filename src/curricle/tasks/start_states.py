@@ -16,8 +16,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import tables
 from curricle.text_tables import counted

@@ -9,8 +9,7 @@ import numpy as np
 from curricle.array_types import FloatArray, IntArray
 from curricle.display import block, brief_value, table
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.learning.result import LearningResult
-from curricle.learning.results_table import learnt_curve, learnt_table
+from curricle.learning.result import LearningResult, learnt_curve, learnt_table
 from curricle.statistics.curves import Curve
 from curricle.teaching.teachers import TaskSampler, Teacher
 from curricle.text_tables import counted

@@ -21,7 +21,7 @@ from curricle.tasks.generative_models import (
     table_model,
     transitions,
 )
-from curricle.tasks.live_model import answer
+from curricle.tasks.live import answer
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.overloads import inlined
 

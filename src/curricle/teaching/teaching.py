@@ -11,12 +11,12 @@ from curricle.array_types import BoolArray, FloatTable
 from curricle.checks import text
 from curricle.errors import SettingError, TaskError
 from curricle.frozen_arrays import frozen
-from curricle.learning.budget import Budget, limits, longest_run, spacing
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.result import learning_result
 from curricle.learning.run import Run
 from curricle.learning.seeds import SeedSettings, seed_settings, threads_for
+from curricle.learning.stopping import Budget, limits, longest_run, spacing
 from curricle.learning.storage import Storage
 from curricle.learning.tables import DenseTable
 from curricle.learning.training import given_or_default, stopping_kernel, train_all
@@ -140,7 +140,7 @@ class _TaskSet:
     """
 
     def __init__(self, tasks: Any, target: str, goal: Goal = None, *, needs_goal: bool = False):
-        _check_names(tasks, target)
+        check_names(tasks, target)
         self.names = tuple(tasks)
         self.place = self.names.index(target)
         for name, task in tasks.items():
@@ -176,7 +176,7 @@ class _TaskSet:
         return int(mdp.start_states[place])
 
 
-def _check_names(tasks: Any, target: Any) -> None:
+def check_names(tasks: Any, target: Any) -> None:
     """Raise SettingError unless tasks are a mapping from names, at least one, with the target."""
     if not isinstance(tasks, Mapping) or not tasks:
         raise SettingError(f"tasks must be a dict from names to tasks, not empty: got {tasks!r}")

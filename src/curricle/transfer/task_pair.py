@@ -10,8 +10,7 @@ from curricle.checks import brief, whole_number
 from curricle.display import brief_repr
 from curricle.errors import SettingError, TaskError
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.task import Task, has_tables, tables
 from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
 from curricle.transfer.sampled_tables import SampledTables, sampled_tables

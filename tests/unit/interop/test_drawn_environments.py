@@ -11,7 +11,7 @@ from curricle.errors import SettingError
 from curricle.study import StudyResults
 from curricle.tasks.grid_layout import layout_of
 from curricle.tasks.grid_view import GridView
-from curricle.tasks.scenes import scene_of
+from curricle.tasks.scene import scene_of
 
 MOVES = ("up", "right", "down", "left")
 

@@ -22,7 +22,7 @@ from curricle.interop.tabulation.tabulated_task import TabulationRecord
 from curricle.interop.tabulation.world import World, core_and_views
 from curricle.interop.toy_text import has_table, names_of
 from curricle.progress import check_progress, shown
-from curricle.tasks.labels import values_of
+from curricle.tasks.spaces import values_of
 
 MOST_SAMPLES = 1_000_000
 """Steps by which the outcomes of a pair are estimated, at most."""

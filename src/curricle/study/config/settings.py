@@ -8,7 +8,6 @@ from pydantic import BeforeValidator, Field, JsonValue
 from curricle.curriculum.retraining import RetrainSources
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer
-from curricle.learning.budget import Episodes
 from curricle.learning.learners import SARSA, DoubleQLearning, ExpectedSARSA, QLearning
 from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.shaping import (
@@ -19,7 +18,7 @@ from curricle.learning.shaping import (
     RewardBonus,
     StateShaping,
 )
-from curricle.learning.stopping import StoppingRule
+from curricle.learning.stopping import Episodes, StoppingRule
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.study.config.derived_tables import ObjectTable, Rate, built, table_of
