@@ -12,7 +12,9 @@ from curricle.cli.app import main
 from curricle.comparison import Arm, Comparison, seeds_needed, verdicts_of
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics import Curve, Looks, holm, sign_flip_test
+from curricle.statistics import Curve
+from curricle.statistics.hypothesis_tests import holm, sign_flip_test
+from curricle.statistics.sequential import Looks
 from curricle.study import StudyResults
 from tests.comparisons import corner
 

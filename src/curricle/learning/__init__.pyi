@@ -15,12 +15,10 @@ from .potential import (
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
-from .potential_rollouts import GreedyRollouts as GreedyRollouts, greedy_rollouts as greedy_rollouts
 from .record import Snapshots as Snapshots, WarmUp as WarmUp
 from .result import LearningResult as LearningResult
 from .schedules import (
     Schedule as Schedule,
-    constant as constant,
     exponential as exponential,
     harmonic as harmonic,
     linear as linear,
@@ -34,7 +32,7 @@ from .shaping import (
     Shaping as Shaping,
     StateShaping as StateShaping,
 )
-from .stopping import Decision as Decision, Episodes as Episodes, StoppingRule as StoppingRule
+from .stopping import Episodes as Episodes, StoppingRule as StoppingRule
 from .storage import SparseValues as SparseValues, Storage as Storage
 from .tabular_policy import TabularPolicy as TabularPolicy
 from .training import learn as learn

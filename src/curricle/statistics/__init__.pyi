@@ -1,14 +1,7 @@
-from .curves import Curve as Curve, charge_source as charge_source, smooth as smooth
-from .hypothesis_tests import (
-    holm as holm,
-    performance_profile as performance_profile,
-    probability_of_improvement as probability_of_improvement,
-    sign_flip_test as sign_flip_test,
-)
+from .curves import Curve as Curve
+from .hypothesis_tests import probability_of_improvement as probability_of_improvement
 from .intervals import (
     Interval as Interval,
-    interquartile_interval as interquartile_interval,
-    interquartile_mean as interquartile_mean,
     mean_interval as mean_interval,
     paired_difference as paired_difference,
 )
@@ -16,12 +9,9 @@ from .metrics import (
     asymptotic_performance as asymptotic_performance,
     jumpstart as jumpstart,
     mean_return as mean_return,
-    transfer_ratio as transfer_ratio,
 )
-from .sequential import AddedSeeds as AddedSeeds, Looks as Looks, add_seeds as add_seeds
 from .thresholds import (
     Times as Times,
-    fraction_of_optimum as fraction_of_optimum,
     midpoint as midpoint,
     steps_saved as steps_saved,
     time_to_threshold as time_to_threshold,

@@ -39,9 +39,7 @@ from .river_swim import RiverSwim as RiverSwim
 from .spaces import Component as Component, Space as Space
 from .start_states import (
     GoalDistance as GoalDistance,
-    TaskWithStart as TaskWithStart,
     goal_distance as goal_distance,
-    goal_states as goal_states,
     with_start as with_start,
 )
 from .task import Task as Task

@@ -133,7 +133,7 @@ def with_start(task: Any, start: Any) -> Any:
     -------
     Task
         A :class:`FiniteMDP` or :class:`TabulatedTask` of one, a :class:`GridWorld` of one where all
-        starts are equally likely, else a :class:`TaskWithStart`. States and actions are those of
+        starts are equally likely, else a task like it. States and actions are those of
         the task, so that mappings fit both.
 
     Raises
