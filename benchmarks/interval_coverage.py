@@ -16,6 +16,9 @@ from scipy.stats import binom
 
 import curricle as cr
 from curricle import statistics
+from curricle.statistics.hypothesis_tests import performance_profile
+from curricle.statistics.intervals import interquartile_interval
+from curricle.statistics.sequential import add_seeds
 
 SEEDS = (3, 5, 10, 20, 50)
 POPULATION = 2_000_000
@@ -57,7 +60,7 @@ def interquartile(draw, seeds, studies, rng):
     """Return the coverage of an interquartile mean."""
     population = np.sort(draw(np.random.default_rng(0), POPULATION))
     truth = population[POPULATION // 4 : -(POPULATION // 4)].mean()
-    return covered(statistics.interquartile_interval(draw(rng, (seeds, studies))), truth)
+    return covered(interquartile_interval(draw(rng, (seeds, studies))), truth)
 
 
 def saved(sigma, never, seeds, studies, rng):
@@ -103,7 +106,7 @@ def improvement(shift, spread, seeds, studies, rng):
 def profile(shares, seeds, studies, rng):
     """Return the exact coverage of a share of runs, mean over true shares."""
     runs = np.tri(seeds + 1, seeds, -1)  # row k: k of K runs above 0
-    found = [statistics.performance_profile(row, [0.5]) for row in runs]
+    found = [performance_profile(row, [0.5]) for row in runs]
     low, high = (np.array([getattr(one, end)[0] for one in found]) for end in ("low", "high"))
     chance = binom.pmf(np.arange(seeds + 1)[:, None], seeds, shares)
     return float((chance * ((low[:, None] <= shares) & (shares <= high[:, None]))).sum(0).mean())
@@ -117,7 +120,7 @@ def sequential(effect, precision, seeds, studies, rng):
     studies = min(studies, 2000)
     goal = {"difference": True} if precision is None else {"precision": precision}
     found = [
-        statistics.add_seeds(
+        add_seeds(
             lambda new: rng.normal(effect, 1.0, len(new)), first=seeds, most=100, **goal
         ).interval
         for _ in range(studies)
@@ -160,7 +163,7 @@ def as_learnt(task, measure, seeds, studies, rng):
     sample = rng.choice(values, size=(seeds, studies))
     if measure == "mean return":
         cut, ordered = len(values) // 4, np.sort(values)
-        return covered(statistics.interquartile_interval(sample), ordered[cut:-cut].mean())
+        return covered(interquartile_interval(sample), ordered[cut:-cut].mean())
     return covered(statistics.mean_interval(sample), values.mean())
 
 

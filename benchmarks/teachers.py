@@ -29,8 +29,6 @@ TEACHERS = [
     cr.teaching.Learnability(),
     cr.teaching.PrioritizedLevelReplay(),
     cr.teaching.ReverseCurriculum(),
-    cr.teaching.TrueRegret(),
-    cr.teaching.TrueLearningProgress(),
 ]
 RATES, TUNING_SEEDS = (0.1, 0.2, 0.5, 0.9), range(1000, 1010)
 WINDOW, CHECKPOINTS, WAY = 5, 500, 0.9

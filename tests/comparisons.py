@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle import Curriculum, GreedyEvaluation, GridWorld, Pursuit, StoppingRule, Transfer
-from curricle.learning.budget import limits
+from curricle.learning.stopping import limits
 
 MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))

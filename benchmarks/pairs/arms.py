@@ -7,7 +7,7 @@ from typing import Any
 import curricle as cr
 from benchmarks.pairs.pair import Pair
 from curricle.comparison.controls import Control
-from curricle.learning import OPIQ, UCBQLearning, linear, value_bounds
+from curricle.learning import OptimisticQLearning, linear, value_bounds
 
 RAW = "raw"
 CONTROLS: tuple[Control, ...] = ("placebo", "constant", "negated")
@@ -81,7 +81,7 @@ def curricula(pair: Pair, names: Sequence[str]) -> dict[str, cr.Curriculum]:
 
 
 def scratch_learners(pair: Pair) -> dict[str, Any]:
-    """Return further learners from scratch, which explore by optimism about values or counts."""
+    """Return further learners from scratch, which explore by optimism."""
     highest = value_bounds(pair.target)[1]
-    optimistic = {"optimistic": cr.QLearning(initial_value=highest)} if highest > 0 else {}
-    return {**optimistic, "count bonus": UCBQLearning(), "fading optimism": OPIQ()}
+    high_start = {"high start": cr.QLearning(initial_value=highest)} if highest > 0 else {}
+    return {**high_start, "optimistic learner": OptimisticQLearning()}

@@ -31,8 +31,7 @@ from curricle.design.candidates import MAKERS
 from curricle.design.proposals import aims, design_target, spread
 from curricle.errors import CurricleError, CurriculumError
 from curricle.statistics import mean_interval
-from curricle.tasks.families.family import FamilyMember
-from curricle.tasks.families.parameters import Parameter
+from curricle.tasks.families.family import FamilyMember, Parameter
 from curricle.tasks.start_states import goal_distance
 from curricle.tasks.task import tables
 

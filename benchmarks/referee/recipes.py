@@ -23,8 +23,7 @@ from curricle.learning.learners import QLearning
 from curricle.learning.schedules import linear
 from curricle.learning.shaping import LookAheadAdvice, QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import SETTLED, StoppingRule
-from curricle.tasks.families.family import FamilyMember
-from curricle.tasks.families.parameters import Parameter
+from curricle.tasks.families.family import FamilyMember, Parameter
 from curricle.tasks.task import same_task
 from curricle.transfer import family_mappings
 from curricle.transfer.aggregation import maximum, mean, minimum, total

@@ -26,7 +26,6 @@ from .interop.gymnasium import (
 )
 from .interop.potential_shaping import PotentialShaping as PotentialShaping
 from .interop.tabulation.tabulate import tabulate as tabulate
-from .learning.budget import Episodes as Episodes
 from .learning.guard import Guard as Guard
 from .learning.learners import (
     SARSA as SARSA,
@@ -46,7 +45,7 @@ from .learning.shaping import (
     RewardBonus as RewardBonus,
     StateShaping as StateShaping,
 )
-from .learning.stopping import StoppingRule as StoppingRule
+from .learning.stopping import Episodes as Episodes, StoppingRule as StoppingRule
 from .learning.storage import Storage as Storage
 from .learning.training import learn as learn
 from .planning.policy_evaluation import GreedyEvaluation as GreedyEvaluation

@@ -1,5 +1,5 @@
 """``python -m curricle`` is the ``curricle`` command."""
 
-from curricle.cli import main
+from curricle.cli.app import main
 
 main()

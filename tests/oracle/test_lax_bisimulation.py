@@ -7,7 +7,7 @@ from scipy.optimize import linprog
 
 from curricle.errors import MappingError
 from curricle.planning import solve
-from curricle.transfer import bisimulation_distance, lax_bisimulation, nearest_pairs
+from curricle.transfer import bisimulation, lax_bisimulation
 from curricle.transfer.bisimulation import UNSET, scratch, transport_cost
 from tests.tasks import mdps, random_mdp
 
@@ -94,7 +94,7 @@ def test_bounds_hold_where_iteration_ends_early(monkeypatch, rounds):
     target = random_mdp(1, n_states=5, n_actions=2, width=3, discount=0.9)
     source = random_mdp(2, n_states=4, n_actions=2, width=3, discount=0.9)
     whole = lax_bisimulation(target, source, tolerance=1e-9)
-    monkeypatch.setattr(bisimulation_distance, "MOST_ROUNDS", rounds)
+    monkeypatch.setattr(bisimulation, "MOST_ROUNDS", rounds)
     found = lax_bisimulation(target, source, tolerance=1e-9)
     assert found.error > 1e3 * whole.error
     assert (whole.states <= found.states + 1e-6).all()
@@ -106,8 +106,8 @@ def test_bounds_hold_where_iteration_ends_early(monkeypatch, rounds):
 def test_work_is_bounded(monkeypatch):
     target = random_mdp(1, n_states=5, n_actions=2, width=3, discount=0.9)
     whole = lax_bisimulation(target, target, tolerance=1e-9)
-    monkeypatch.setattr(bisimulation_distance, "MOST_WORK", 1)
+    monkeypatch.setattr(bisimulation, "MOST_WORK", 1)
     assert lax_bisimulation(target, target, tolerance=1e-9).error > whole.error
-    monkeypatch.setattr(nearest_pairs, "LARGEST_ROUND", 10)
+    monkeypatch.setattr(bisimulation, "LARGEST_ROUND", 10)
     with pytest.raises(MappingError, match="up to 10 pairs of outcomes in a round: these tasks"):
         lax_bisimulation(target, target)

@@ -5,11 +5,12 @@ import pytest
 
 import curricle as cr
 from curricle.learning.run import Run
+from curricle.learning.schedules import constant
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 EXPLORATIONS = [{"epsilon": 0.2}, {"inverse_temperature": 2.0}]
 SCHEDULES = {
-    "constant": cr.learning.constant(0.3),
+    "constant": constant(0.3),
     "linear": cr.learning.linear(0.9, 0.1, steps=700),
     "exponential": cr.learning.exponential(0.9, 0.1, half_life=300),
     "harmonic": cr.learning.harmonic(0.9, 0.05, half=20),

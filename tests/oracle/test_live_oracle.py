@@ -6,6 +6,7 @@ import pytest
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 
 import curricle as cr
+from curricle.learning.potential_rollouts import greedy_rollouts
 from curricle.tasks.draws import stream_start
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
@@ -141,8 +142,7 @@ def test_greedy_rollouts(pair):
     phi = np.random.default_rng(0).normal(size=(12, mdp.actions.size))
     phi[mdp.terminal] = 0.0
     one, other = (
-        cr.learning.greedy_rollouts(cr.StateActionPotential(t, phi), episodes=30)
-        for t in (live, mdp)
+        greedy_rollouts(cr.StateActionPotential(t, phi), episodes=30) for t in (live, mdp)
     )
     for name in ("states", "actions", "predicted", "return_to_go", "lengths", "ended", "returns"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))

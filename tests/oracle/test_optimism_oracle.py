@@ -1,4 +1,4 @@
-"""Learners that explore by optimism agree with plain Python."""
+"""The optimistic learner agrees with plain Python."""
 
 import math
 
@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning import OPIQ, UCBQLearning, harmonic
+from curricle.learning import OptimisticQLearning, harmonic
 from curricle.tasks.draws import stream_start
 from tests.oracle.conftest import Ties, pick, random_bits, splitmix64, uniform
 
 LEARNERS = {
-    "count bonus": UCBQLearning(c=0.05),
-    "count bonus, epsilon": UCBQLearning(c=0.2, epsilon=0.2, learning_rate=0.3),
-    "fading optimism": OPIQ(),
-    "fading optimism, half": OPIQ(c=0.5, exponent=0.5, learning_rate=harmonic(0.8, half=3)),
-    "given range": OPIQ(horizon=4, value_range=(-3, 2), initial_value=1.0),
+    "default": OptimisticQLearning(),
+    "epsilon": OptimisticQLearning(epsilon=0.2, learning_rate=0.3),
+    "harmonic rate": OptimisticQLearning(learning_rate=harmonic(0.8, half=3)),
+    "given range": OptimisticQLearning(value_range=(-3, 2), initial_value=1.0),
 }
 
 
@@ -35,15 +34,14 @@ def bounds(mdp):
 
 
 def explored_naively(task, learner, steps, phi, seed=0):
-    """Return Q after so many steps, by the equations of the papers."""
+    """Return Q after so many steps, by the equations of its docstring."""
     mdp = task.mdp
     gamma, limit = mdp.discount, mdp.time_limit or math.inf
-    horizon = learner.horizon or min(limit, 1 / (1 - gamma))
+    horizon = min(limit, 1 / (1 - gamma))
     low, high = learner.value_range or bounds(mdp)
     shape = mdp.outcome_row.shape
     initial = low if learner.initial_value is None else learner.initial_value
     visits = np.zeros(shape, int)
-    fading = isinstance(learner, OPIQ)
 
     def rate(before):
         given = learner.learning_rate
@@ -51,19 +49,11 @@ def explored_naively(task, learner, steps, phi, seed=0):
             return 1.0 / (1.0 + before / (horizon + 1.0))
         return given if isinstance(given, float) else given(before)
 
-    def fade(n):
-        return float(learner.c * (high - low)) / (n + 1.0) ** float(learner.exponent)
-
-    def reward_bonus(n):
-        iota = math.log(mdp.terminal.size * shape[1] / 0.05) + math.log((n + 1.0) * (n + 2.0))
-        return learner.c * (high - low) * math.sqrt(horizon) * math.sqrt(iota / n)
-
     q = np.where(mdp.terminal[:, None], 0.0, initial + phi + np.zeros(shape))
     u = q.copy()
     for s, a in np.ndindex(*shape):
-        if not mdp.terminal[s]:
-            n = int(visits[s, a])
-            u[s, a] += fade(n) if fading else reward_bonus(n) if n else high - low
+        if not mdp.terminal[s] and visits[s, a] == 0:
+            u[s, a] += high - low
     draw = random_bits(stream_start(seed, ""))
     ties = Ties(u.tolist(), splitmix64(stream_start(seed, "")))
     fresh = True
@@ -81,16 +71,11 @@ def explored_naively(task, learner, steps, phi, seed=0):
         ended = bool(mdp.terminal[after])
         alpha = rate(int(visits[state, action]))
         visits[state, action] += 1
-        n = float(visits[state, action])
         target = reward + (0.0 if ended else gamma * q[after].max())
         hoped = reward + (0.0 if ended else gamma * min(high, u[after].max()))
         q[state, action] += alpha * (target - q[state, action])
         before = u[state].tolist()
-        if fading:
-            plain = u[state, action] - fade(n - 1.0)
-            u[state, action] = plain + alpha * (hoped - plain) + fade(n)
-        else:
-            u[state, action] += alpha * (hoped + reward_bonus(n) - u[state, action])
+        u[state, action] += alpha * (hoped - u[state, action])
         ties.update(before, u[state].tolist(), state, action, bits)
         length, state = length + 1, after
         fresh = ended or length >= limit
@@ -106,9 +91,8 @@ def test_values(random_mdp, name, seed):
     assert found.values[0] == pytest.approx(q, abs=1e-12, rel=1e-12)
 
 
-@pytest.mark.parametrize("name", ["count bonus", "fading optimism"])
-def test_a_potential_is_added_to_the_start_of_both_tables(random_mdp, random_shaping, name):
-    task, learner = random_mdp(4, time_limit=7), LEARNERS[name]
+def test_a_potential_is_added_to_the_start_of_both_tables(random_mdp, random_shaping):
+    task, learner = random_mdp(4, time_limit=7), LEARNERS["default"]
     shaping = random_shaping(task, cr.QInitialisation)
     phi = shaping.potential.values
     for entering in (shaping, cr.LookAheadAdvice(shaping.potential)):
@@ -119,6 +103,6 @@ def test_a_potential_is_added_to_the_start_of_both_tables(random_mdp, random_sha
 
 def test_seeds_differ_and_repeat(random_mdp):
     task = random_mdp(6, time_limit=7)
-    one, two = (cr.learn(task, UCBQLearning(), 300, seeds=2) for _ in range(2))
+    one, two = (cr.learn(task, OptimisticQLearning(), 300, seeds=2) for _ in range(2))
     assert (one.values == two.values).all()
     assert (one.values[0] != one.values[1]).any()

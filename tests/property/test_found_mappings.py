@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from curricle import FiniteMDP
 from curricle.planning import solve
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import reachable_states
 from curricle.transfer import (
     TaskPair,
     by_homomorphism,

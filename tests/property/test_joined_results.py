@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from curricle import Episodes, GreedyEvaluation, GridWorld, StoppingRule, Storage, learn
 from curricle.learning.result import joined_results
-from curricle.learning.result_arrays import arrays_of
+from curricle.learning.saved_result import arrays_of
 from curricle.study.record import UnitRecord
 from curricle.study.serialization import UnitResult, joined_units
 from curricle.study.unit_file import unit_content

@@ -1,12 +1,11 @@
 """The potential behind a shaping reward, found again on random MDPs."""
 
 import numpy as np
-import pytest
-from hypothesis import assume, given, strategies as st
+from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
-from curricle.certificate.potential_fit import fit, second_discount
+from curricle.certificate.diagnosis import fit
 from curricle.certificate.shaped_task import Reachable
 from tests.certificates import difference
 from tests.enumeration import all_discounts, met_states, states_of
@@ -61,18 +60,6 @@ def test_f_of_more_than_a_potential_does_not_fit(mdp, data):
     f = table[tuple(pairs.T)]
     left = system @ np.linalg.lstsq(system, f, rcond=None)[0] - f
     assert (fit(met, paid, mdp.discount).worst <= 1e-6) is bool(abs(left).max() <= 1e-6)
-
-
-@given(mdps(loose=True, max_states=5), st.floats(0.05, 1.0), st.integers(0, 99))
-def test_a_second_discount_is_recovered(mdp, second, seed):
-    assume(abs(second - mdp.discount) > 0.02)
-    assume(np.count_nonzero(~mdp.terminal) > 1)
-    phi = mdp.zero_at_ends(np.random.default_rng(seed).uniform(2.0, 9.0, mdp.shape[0]))
-    found = second_discount(*reachable(mdp, difference(phi, second)))
-    assert found.discount == pytest.approx(second, abs=1e-3)
-    np.testing.assert_allclose(found.potential[met_states(mdp)], phi[met_states(mdp)], rtol=1e-3)
-    finding = certify(mdp.task(), ShapingReward(difference(phi, second))).findings
-    assert any(one.startswith("shaped with a second discount: F = ") for one in finding)
 
 
 @given(mdps(loose=True), st.integers(0, 99))

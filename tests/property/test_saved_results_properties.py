@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 import curricle as cr
 from curricle.learning import LearningResult, SparseValues, TabularPolicy, harmonic, linear
 from curricle.learning.record import Snapshots
-from curricle.learning.result_arrays import CURVES
+from curricle.learning.saved_result import CURVES
 
 TASK = cr.GridWorld(["S.", ".T"])
 N_STATES, N_ACTIONS = 4, 4
@@ -21,7 +21,7 @@ LEARNERS = st.sampled_from(
         cr.QLearning(learning_rate=0.3, epsilon=linear(1.0, 0.1, steps=90)),
         cr.SARSA(inverse_temperature=2.0),
         cr.DoubleQLearning(learning_rate=harmonic(), initial_value=-1.5),
-        cr.learning.UCBQLearning(value_range=(-5.0, 9.0)),
+        cr.learning.OptimisticQLearning(value_range=(-5.0, 9.0)),
     ]
 )
 

@@ -10,7 +10,8 @@ from curricle import evaluate
 from curricle.errors import TaskError
 from curricle.planning import visit_distribution
 from curricle.planning.visits import expected_return
-from curricle.tasks import GoalDistance, goal_distance, goal_states, with_start
+from curricle.tasks import GoalDistance, goal_distance, with_start
+from curricle.tasks.start_states import goal_states
 from tests.tasks import mdps
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -10,17 +10,12 @@ from curricle.teaching import (
     Learnability,
     PrioritizedLevelReplay,
     ReverseCurriculum,
-    TrueLearningProgress,
-    TrueRegret,
     Uniform,
     teach,
 )
 from tests.tasks import random_mdp
 
-TEACHERS = [
-    *(Uniform(), TSCL(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()),
-    *(TrueRegret(interval=2), TrueLearningProgress(interval=2)),
-]
+TEACHERS = [Uniform(), TSCL(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()]
 LEARNERS = [
     *(cr.QLearning(), cr.SARSA(), cr.ExpectedSARSA(), cr.DoubleQLearning()),
     cr.QLearning(learning_rate=cr.learning.harmonic(), initial_value=1.0),

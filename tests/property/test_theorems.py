@@ -168,16 +168,6 @@ def test_dynamic_potential_telescopes(mdp, data):
     assert discounted(mdp, paid) == pytest.approx(expected, abs=1e-9)
 
 
-@given(mdps(shaped_discounts), st.data())
-def test_look_ahead_advice_telescopes(mdp, data):
-    states, actions = random_path(data, mdp)
-    phi = cr.StateActionPotential(mdp.task(), pair_potentials(data, mdp))
-    paid = phi.look_ahead(states[:-1], actions[:-1], states[1:], actions[1:])
-    last = mdp.discount ** len(paid) * phi.values[states[-1], actions[-1]]
-    expected = last - phi.values[states[0], actions[0]]
-    assert discounted(mdp, paid) == pytest.approx(expected, abs=1e-9)
-
-
 @pytest.mark.parametrize("discount", [0.5, 0.9, 1.0])
 @pytest.mark.parametrize("length", [1, 2, 6])
 def test_learnt_shaping_rewards_sum_to_nothing_but_the_start(length, discount):

@@ -17,6 +17,7 @@ from curricle import (
     solve,
 )
 from curricle.errors import PotentialError, SettingError
+from curricle.learning.schedules import constant
 from curricle.planning import rollout
 from tests.refusals import cases, check_refusal
 
@@ -92,7 +93,7 @@ SETTINGS = {
         "either .*epsilon=0.1 and inverse_temperature=2.0",
     ),
     "initial value": (lambda: QLearning(initial_value=INF), "finite: got inf"),
-    "constant": (lambda: cr.learning.constant(NAN), "finite: got nan"),
+    "constant": (lambda: constant(NAN), "finite: got nan"),
     "linear in no steps": (
         lambda: cr.learning.linear(1, 0, steps=0),
         "steps must be positive: got 0",

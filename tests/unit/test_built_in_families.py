@@ -21,14 +21,11 @@ from curricle.tasks import (
     frozen_lake_family,
     goal_distance,
     key_lock_pit_family,
-    part_of_lake,
-    part_of_level,
-    random_lake,
     river_swim_family,
     taxi_family,
 )
-from curricle.tasks.families.blocks import PARTS
-from curricle.tasks.families.built_in import BUILT_IN
+from curricle.tasks.families.built_in import BUILT_IN, PARTS, part_of_lake, part_of_level
+from curricle.tasks.frozen_lake import random_lake
 from curricle.tasks.task import generative_model
 from curricle.transfer import family_mappings, same_position
 

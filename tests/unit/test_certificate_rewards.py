@@ -31,31 +31,6 @@ def test_a_reward_made_of_a_potential_with_open_ends_is_recognised():
     )
 
 
-def test_both_mistakes_at_once_are_recognised():
-    found = certify(MAZE, ShapingReward(difference(PHI, 0.97)))
-    assert "F = 0.97 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[-2]
-    assert f"has Phi = {PHI[END]:.4g}, must be 0" in found.findings[-1]
-
-
-def test_undiscounted_shaping_is_recognised():
-    found = certify(MAZE, ShapingReward(difference(ENDED, 1.0)))
-    assert "F = 1 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[-1]
-    # Where nothing ends every loop leaves a constant open.
-    endless = two_ways_round(discount=0.9)
-    phi = np.array([3.0, -1.0, 7.0, 2.0])
-    found = certify(endless, ShapingReward(difference(phi, 1.0)))
-    assert "F = 1 Phi(s') - Phi(s), the task's discount is 0.9" in found.findings[-1]
-    assert np.ptp(found.potential - phi) < 1e-9
-
-
-def two_ways_round(**settings):
-    """Four states in a ring, forth or back or staying; nothing ends."""
-    outcomes = [
-        [[(1.0, (s + move) % 4, 0.0)] for move in (1, -1, 0)] for s in range(4)
-    ]  # fmt: skip
-    return cr.FiniteMDP.from_outcomes(outcomes, terminal=[False] * 4, start=0, **settings)
-
-
 @pytest.mark.parametrize("discount", [0.937, 1.0])
 def test_only_the_ends_that_are_not_zero_are_named(discount):
     task = tree(discount)

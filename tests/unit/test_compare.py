@@ -17,6 +17,8 @@ from curricle import (
 )
 from curricle.comparison.comparison import MEASURES
 from curricle.planning import target as target_module
+from curricle.statistics.sequential import Looks, add_seeds
+from curricle.statistics.thresholds import midpoint
 from curricle.transfer import StateActionMapping
 from tests.comparisons import ALL, CORNER, HERE, MAZE, assert_same, copied, corner, pursuit
 
@@ -170,7 +172,7 @@ def test_the_threshold_lies_nine_tenths_of_the_way_to_the_optimum():
 def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch(monkeypatch):
     monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
     found = compare(corner(), seeds=3)
-    assert found.threshold == cr.statistics.midpoint(found.scratch.curve)
+    assert found.threshold == midpoint(found.scratch.curve)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +196,7 @@ def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch
 def test_without_a_usable_optimum_the_threshold_is_the_midpoint_of_scratch(task):
     summed = GreedyEvaluation(discounted=False)
     found = compare(copied(replace(task, time_limit=20), evaluation=summed), seeds=2)
-    assert found.threshold == cr.statistics.midpoint(found.scratch.curve)
+    assert found.threshold == midpoint(found.scratch.curve)
 
 
 @pytest.mark.parametrize("source", [500, Episodes(40)], ids=["steps", "episodes"])
@@ -215,9 +217,7 @@ def test_no_more_seeds_than_the_goal_takes():
     found = compare(plan, seeds=3, difference=True, most_seeds=50)
     assert 3 <= found.seeds < 50
     gains = found["transfer"].strong_gain(found.scratch)
-    alone = cr.statistics.add_seeds(
-        lambda seeds: gains[list(seeds)], first=3, most=50, difference=True
-    )
+    alone = add_seeds(lambda seeds: gains[list(seeds)], first=3, most=50, difference=True)
     assert alone.stopped_by == "difference"
     assert alone.values.size == found.seeds
     assert f"{found.seeds} seeds ({alone.stopped}); threshold" in str(found)
@@ -229,12 +229,10 @@ def test_every_interval_over_added_seeds_allows_for_the_looks():
     plan = corner(source=100, target=400, eval_freq=10)
     grown = compare(plan, seeds=6, precision=1e-9, most_seeds=20, **settings)
     once = compare(plan, seeds=20, **settings)
-    assert grown.confidence == cr.statistics.Looks((6, 12, 20)).confidence() > 0.975
+    assert grown.confidence == Looks((6, 12, 20)).confidence() > 0.975
     assert once.confidence == 0.95
     gains = once["transfer"].strong_gain(once.scratch)
-    alone = cr.statistics.add_seeds(
-        lambda seeds: gains[list(seeds)], first=6, most=20, precision=1e-9
-    )
+    alone = add_seeds(lambda seeds: gains[list(seeds)], first=6, most=20, precision=1e-9)
     gain = grown.contrasts["transfer"].strong_gain
     assert (gain.low, gain.high) == (alone.interval.low, alone.interval.high)
     assert grown.contrasts["transfer"].p == alone.p > once.contrasts["transfer"].p

@@ -13,6 +13,7 @@ from curricle.comparison import Arm, Comparison
 from curricle.errors import CurriculumError
 from curricle.statistics import Curve
 from curricle.statistics.curves import charge_source
+from curricle.statistics.hypothesis_tests import holm, sign_flip_test
 from tests.comparisons import ALL, HERE, corner
 
 STEPS = np.array([0, 10, 20, 30, 40])
@@ -99,7 +100,7 @@ def test_measures_are_those_of_the_metrics():
         assert contrast.probability_of_improvement.estimate == wins.estimate
         middle = np.sort(cr.statistics.mean_return(charged))[2:-2].mean()  # of eight
         assert found.mean_return(name).estimate == pytest.approx(middle)
-        assert contrast.p == cr.statistics.sign_flip_test(expected["strong_gain"])
+        assert contrast.p == sign_flip_test(expected["strong_gain"])
 
 
 @pytest.mark.parametrize(("more", "gain"), [(1e-9, 0.0), (1e-5, 1e-5), (-1e-5, -1e-5)])
@@ -121,7 +122,7 @@ def test_tests_are_corrected_for_the_number_of_curricula():
     assert len(found.contrasts) == 6
     assert "scratch" not in found.contrasts
     own = [found.contrasts[name] for name in ("one", "two")]
-    adjusted = cr.statistics.hypothesis_tests.holm([one.p for one in own])
+    adjusted = holm([one.p for one in own])
     assert [one.adjusted_p for one in own] == adjusted.tolist()
     assert any(one.adjusted_p > one.p for one in own)
     controls = [one for name, one in found.contrasts.items() if ", " in name]

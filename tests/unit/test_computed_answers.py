@@ -7,6 +7,7 @@ from numba import njit
 import curricle as cr
 from curricle import Component, ComputedMDP, Space
 from curricle.errors import TaskError
+from curricle.learning.potential_rollouts import greedy_rollouts
 from curricle.planning.rollouts import random_rollouts
 from tests.tasks import ring_start, ring_step
 
@@ -56,7 +57,7 @@ SLOW = {
         bad, budget=300, shaping=cr.QInitialisation(phi(bad), guard=cr.Guard())
     ),
     "evaluation": lambda bad: cr.learn(bad, budget=300, eval_freq=1),
-    "greedy rollouts": lambda bad: cr.learning.greedy_rollouts(phi(bad), episodes=5),
+    "greedy rollouts": lambda bad: greedy_rollouts(phi(bad), episodes=5),
     "calibration": lambda bad: cr.calibrate(phi(bad)),
     "random rollouts": lambda bad: random_rollouts(bad, episodes=5, length=20),
 }

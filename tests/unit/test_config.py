@@ -31,7 +31,7 @@ from curricle import (
 from curricle.checks import number
 from curricle.curriculum.defaults import SETTINGS
 from curricle.errors import SettingError
-from curricle.learning import OPIQ, Learner, UCBQLearning, exponential, harmonic, linear
+from curricle.learning import Learner, OptimisticQLearning, exponential, harmonic, linear
 from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
 from curricle.study.config import settings, tasks, transfers
@@ -237,10 +237,9 @@ def test_a_maze_that_only_lends_its_drawing_is_not_learnt(read):
             "epsilon = { type = 'exponential', first = 1, half_life = 9.5 }",
             DoubleQLearning(epsilon=exponential(1, half_life=9.5)),
         ),
-        ("type = 'UCBQLearning'\nc = 0.5\nhorizon = 20", UCBQLearning(c=0.5, horizon=20.0)),
         (
-            "type = 'OPIQ'\nexponent = 1\nvalue_range = [-3, 2.5]\nlearning_rate = 0.5",
-            OPIQ(exponent=1.0, value_range=(-3.0, 2.5), learning_rate=0.5),
+            "type = 'OptimisticQLearning'\nvalue_range = [-3, 2.5]\nlearning_rate = 0.5",
+            OptimisticQLearning(value_range=(-3.0, 2.5), learning_rate=0.5),
         ),
     ],
 )

@@ -169,7 +169,7 @@ def test_arms_may_fill_in_what_the_study_leaves_open(read):
             {"learner": {"type": "SARSA", "learning_rate": 0.3}},
         ),
         (
-            {"learner": {"type": "UCBQLearning", "c": 0.1, "horizon": 9, "epsilon": 0.3}},
+            {"learner": {"type": "OptimisticQLearning", "value_range": [0, 9], "epsilon": 0.3}},
             {"learner": {"type": "QLearning"}},
             {"learner": {"type": "QLearning", "epsilon": 0.3}},
         ),

@@ -35,6 +35,7 @@ def complaints(tmp_path, monkeypatch):
             "line 10: tasks.chase.predatrs is unknown, did you mean 'predators'?",
         ),
         ("seeds", "sedes", "line 2: sedes is unknown, did you mean 'seeds'?"),
+        ("seeds", "frames", "line 2: frames is unknown, did you mean 'families'?"),  # once a key
         ("[learner]", "[lerner]", "line 4: lerner is unknown, did you mean 'learner'?"),
         ("epsilon", "epsilom", "line 5: learner.epsilom is unknown, did you mean 'epsilon'?"),
         (
@@ -97,7 +98,7 @@ def complaints(tmp_path, monkeypatch):
             "epsilon = 0.1",
             "type = 'Sarsa'",
             "line 5: learner.type must be one of QLearning, SARSA, ExpectedSARSA, DoubleQLearning, "
-            "UCBQLearning, OPIQ, deep: got 'Sarsa', did you mean 'SARSA'?",
+            "OptimisticQLearning, deep: got 'Sarsa', did you mean 'SARSA'?",
         ),
         (
             "epsilon = 0.1",

@@ -315,8 +315,7 @@ def test_mistakes_in_ones_own_families_are_sentences(complaints, old, new, sente
 
 
 @pytest.mark.parametrize("kind", ['type = "river_swim"', 'family = "river_swim"'])
-def test_a_parameter_may_be_called_as_a_setting_once_was(read, kind):
-    """`back` is a chance of a river."""
+def test_an_arm_changes_a_parameter_of_a_task(read, kind):
     study = read(f"""
         name = "river"
         [tasks]
@@ -325,13 +324,6 @@ def test_a_parameter_may_be_called_as_a_setting_once_was(read, kind):
         tasks.river.back = 0.05
     """)
     assert study.curriculum("calm").tasks["river"].back == 0.05
-    with pytest.raises(ConfigError, match=r"tasks\.river\.shaping\.guard\.least was renamed"):
-        read(f"""
-            name = "river"
-            [tasks.river]
-            {kind}
-            shaping.guard.least = 0.2
-        """)
 
 
 def test_a_crop_of_what_is_no_maze_is_refused(read):

@@ -184,7 +184,6 @@ NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.ep
         ("sweep.transfers.0=[1]", "a key of one of the transfers, such as transfers.0.scale"),
         ("sweep.transfers.1.scale=[1]", "must name a key of one of the transfers: 1 is unknown"),
         ("sweep.seeds=[1, 2]", "must name a setting of tasks or transfers: seeds is unknown"),
-        ("sweep.every=[1, 2]", "sweep.every was renamed: write eval_freq"),
         (f"sweep.unknown_value={[*range(101)]}", "must make at most 100 arms: got 101 values"),
         ("tune=1", "tune must be a table: got 1"),
         ("tune.trials=0", "tune.trials must be at least 1: got 0"),

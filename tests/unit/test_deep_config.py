@@ -223,7 +223,7 @@ def test_every_shaping_of_a_network_may_have_a_guard(read, name):
             '"deep", envs = 0, ',
             "line 17: tasks.hunt.learner is refused: envs of a deep learner must be a whole number",
         ),
-        ('"deep"', '"depe"', "OPIQ, deep: got 'depe', did you mean 'deep'?"),
+        ('"deep"', '"depe"', "OptimisticQLearning, deep: got 'depe', did you mean 'deep'?"),
         (
             'aggregate = "minimum"',
             'shaping = "RewardBonus"',

@@ -6,7 +6,7 @@ import pytest
 
 from curricle.study import read_study, run_study
 from curricle.study.arms import arms_from_json
-from curricle.transfer import UNMAPPED, chosen_mapping
+from curricle.transfer import UNMAPPED, found_mappings
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -62,7 +62,7 @@ def test_a_mapping_is_found_again_and_printed_once_a_run(mirror, capsys):
 @pytest.fixture
 def other_search(monkeypatch):
     """Return a function after which the search leaves a state unmapped."""
-    search = chosen_mapping.find_mappings
+    search = found_mappings.find_mappings
 
     def find(*tasks, **settings):
         found = search(*tasks, **settings)
@@ -73,12 +73,12 @@ def other_search(monkeypatch):
         return replace(found, candidates=(best, *found[1:]))
 
     def change():
-        monkeypatch.setattr(chosen_mapping, "find_mappings", find)
-        chosen_mapping._remembered.cache_clear()
+        monkeypatch.setattr(found_mappings, "find_mappings", find)
+        found_mappings._remembered.cache_clear()
         arms_from_json.cache_clear()
 
     yield change
-    chosen_mapping._remembered.cache_clear()
+    found_mappings._remembered.cache_clear()
 
 
 def test_a_search_that_finds_another_mapping_makes_units_stale(mirror, other_search):

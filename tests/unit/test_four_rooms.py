@@ -8,7 +8,7 @@ import pytest
 from curricle import solve
 from curricle.errors import TaskError
 from curricle.tasks import FourRooms
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import reachable_states
 from tests.refusals import cases, check_refusal
 
 PLAN = """\

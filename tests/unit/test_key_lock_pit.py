@@ -8,7 +8,7 @@ import pytest
 from curricle import project, solve
 from curricle.errors import TaskError
 from curricle.tasks import KeyLockPit
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import reachable_states
 from tests.refusals import cases, check_refusal
 
 NORTH, EAST, SOUTH, WEST, PICK_UP, UNLOCK = range(6)

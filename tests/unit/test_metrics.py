@@ -10,13 +10,11 @@ from curricle.statistics import (
     asymptotic_performance,
     jumpstart,
     mean_return,
-    midpoint,
     steps_saved,
     time_to_threshold,
-    transfer_ratio,
 )
 from curricle.statistics.curves import charge_source, smooth
-from curricle.statistics.thresholds import fraction_of_optimum
+from curricle.statistics.thresholds import fraction_of_optimum, midpoint
 
 NAN = np.nan
 STEPS = np.array([0, 100, 200, 300, 400])
@@ -294,28 +292,10 @@ def test_total_reward_needs_two_checkpoints():
         mean_return(curve([1], steps=[0]))
 
 
-def test_transfer_ratio_weak_and_strong():
-    assert transfer_ratio(SCRATCH, HELPED).tolist() == [0.75, 3]
-    # charged heights: (0 + 2.5 + 3.5 + 4 / 2) / 4 = 2 and (2 + 2 + 2 / 2) / 4 = 1.25
-    np.testing.assert_allclose(transfer_ratio(SCRATCH, HELPED, strong=True), [0, 1.5])
-
-
-def test_transfer_ratio_is_positive_for_a_gain_among_negative_returns():
-    assert transfer_ratio(curve([-4, -4], steps=[0, 1]), curve([-1, -1], steps=[0, 1])) == 0.75
-
-
-def test_transfer_ratio_is_nan_where_the_baseline_area_is_zero():
-    assert np.isnan(transfer_ratio(curve([-1, 1], steps=[0, 1]), curve([2, 2], steps=[0, 1])))
-
-
-# Curves that do not pair
-
-
 @pytest.mark.parametrize(
     "measure",
     [
         jumpstart,
-        transfer_ratio,
         charge_source,
         lambda baseline, transfer: steps_saved(baseline, transfer, 1.0),
     ],
@@ -327,8 +307,7 @@ def test_curves_must_pair(measure):
         measure(SCRATCH, curve([0, 1], [0, 1], steps=[0, 100]))
 
 
-@pytest.mark.parametrize("measure", [jumpstart, transfer_ratio])
-def test_a_strong_comparison_needs_a_baseline_without_source_steps(measure):
+def test_a_strong_comparison_needs_a_baseline_without_source_steps():
     with pytest.raises(SettingError, match="must have no source steps: got 200"):
-        measure(HELPED, SCRATCH, strong=True)
-    assert np.isfinite(measure(HELPED, SCRATCH)).all()
+        jumpstart(HELPED, SCRATCH, strong=True)
+    assert np.isfinite(jumpstart(HELPED, SCRATCH)).all()

@@ -11,7 +11,7 @@ import curricle as cr
 from curricle.errors import SettingError, StoreError
 from curricle.learning import TabularPolicy
 from curricle.study import StudyResults, played_episode, read_study, run_study, stored_episode
-from curricle.tasks.scenes import scene_of
+from curricle.tasks.scene import scene_of
 from tests.sent_folders import change
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

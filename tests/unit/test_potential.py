@@ -8,8 +8,6 @@ from curricle.errors import PotentialError
 from curricle.learning import linear
 from tests.tasks import ring, ring_by_tables
 
-KINDS = (StatePotential, (9,)), (StateActionPotential, (9, 2))
-
 MAZE = GridWorld("S.T", discount=0.5)
 
 
@@ -43,29 +41,19 @@ def test_the_weight_scales_with_time():
     assert phi.shaping_reward(0, 1, step=1) == 0.5 * 2 - 3
 
 
-def test_look_ahead_advice_by_hand():
-    phi = StateActionPotential(MAZE, np.arange(12).reshape(3, 4))
-    assert phi.look_ahead(0, 1, 1, 2) == 0.5 * 6 - 1
-    assert phi.look_ahead(1, 3, 2, 2) == -7
-    assert phi.look_ahead([0, 1], [0, 1], [1, 2], [0, 0]).tolist() == [2, -5]
-
-
 @pytest.mark.parametrize("task", [ring_by_tables(), ring()], ids=["tables", "functions"])
 def test_into_an_end_the_potential_is_zero_in_every_kind_of_task(task):
     """Home, where episodes end, is state 0; only the steps of a computed task tell so."""
-    phi, pairs = (make(task, np.full(shape, 7.0)) for make, shape in KINDS)
+    phi = StatePotential(task, np.full(9, 7.0))
     ended = [False, True]
     expected = [task.discount * 7.0 - 7.0, -7.0]
     assert phi.shaping_reward([2, 1], [1, 0], terminated=ended).tolist() == expected
-    assert pairs.look_ahead([2, 1], [0, 0], [1, 0], [1, 1], terminated=ended).tolist() == expected
 
 
 def test_where_only_steps_tell_the_ends_they_must_be_given():
-    phi, pairs = (make(ring(), np.full(shape, 7.0)) for make, shape in KINDS)
+    phi = StatePotential(ring(), np.full(9, 7.0))
     with pytest.raises(PotentialError, match="only the steps of this task tell: give terminated="):
         phi.shaping_reward(1, 0)
-    with pytest.raises(PotentialError, match="give terminated= for ComputedMDP"):
-        pairs.look_ahead(1, 0, 0, 0)
 
 
 def test_the_state_potential_of_a_pair_potential_is_its_maximum():

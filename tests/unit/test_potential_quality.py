@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle.learning import potential_rollouts
 from curricle.planning import Target, target as target_module
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import reachable_states
 from curricle.transfer import quality
 from curricle.transfer.potentials import mapped_potential
 from curricle.transfer.quality import potential_quality

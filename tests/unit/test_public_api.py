@@ -6,23 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import curricle
-from curricle import (
-    Curriculum,
-    FiniteMDP,
-    GridWorld,
-    Pursuit,
-    StateActionPotential,
-    StatePotential,
-    Transfer,
-    evaluate,
-    learn,
-    same_position,
-    solve,
-)
 
 PACKAGE = Path(curricle.__file__).parent
 MOST_NAMES = 51
@@ -95,59 +81,3 @@ def test_the_tree_of_exceptions():
 def test_unmapped_and_ended_are_told_apart_by_sign():
     assert curricle.UNMAPPED != curricle.ENDED
     assert max(curricle.UNMAPPED, curricle.ENDED) < 0
-
-
-def arrays_of(owner):
-    """The arrays among an object's fields and (cached) properties, by name."""
-    found = {}
-    for name in dir(owner):
-        if not name.startswith("_") and not callable(getattr(type(owner), name, None)):
-            value = getattr(owner, name)
-            if isinstance(value, np.ndarray):
-                found[name] = value
-    return found
-
-
-MAZE = GridWorld(["S..", ".FT"])
-NEAR = MAZE.crop(rows=(0, 2), columns=(1, 3))
-ONES = np.ones((6, 4))
-ONE_WAY = [[[0.0, 1.0]], [[0.0, 1.0]]]
-
-
-def handed_on():
-    edge = Transfer("near", "maze", same_position(MAZE, NEAR))
-    return Curriculum({"near": NEAR, "maze": MAZE}, [edge], budget=50).train()
-
-
-OWNERS = {
-    "FiniteMDP": lambda: MAZE.mdp,
-    "FiniteMDP.from_dense": lambda: FiniteMDP.from_dense(
-        ONE_WAY, [1, 0], terminal=[False, True], start=0, discount=0.5
-    ),
-    "GridWorld": lambda: MAZE,
-    "Pursuit": lambda: Pursuit(size=2),
-    "StatePotential": lambda: StatePotential(MAZE, ONES[:, 0]),
-    "StateActionPotential": lambda: StateActionPotential(MAZE, ONES),
-    "to_state": lambda: StateActionPotential(MAZE, ONES).to_state(),
-    "StateActionMapping": lambda: same_position(MAZE, NEAR),
-    "Solution": lambda: solve(MAZE),
-    "PolicyValues": lambda: evaluate(MAZE, [1, 1, 2, 1, 1, 1]),
-    "LearningResult": lambda: learn(MAZE, budget=50),
-    "potential of a curriculum": lambda: handed_on().potentials["maze"][0],
-    "result of a curriculum": lambda: handed_on()["maze"],
-}
-FRESH = {"policy"}  # computed anew for each caller, who may write on it
-
-
-@pytest.mark.parametrize("owner", OWNERS)
-def test_arrays_handed_out_are_read_only(owner):
-    arrays = arrays_of(OWNERS[owner]())
-    assert arrays
-    assert [n for n, a in arrays.items() if a.flags.writeable and n not in FRESH] == []
-
-
-@pytest.mark.parametrize("owner", ["GridWorld", "FiniteMDP", "Pursuit", "StateActionMapping"])
-def test_fields_cannot_be_set(owner):
-    made = OWNERS[owner]()
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        setattr(made, dataclasses.fields(made)[0].name, None)

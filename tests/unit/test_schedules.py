@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from curricle import SARSA, DoubleQLearning, FiniteMDP, GridWorld, QLearning, learn
-from curricle.learning import constant, exponential, harmonic, linear
+from curricle.learning import exponential, harmonic, linear
+from curricle.learning.schedules import constant
 
 
 @pytest.mark.parametrize(

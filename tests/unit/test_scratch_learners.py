@@ -6,9 +6,8 @@ from curricle import SARSA, QLearning, read_study
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig, run_study
 from curricle.study.arms import Arms
-from curricle.study.record import plain, read_record
+from curricle.study.record import StudyRecord, plain, read_record
 from curricle.study.recording import study_record
-from curricle.study.results import StudyRecord
 
 FILE = """
 name = "corner"

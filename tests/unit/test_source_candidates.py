@@ -27,6 +27,7 @@ from curricle.tasks import (
     maze_family,
     pursuit_family,
 )
+from curricle.tasks.start_states import goal_states
 from curricle.transfer import family_mappings
 from curricle.transfer.mapping import ENDED, UNMAPPED, terminal_states
 from tests.refusals import cases, check_refusal
@@ -220,7 +221,7 @@ def test_start_rings_grow_from_the_goal(target):
 def goal_of(target):
     if isinstance(target, RiverSwim):
         return np.arange(target.size) == target.size - 1
-    return cr.tasks.goal_states(target)
+    return goal_states(target)
 
 
 def test_bottlenecks_of_four_rooms_are_hallways():

@@ -27,14 +27,13 @@ from curricle.tasks import (
     GoalDistance,
     KeyLockPit,
     RiverSwim,
-    TaskWithStart,
     Taxi,
     goal_distance,
-    goal_states,
     with_start,
 )
 from curricle.tasks.grid_view import GridView
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import reachable_states
+from curricle.tasks.start_states import TaskWithStart, goal_states
 from tests.tasks import ring
 
 MAZE = GridWorld(["S..P", ".#.T", "...."])

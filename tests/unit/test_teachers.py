@@ -11,8 +11,6 @@ from curricle.teaching import (
     Learnability,
     PrioritizedLevelReplay,
     ReverseCurriculum,
-    TrueLearningProgress,
-    TrueRegret,
     Uniform,
 )
 
@@ -26,7 +24,6 @@ def episodes(seed, n):
     found = []
     for _ in range(n):
         task, length = int(rng.integers(N_TASKS)), int(rng.integers(1, 6))
-        values = rng.normal(size=N_TASKS)
         found.append(
             Episode(
                 task,
@@ -34,8 +31,6 @@ def episodes(seed, n):
                 rng.normal(size=length),
                 bool(rng.random() < (task + 1) / 5),
                 0.9,
-                lambda values=values: values,
-                lambda: np.ones(N_TASKS),
             )
         )
     return found
@@ -139,23 +134,9 @@ def test_the_reverse_curriculum_begins_at_the_goal_and_ends_with_all_mastered():
     np.testing.assert_allclose(teacher.probabilities(memory), 1 / 3)
 
 
-@pytest.mark.parametrize(("seed", "n"), CASES)
-def test_exact_teachers_weigh_what_was_computed_last(seed, n):
-    seen = episodes(seed, n)
-    computed = [e.greedy_returns() for e in seen[2::3]]  # after episodes 3, 6, ...
-    regret = np.maximum(1 - computed[-1], 0) if computed else np.zeros(N_TASKS)
-    moved = abs(computed[-1] - computed[-2]) if len(computed) > 1 else np.zeros(N_TASKS)
-    for teacher, weight in (TrueRegret(3, 0.2), regret), (TrueLearningProgress(3, 0.2), moved):
-        share = weight / weight.sum() if weight.any() else np.full(N_TASKS, 0.25)
-        np.testing.assert_allclose(probabilities(teacher, seen), 0.8 * share + 0.05)
-
-
 @pytest.mark.parametrize(
     "teacher",
-    [
-        *(Uniform(), TSCL(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()),
-        *(TrueRegret(interval=1), TrueLearningProgress(interval=1)),
-    ],
+    [Uniform(), TSCL(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()],
     ids=lambda teacher: type(teacher).__name__,
 )
 def test_no_teacher_changes_what_it_remembers(teacher):

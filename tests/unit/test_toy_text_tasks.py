@@ -11,9 +11,10 @@ from hypothesis import given, settings, strategies as st
 
 from curricle import from_gymnasium, solve
 from curricle.errors import TaskError
-from curricle.tasks import CliffWalking, FrozenLake, Taxi, random_lake
+from curricle.tasks import CliffWalking, FrozenLake, Taxi
+from curricle.tasks.frozen_lake import random_lake
 from curricle.tasks.grid_view import GridView
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import reachable_states
 
 
 def dense(mdp):

@@ -12,7 +12,7 @@ from curricle.certificate.shaped_task import (
 from curricle.certificate.verdict import Counterexample
 from curricle.frozen_arrays import frozen
 from curricle.planning.solution import Solution, solve
-from curricle.tasks.labels import action_name, state_name, values_of
+from curricle.tasks.spaces import action_name, state_name, values_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from curricle.certificate.diagnosis import (
     other_discount,
     several_entries,
 )
-from curricle.certificate.sampled import in_time, sampled
+from curricle.certificate.sampled import sampled
 from curricle.certificate.shaped_task import Reachable, ShapedValues
 from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import number, one_of, whole_number
@@ -31,9 +31,8 @@ from curricle.errors import SettingError
 from curricle.learning.shaping import Claim, Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.progress import Progress, check_progress, shown
-from curricle.tasks.labels import state_name
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import improper_states
+from curricle.tasks.mdp import FiniteMDP, improper_states
+from curricle.tasks.spaces import state_name
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 LARGEST_EXACT = 20_000_000
@@ -85,15 +84,15 @@ def certify(
     - :class:`RewardBonus`: Q* for r + phi(s, a), which need not be safe;
     - :class:`ShapingReward`: Q* for r + F(s, a, s').
 
-    For the last two the findings tell whether F comes from a potential, from one with a second
-    discount or with ends that are not 0 (Grzes 2017), or from none, and then where.
+    For the last two the findings tell whether F comes from a potential, from one whose ends are not
+    0 (Grzes 2017), or from none with the task's discount, and then where.
 
     Parameters
     ----------
     task : Task
     shaping : Shaping or ShapingReward
-        One of the above. Of a state potential that changes, the last values are compared, and its F
-        is checked over time (Devlin, Kudenko 2012).
+        One of the above. Of a state potential that changes, the last values are compared (Devlin,
+        Kudenko 2012).
     shaping_discount : float, optional
         The discount of another tool's F = ``shaping_discount`` Phi(s') - Phi(s); the task's by
         default. For :class:`StateShaping`.
@@ -106,7 +105,8 @@ def certify(
     method : {"auto", "exact", "sampled"}
         Every state, or steps of the uniform policy, which prove nothing. "auto" compares states
         where tables of up to 20 million outcomes (states x actions x outcomes of a pair) can be
-        solved and F does not depend on the time.
+        solved and F does not depend on the time. Only look-back advice, a bonus and a reward are
+        sampled: of the other shapings, where states are not compared, the theorem alone decides.
     steps : int
         Steps to sample, about.
     seed : int
@@ -176,9 +176,9 @@ def certify(
     with shown(progress) as bars:
         bars.bar("certifying")
         if reason is None:
-            found = _exact_certificate(checked, tolerance, seed)
+            found = _exact_certificate(checked, tolerance)
         else:
-            found = _sampled_certificate(checked, tolerance, steps, seed, reason)
+            found = _without_comparison(checked, tolerance, steps, seed, reason)
         bars.tell(found)
     return found
 
@@ -241,7 +241,7 @@ def _theorem(shaping: CheckedShaping, ends: IntArray, behind: Origin | None) -> 
 # -- every state ---------------------------------------------------------------------------------
 
 
-def _exact_certificate(shaping: CheckedShaping, tolerance: float, seed: int) -> Certificate:
+def _exact_certificate(shaping: CheckedShaping, tolerance: float) -> Certificate:
     mdp, claim, name = tables(shaping.task), shaping.shaping.claim, shaping.shaping.name
     met = Reachable.of(mdp)
     findings = _findings(shaping, met.ends)
@@ -262,8 +262,6 @@ def _exact_certificate(shaping: CheckedShaping, tolerance: float, seed: int) -> 
     holds, undecided = _decided(met, own, shaped, found, theorem)
     if shaping.changing:
         findings += ("the potential changes while learning; its last values were compared",)
-        contradictions = in_time(shaping, seed).contradictions
-        findings, holds = findings + contradictions, holds and (None if contradictions else True)
     loss = 0.0 if holds and theorem is not None and behind is None else found.loss
     return Certificate(
         holds,
@@ -313,23 +311,34 @@ def _several_entries(shaping: CheckedShaping, met: Reachable) -> str | None:
     return several_entries(shaping.task, pairs, phi, np.flatnonzero(met.mdp.start > 0))[1]
 
 
-# -- a sample of steps ---------------------------------------------------------------------------
+# -- without a comparison of states ----------------------------------------------------------------
 
 
-def _sampled_certificate(
+def _without_comparison(
     shaping: CheckedShaping, tolerance: float, steps: int, seed: int, reason: str
 ) -> Certificate | SampledCertificate:
+    """Return what a theorem proves, or what sampled steps show where none can decide."""
     terminal = generative_model(shaping.task).terminal
     ends = np.zeros(0, np.int64) if terminal is None else np.flatnonzero(terminal)
-    name, findings = shaping.shaping.name, _findings(shaping, ends)
-    if shaping.shaping.claim == "added_values":
-        if shaping.last_weight != 0:
-            return Certificate(None, name, tolerance=tolerance, findings=findings)
-        theorem = THEOREMS["added_values"]
-        return Certificate(
-            True, name, 0, theorem, tolerance, loss=0.0, total_loss=0.0, findings=findings
+    claim, name, findings = shaping.shaping.claim, shaping.shaping.name, _findings(shaping, ends)
+    if claim in ("one_way_in", "added_rewards"):
+        sample = sampled(shaping, steps, seed)
+        return SampledCertificate(
+            name, sample.steps, reason, sample.contradictions, sample.residual, findings
         )
-    found = sampled(shaping, steps, seed)
-    return SampledCertificate(
-        name, found.steps, reason, found.contradictions, found.residual, findings
+    if claim == "added_values":
+        applies = shaping.last_weight == 0
+    else:
+        applies = _theorem(shaping, ends, None) is not None
+        if shaping.is_array and terminal is None:
+            applies = False
+            findings += ("its ends are not known, where Phi must be 0",)
+        if shaping.task_discount == 1:  # a sum of F need not vanish in an episode without an end
+            applies = False
+            findings += (f"at discount 1 every policy must end, which is not known: {reason}",)
+    if not applies:
+        return Certificate(None, name, tolerance=tolerance, findings=findings)
+    theorem = THEOREMS[claim]
+    return Certificate(
+        True, name, 0, theorem, tolerance, loss=0.0, total_loss=0.0, findings=findings
     )

@@ -1,15 +1,203 @@
-"""Sentences about a shaping reward: the potential behind it, or why there is none."""
+"""The potential behind a shaping reward, or why there is none, in sentences.
+
+If F(s, a, s') = gamma Phi(s') - Phi(s) and Phi is 0 at the ends, then the discounted sum of F is
+-Phi(s) along *every* path from s: Phi is the value of any policy for rewards -F. One path from each
+state thus gives the only possible Phi, and all other transitions tell whether it fits (Ng, Harada,
+Russell 1999).
+"""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
-from curricle.certificate.potential_fit import Fit, fit, negligible, other_fit, rounding
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate.shaped_task import Reachable
-from curricle.tasks.labels import action_name, state_name
+from curricle.frozen_arrays import Frozen, frozen
+from curricle.tasks.spaces import action_name, state_name
+
+RELATIVE_RESIDUAL = 1e-5
+"""Residual, relative to the largest F, up to which a potential fits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit(Frozen):
+    """F as ``discount`` Phi(s') - Phi(s)."""
+
+    discount: float
+    potential: FloatArray  # Phi, (S,); 0 in states that cannot be reached
+    residual: FloatArray  # F - discount Phi(s') + Phi(s), (E,)
+
+    @property
+    def worst(self) -> float:
+        """The largest absolute residual; infinite if one is NaN."""
+        sizes = abs(self.residual)
+        return float(np.where(np.isnan(sizes), np.inf, sizes).max(initial=0.0))
+
+
+def negligible(f: FloatArray) -> float:
+    """Return the residual up to which a potential fits F, (E,)."""
+    return RELATIVE_RESIDUAL * float(abs(f).max(initial=0.0))
+
+
+def rounding(met: Reachable, f: FloatArray, fitted: Fit) -> float:
+    """Return the residual that rounding leaves where F, (E,), is that of the fitted potential.
+
+    F itself has three roundings of Phi. Phi is a sum of F along a path, with two a step; a path has
+    at most as many steps as there are states, and later ones count less by the discount.
+    """
+    steps: float = len(met.states)
+    if fitted.discount < 1:
+        steps = min(steps, 1 / (1 - fitted.discount))
+    largest = abs(f).max(initial=0.0) + abs(fitted.potential).max()
+    return float((2 * steps + 3) * np.finfo(np.float64).eps * largest)
+
+
+def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
+    """Return the Phi that F must have if it is ``discount`` Phi(s') - Phi(s), and the residual.
+
+    Parameters
+    ----------
+    met : Reachable
+        With E transitions.
+    f : (E,) float64
+    discount : float
+        In (0, 1], or the task's own.
+    ends_are_zero : bool
+        Whether Phi is 0 at the ends, or follows from the transitions into them.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> met, phi = Reachable.of(GridWorld("S.T", discount=0.5).mdp), np.array([1.0, 3.0, 0.0])
+    >>> f = met.reward(lambda s, a, after: 0.5 * phi[after] - phi[s])
+    >>> found = fit(met, f, 0.5)
+    >>> found.potential, found.worst
+    (array([1., 3., 0.]), 0.0)
+    """
+    return _fitted(met, f, discount, _order(met, ends_are_zero, discount < 1))
+
+
+# -- from F to Phi -------------------------------------------------------------------------------
+
+ZERO, BACKWARD, FORWARD, CYCLE, FREE = range(5)
+NO_TRANSITIONS = np.zeros(0, np.int64)
+
+
+class Step(NamedTuple):
+    """Some states whose Phi follows at once.
+
+    ZERO: it is 0. FREE: it is an unknown number, on which later states may depend. The other kinds
+    use one transition for each state. BACKWARD: Phi of s from that of s'. FORWARD: Phi of s' from
+    that of s. CYCLE: the discounted sum along transitions that follow each other for ever.
+    """
+
+    kind: int
+    states: npt.NDArray[np.integer[Any]]
+    transitions: IntArray
+
+
+def _order(met: Reachable, ends_are_zero: bool, discounted: bool) -> list[Step]:
+    """Return steps that give Phi of all reachable states.
+
+    Errors shrink backward along transitions and grow forward, so that forward is the last resort.
+    Each group of states that no transition joins to known ones has one free number; the other
+    transitions among them determine it.
+    """
+    terminal, known, steps = met.mdp.terminal, ~met.met, list[Step]()
+
+    def add(kind: int, states: Any, transitions: IntArray = NO_TRANSITIONS) -> None:
+        if kind in (BACKWARD, FORWARD, CYCLE):  # the first transition of each state
+            states, first = np.unique(states, return_index=True)
+            transitions = transitions[first]
+        steps.append(Step(kind, states, transitions))
+        known[states] = True
+
+    def add_backward() -> None:
+        left = np.flatnonzero(~known[met.source])
+        while (ready := left[known[met.target[left]]]).size:
+            add(BACKWARD, met.source[ready], ready)
+            left = left[~known[met.source[left]]]
+
+    if ends_are_zero:
+        add(ZERO, met.ends)
+        add_backward()
+    if discounted:
+        cycle = _endless(met, ~known & ~terminal)
+        if cycle.size:
+            add(CYCLE, met.source[cycle], cycle)
+        add_backward()
+    while not known.all():
+        ahead = np.flatnonzero(known[met.source] & ~known[met.target])
+        if ahead.size:
+            add(FORWARD, met.target[ahead], ahead)
+        else:
+            open_ends = np.flatnonzero(~known & terminal)
+            add(FREE, (open_ends if open_ends.size else np.flatnonzero(~known))[:1])
+        add_backward()
+    return steps
+
+
+def _endless(met: Reachable, staying: BoolArray) -> IntArray:
+    """Return the transitions of paths that can stay for ever among some states, (S,) bool."""
+    left = np.flatnonzero(staying[met.source] & staying[met.target])
+    while True:
+        going_on = np.zeros_like(staying)
+        going_on[met.source[left]] = True
+        if (going_on == staying).all():
+            return left
+        staying = going_on
+        left = left[staying[met.source[left]] & staying[met.target[left]]]
+
+
+def _potential(
+    met: Reachable, f: FloatArray, discount: float, steps: list[Step], free: float
+) -> FloatArray:
+    """Return Phi, (S,), by these steps, with one value for all free numbers."""
+    phi = np.zeros(len(met.met))
+    for kind, states, which in steps:
+        if kind == FREE:
+            phi[states] = free
+        elif kind == BACKWARD:
+            phi[states] = discount * phi[met.target[which]] - f[which]
+        elif kind == FORWARD and discount > 0:
+            phi[states] = (f[which] + phi[met.source[which]]) / discount
+        elif kind == CYCLE:
+            place = np.zeros(len(phi), np.int64)
+            place[states] = np.arange(len(states))
+            after, weight, total = place[met.target[which]], discount, -f[which]
+            while weight > 1e-20:  # the sums over the first 1, 2, 4, ... steps
+                total = total + weight * total[after]
+                after, weight = after[after], weight**2
+            phi[states] = total
+    return phi
+
+
+def _fitted(met: Reachable, f: FloatArray, discount: float, steps: list[Step]) -> Fit:
+    """Return Phi for a discount and the residual of every transition."""
+    source, target = met.source, met.target
+    # Forward at a small discount numbers may overflow. Then nothing fits.
+    with np.errstate(over="ignore", invalid="ignore"):
+        phi = _potential(met, f, discount, steps, 0.0)
+        left = f - discount * phi[target] + phi[source]
+        if any(step.kind == FREE for step in steps):
+            # Phi and the residual are linear in the free numbers, one for each group of states.
+            slope = _potential(met, np.zeros_like(f), discount, steps, 1.0)
+            change = slope[source] - discount * slope[target]
+            group = np.zeros(len(phi), np.int64)
+            for n, step in zip(np.cumsum([s.kind == FREE for s in steps]), steps, strict=True):
+                group[step.states] = n
+            steep = np.bincount(group[source], change * change, len(steps) + 1)
+            pull = np.bincount(group[source], change * left, len(steps) + 1)
+            best = np.divide(-pull, steep, out=np.zeros_like(pull), where=steep > 1e-18)
+            phi = phi + best[group] * slope
+            left = left + best[group[source]] * change
+        return Fit(discount, frozen(phi), left)
+
+
+# -- sentences -------------------------------------------------------------------------------------
+
 
 AnyInts = npt.NDArray[np.integer[Any]]
 NAMED = 3
@@ -23,7 +211,7 @@ class Origin:
     """The potential behind a shaping reward."""
 
     plain: Fit  # with the task's discount and Phi = 0 at the ends
-    found: Fit | None  # without residual, maybe with another discount or ends that are not 0
+    found: Fit | None  # without residual, maybe with ends that are not 0
     sentences: tuple[str, ...]
     by_rounding: bool = False  # whether rounding alone keeps F from being gamma Phi(s') - Phi(s)
 
@@ -48,17 +236,11 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
         sentence = f"{form} with Phi = 0 at the ends, to {plain.worst:.1g}"
         return Origin(plain, plain, (sentence,), plain.worst <= rounding(met, f, plain))
     by_action = _depends_on_action(task, met, f)
-    other = None if by_action else other_fit(met, f)
-    if other is None:
+    found = None if by_action else fit(met, f, discount, ends_are_zero=False)
+    if found is None or found.worst > enough:
         return Origin(plain, None, (by_action or _unequal_paths(task, met, f, plain),))
-    found, ends_are_zero = other
-    sentences = []
-    if found.discount != discount:
-        sentences.append(other_discount(found.discount, discount))
-    if not ends_are_zero:
-        ends = met.ends[abs(found.potential[met.ends]) > enough]
-        sentences.append(nonzero_ends(task, ends, found.potential[ends]))
-    return Origin(plain, found, tuple(sentences))
+    ends = met.ends[abs(found.potential[met.ends]) > enough]
+    return Origin(plain, found, (nonzero_ends(task, ends, found.potential[ends]),))
 
 
 def other_discount(discount: float, own: float) -> str:

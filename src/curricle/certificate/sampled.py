@@ -1,6 +1,7 @@
-"""A shaping checked on sampled steps, for tasks too large to be compared state by state.
+"""A reward of one's own, or look-back advice, checked on sampled steps of a large task.
 
-Random rollouts can refute that a potential is behind F; they cannot prove that one is.
+Random rollouts can refute that a potential is behind F; they cannot prove that one is. Where F is
+made of a potential there is nothing to sample: a theorem decides.
 """
 
 from dataclasses import dataclass
@@ -9,23 +10,22 @@ import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate.checked_shaping import CheckedShaping
-from curricle.certificate.diagnosis import different_by_action, several_entries, widest
-from curricle.certificate.potential_fit import RELATIVE_RESIDUAL
+from curricle.certificate.diagnosis import (
+    RELATIVE_RESIDUAL,
+    different_by_action,
+    several_entries,
+    widest,
+)
 from curricle.certificate.shaped_task import shaping_rewards
-from curricle.learning.potential import StateActionPotential, StatePotential
 from curricle.planning.rollouts import RandomRollouts, random_rollouts
-from curricle.tasks.labels import state_name
 from curricle.tasks.live import is_live
+from curricle.tasks.spaces import state_name
 from curricle.tasks.task import generative_model
 
 LONGEST = 200
 """Steps of a rollout at most."""
 BRANCHES, DEPTH = 40, 3
 """Rollouts from one state, and their steps, among which two paths may meet."""
-MOMENTS, SHORT = 50, 20
-"""Rollouts in which a changing potential is followed, and their steps."""
-ROUNDING = 1e-9
-"""Relative error of sums of differences."""
 
 
 @dataclass(frozen=True)
@@ -49,123 +49,18 @@ def sampled(shaping: CheckedShaping, steps: int, seed: int) -> Sampled:
     >>> print(found.contradictions[0])
     not potential-based: from ...; with a potential the action does not matter
     """
-    claim = shaping.shaping.claim
-    if claim == "added_rewards":
+    if shaping.shaping.claim == "added_rewards":
         return _check_reward(shaping, steps, seed)
-    if shaping.changing:
-        return in_time(shaping, seed)
     length = max(2, _length(shaping, steps))
     rollouts = random_rollouts(
         shaping.task, episodes=max(1, steps // length), length=length, seed=seed
     )
-    if claim == "one_way_in":
-        return _check_entries(shaping, rollouts)
-    of_potential = _of_states if claim == "telescoping" else _of_pairs
-    return _check_sums(shaping, rollouts, *of_potential(shaping, rollouts))
+    return _check_entries(shaping, rollouts)
 
 
 def _length(shaping: CheckedShaping, steps: int) -> int:
     """Return the length of rollouts that are to take at most `steps` each."""
     return min(steps, LONGEST, generative_model(shaping.task).time_limit or LONGEST)
-
-
-# -- F of a potential telescopes -----------------------------------------------------------------
-
-
-def _of_states(
-    shaping: CheckedShaping, rollouts: RandomRollouts
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return Phi(s_t), F of each step, and the number of steps."""
-    phi, states = shaping.potential, rollouts.states
-    if shaping.is_array or shaping.discount != shaping.task_discount:
-        here = shaping.last_values()[states]
-        return here, shaping.discount * here[:, 1:] - here[:, :-1], rollouts.length
-    here = phi.at()[states]
-    f = phi.shaping_reward(states[:, :-1], states[:, 1:], terminated=rollouts.ending)
-    return here, f, rollouts.length
-
-
-def _of_pairs(
-    shaping: CheckedShaping, rollouts: RandomRollouts
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return phi(s_t, a_t), F of each step with the action taken next, and the number of such.
-
-    A truncated rollout has no action after its last step. At an end the best action of an array
-    counts; the library's potentials are 0 there.
-    """
-    s, a = rollouts.states, rollouts.actions
-    here = np.zeros(s.shape)
-    here[:, :-1] = shaping.at_pairs(s[:, :-1].ravel(), a.ravel()).reshape(a.shape)
-    discount, phi = shaping.task_discount, shaping.potential
-    if isinstance(phi, StateActionPotential):
-        f = np.zeros(a.shape)
-        ended = rollouts.ending[:, :-1]
-        f[:, :-1] = phi.look_ahead(s[:, :-2], a[:, :-1], s[:, 1:-1], a[:, 1:], terminated=ended)
-    else:
-        f = discount * here[:, 1:] - here[:, :-1]
-    last = shaping.end_values()[s[:, 1:]] if shaping.is_array else np.zeros(a.shape)
-    f = np.where(rollouts.ending, discount * last - here[:, :-1], f)
-    return here, f, rollouts.length - ~rollouts.terminated
-
-
-def _check_sums(
-    shaping: CheckedShaping,
-    rollouts: RandomRollouts,
-    phi: FloatArray,
-    f: FloatArray,
-    length: IntArray,
-) -> Sampled:
-    """Compare the discounted sums of F from every step on with gamma^n Phi(s_n) - Phi(s_t)."""
-    gamma = shaping.task_discount
-    left = length[:, None] - np.arange(f.shape[1])
-    sums = discounted_sums(f, left > 0, gamma)
-    last = np.take_along_axis(phi, length[:, None], axis=1)
-    last[rollouts.terminated] = 0.0  # truncation is no end
-    expected = gamma ** np.maximum(left, 0) * last - phi[:, :-1]
-    apart = np.where(left > 0, abs(sums - expected), 0.0)
-    worst = float(apart.max())
-    contradictions = []
-    if worst > ROUNDING * max(abs(phi).max(), abs(f).max()):
-        k, t = np.unravel_index(apart.argmax(), apart.shape)
-        place = state_name(shaping.task.states, int(rollouts.states[k, t]))
-        contradictions.append(
-            f"F does not telescope: its discounted sum over {left[k, t]} step"
-            f"{'s' * bool(left[k, t] > 1)} from {place} is {sums[k, t]:.4g}, and by Phi at both "
-            f"ends {expected[k, t]:.4g}"
-        )
-    return Sampled(int(rollouts.length.sum()), worst, tuple(contradictions))
-
-
-def discounted_sums(f: FloatArray, counted: BoolArray, discount: float) -> FloatArray:
-    """Return sum_i gamma^i F_(t+i) over the counted steps from each step on, (E, L)."""
-    sums, total = np.zeros(f.shape), np.zeros(len(f))
-    for t in reversed(range(f.shape[1])):
-        total = np.where(counted[:, t], f[:, t] + discount * total, 0.0)
-        sums[:, t] = total
-    return sums
-
-
-def in_time(shaping: CheckedShaping, seed: int) -> Sampled:
-    """Check that F = gamma Phi(s', t + 1) - Phi(s, t) for a changing potential.
-
-    Rollouts start at moments spread over the time in which it changes (Devlin, Kudenko 2012).
-    """
-    phi: StatePotential = shaping.potential
-    rollouts = random_rollouts(shaping.task, episodes=MOMENTS, length=SHORT, seed=seed)
-    fading = 0 if phi.weight.first == phi.weight.last else phi.weight.span
-    begin = np.linspace(0, int(phi.frame_steps[-1] + fading), MOMENTS).astype(np.int64)
-    if len(phi.frame_steps) > 1:  # and just before every change
-        begin[1 : len(phi.frame_steps)] = (phi.frame_steps - SHORT // 2)[1:MOMENTS]
-        begin = np.maximum(begin, 0)
-    here, f = np.zeros(rollouts.states.shape), np.zeros(rollouts.actions.shape)
-    for k, s in enumerate(rollouts.states):
-        for t in range(rollouts.length[k] + 1):
-            moment = int(begin[k] + t)
-            here[k, t] = phi.at(moment)[s[t]]
-            if t < rollouts.length[k]:
-                ended = rollouts.ending[k, t]
-                f[k, t] = phi.shaping_reward(s[t], s[t + 1], step=moment, terminated=ended)
-    return _check_sums(shaping, rollouts, here, f, rollouts.length)
 
 
 def _check_entries(shaping: CheckedShaping, rollouts: RandomRollouts) -> Sampled:
@@ -263,6 +158,15 @@ def _meeting(
             f"{sums[pair[1]]:.4g}; with a potential they are equal"
         )
     return worst, sentence
+
+
+def discounted_sums(f: FloatArray, counted: BoolArray, discount: float) -> FloatArray:
+    """Return sum_i gamma^i F_(t+i) over the counted steps from each step on, (E, L)."""
+    sums, total = np.zeros(f.shape), np.zeros(len(f))
+    for t in reversed(range(f.shape[1])):
+        total = np.where(counted[:, t], f[:, t] + discount * total, 0.0)
+        sums[:, t] = total
+    return sums
 
 
 def _returning(

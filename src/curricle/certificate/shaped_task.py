@@ -15,9 +15,8 @@ from curricle.errors import PotentialError
 from curricle.frozen_arrays import frozen
 from curricle.learning.potential import LARGEST_POTENTIAL
 from curricle.planning.solution import EPSILON, Solution, solve
-from curricle.tasks.labels import action_name, state_name
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import FiniteMDP, reachable_states
+from curricle.tasks.spaces import action_name, state_name
 
 AnyInts = npt.NDArray[np.integer[Any]]
 CHUNK = 1_000_000

@@ -205,9 +205,10 @@ class SampledCertificate:
 
     Examples
     --------
-    >>> from curricle import GridWorld, StateShaping, certify
-    >>> shaping = StateShaping([0.0, 1.0, 0.0])
-    >>> sample = certify(GridWorld("S.T"), shaping, method="sampled")
+    >>> from curricle import GridWorld, certify
+    >>> from curricle.certificate import ShapingReward
+    >>> nothing = ShapingReward(lambda state, action, after: 0.0 * state)
+    >>> sample = certify(GridWorld("S.T"), nothing, method="sampled")
     >>> bool(sample), sample.contradictions
     (False, ())
     """

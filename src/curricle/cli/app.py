@@ -35,9 +35,6 @@ class _Commands(TyperGroup):
             os._exit(130)  # or Python would wait for units in compiled loops
 
 
-QUICK = {"--help", "--version", "--install-completion", "--show-completion"}
-"""Flags that nothing is imported for."""
-
 app = typer.Typer(
     cls=_Commands,
     no_args_is_help=True,
@@ -71,23 +68,10 @@ for command in COMMANDS:
     app.command()(command)
 
 
-def _refuse_renamed_flags() -> None:
-    """Exit with the new name where the command line has a flag's old name."""
-    flags = [one.partition("=")[0] for one in sys.argv[1:] if one.startswith("--")]
-    if set(flags) - QUICK:
-        from curricle.study.config.renamed_keys import FLAG, RENAMED
-
-        for flag in flags:
-            if new := RENAMED.get((FLAG, flag)):
-                typer.echo(f"curricle: {flag} was renamed: write {new}", err=True)
-                sys.exit(2)
-
-
 def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
     from curricle.errors import CurricleError, EngineError, LostStoreError, StudyError
 
-    _refuse_renamed_flags()
     try:
         app(standalone_mode=True)
     except CurricleError as error:

@@ -37,10 +37,9 @@ from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
 from curricle.curriculum.node import Node
 from curricle.curriculum.result import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.budget import Episodes, limits, spacing
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
-from curricle.learning.stopping import StoppingRule
+from curricle.learning.stopping import Episodes, StoppingRule, limits, spacing
 from curricle.planning.target import Target
 from curricle.progress import SILENT, Bars, Progress, check_progress, shown
 from curricle.statistics.curves import SCRATCH

@@ -18,7 +18,7 @@ from curricle.display import block, brief_repr, shortened, table
 from curricle.errors import CurriculumError
 from curricle.planning.target import Target
 from curricle.statistics.intervals import Interval, mean_interval
-from curricle.tasks.labels import state_name
+from curricle.tasks.spaces import state_name
 from curricle.text_tables import counted, folded, or_dash, text_table
 from curricle.transfer.calibration import Calibration
 from curricle.transfer.mapping import Coverage, coverage_table

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from curricle.array_types import FloatArray
-from curricle.tasks.labels import state_name
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.spaces import Space
+from curricle.tasks.spaces import Space, state_name
 from curricle.tasks.task import (
     GenerativeModel,
     Task,

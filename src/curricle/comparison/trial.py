@@ -24,9 +24,8 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError, in_words
-from curricle.learning.budget import Episodes, limits
 from curricle.learning.seeds import seed_tuple
-from curricle.learning.stopping import StoppingRule
+from curricle.learning.stopping import Episodes, StoppingRule, limits
 from curricle.planning.policy_evaluation import ExactEvaluation, RolloutEvaluation
 from curricle.progress import Progress, shown
 from curricle.statistics.curves import SCRATCH

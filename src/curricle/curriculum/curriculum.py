@@ -31,11 +31,11 @@ from curricle.deep.miniature_task import Miniatures
 from curricle.display import block, brief_value, shortened, table
 from curricle.errors import CurriculumError
 from curricle.files import Place, file_name, place_at
-from curricle.learning.budget import Budget, limits
 from curricle.learning.learners import Learner
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import Shaping
+from curricle.learning.stopping import Budget, limits
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown

@@ -4,12 +4,11 @@ from typing import Any
 
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import WeightTransfer
-from curricle.learning.budget import Budget, Episodes, limits
 from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner, QLearning
-from curricle.learning.optimistic_learners import OptimisticLearner
+from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.shaping import QInitialisation, Shaping
-from curricle.learning.stopping import SETTLED, StoppingRule
+from curricle.learning.stopping import SETTLED, Budget, Episodes, StoppingRule, limits
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.task import generative_model
@@ -100,7 +99,7 @@ def default_shaping(
     """
     if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
         return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)
-    possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticLearner)
+    possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
     if possible and storage.kind != "sparse":
         generative = generative_model(task)
         if generative.states.size * generative.actions.size <= MOST_GUARDED:

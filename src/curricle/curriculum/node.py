@@ -14,13 +14,19 @@ from curricle.deep.spaces import check_spaces
 from curricle.display import brief_repr
 from curricle.errors import CurriculumError, SettingError
 from curricle.files import Place
-from curricle.learning.budget import Budget, longest_run, spacing
-from curricle.learning.decisions import Decisions
 from curricle.learning.learners import Learner
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.learning.shaping import Shaping
-from curricle.learning.stopping import Decision, StoppingRule, stopping_level
+from curricle.learning.stopping import (
+    Budget,
+    Decision,
+    Decisions,
+    StoppingRule,
+    longest_run,
+    spacing,
+    stopping_level,
+)
 from curricle.learning.storage import Storage
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation

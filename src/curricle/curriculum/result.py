@@ -17,18 +17,24 @@ from curricle.deep.result import DeepResult
 from curricle.display import beside, block, shortened
 from curricle.errors import CurricleError, CurriculumError, SettingError
 from curricle.frozen_arrays import frozen
-from curricle.learning.curve_frame import curve_columns, data_frame
-from curricle.learning.decisions import Decisions
 from curricle.learning.record import WarmUp
-from curricle.learning.result import LearningResult
-from curricle.learning.result_arrays import (
+from curricle.learning.result import (
+    LearningResult,
+    curve_columns,
+    data_frame,
+    learnt_curve,
+    learnt_table,
+)
+from curricle.learning.saved_result import (
     all_values_of,
     arrays_of,
     arrays_of_values,
+    as_saved,
     check_value_arrays,
+    pairs_of,
+    task_record,
 )
-from curricle.learning.results_table import learnt_curve, learnt_table
-from curricle.learning.saved_result import as_saved, pairs_of, task_record
+from curricle.learning.stopping import Decisions
 from curricle.planning.episode import Episode
 from curricle.text_tables import counted
 from curricle.transfer.calibration import AnyPotential, Calibration

@@ -12,8 +12,8 @@ from curricle.array_types import IntArray
 from curricle.curriculum.node import Node
 from curricle.display import brief_repr
 from curricle.errors import CurriculumError
-from curricle.learning.budget import limits
 from curricle.learning.result import LearningResult
+from curricle.learning.stopping import limits
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
 from curricle.transfer.aggregation import Aggregate

@@ -16,10 +16,8 @@ from curricle.frozen_arrays import frozen
 from curricle.tasks.draws import stream_start
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import ObservationTask, stack
-from curricle.teaching.episode import Episode
-from curricle.teaching.sampler import TaskSampler, check_teacher
-from curricle.teaching.task_set import check_names
-from curricle.teaching.teachers import Teacher, Uniform
+from curricle.teaching.teachers import Episode, TaskSampler, Teacher, Uniform, check_teacher
+from curricle.teaching.teaching import check_names
 from curricle.transfer.observation_mapping import ValueSource
 
 try:

@@ -14,12 +14,20 @@ from curricle.deep.shaping import PolicyReuse
 from curricle.deep.spaces import check_spaces
 from curricle.errors import SettingError
 from curricle.files import Place, place_at
-from curricle.learning.budget import Budget, Episodes, limits, longest_run, spacing
 from curricle.learning.record import WarmUp
 from curricle.learning.result import learning_result
 from curricle.learning.seeds import seed_settings
 from curricle.learning.shaping import Shaping
-from curricle.learning.stopping import NEVER_STOPS, StoppingKernel, StoppingRule
+from curricle.learning.stopping import (
+    NEVER_STOPS,
+    Budget,
+    Episodes,
+    StoppingKernel,
+    StoppingRule,
+    limits,
+    longest_run,
+    spacing,
+)
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.progress import Progress, check_progress, shown

@@ -10,8 +10,8 @@ from curricle.deep.learner import DeepLearner
 from curricle.deep.learning import train_seeds
 from curricle.errors import SettingError
 from curricle.files import Place
-from curricle.learning.budget import Budget
 from curricle.learning.shaping import Shaping
+from curricle.learning.stopping import Budget
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress
 from curricle.tasks.families.family import FamilyMember

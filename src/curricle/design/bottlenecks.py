@@ -22,8 +22,7 @@ from curricle.array_types import FloatArray
 from curricle.design.proposals import DesignTarget, Draft, Made
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.start_states import goal_distance
 from curricle.tasks.task import Task, tables
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping

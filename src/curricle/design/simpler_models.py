@@ -26,9 +26,8 @@ from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.frozen_lake import FrozenLake
 from curricle.tasks.gridworld import OBJECTS, GridWorld
 from curricle.tasks.key_lock_pit import KeyLockPit
-from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.pursuit import Pursuit
-from curricle.tasks.reachability import reachable_states
 from curricle.tasks.spaces import Component, Space
 from curricle.tasks.taxi import Taxi
 from curricle.text_tables import counted

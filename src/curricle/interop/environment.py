@@ -170,7 +170,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
 
     @cached_property
     def _scene(self) -> "Scene":
-        from curricle.tasks.scenes import scene_of
+        from curricle.tasks.scene import scene_of
 
         return scene_of(self.task)
 

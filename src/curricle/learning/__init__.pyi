@@ -1,4 +1,3 @@
-from .budget import Episodes as Episodes
 from .guard import Guard as Guard
 from .learners import (
     SARSA as SARSA,
@@ -7,9 +6,8 @@ from .learners import (
     Learner as Learner,
     QLearning as QLearning,
 )
-from .optimistic_learners import (
-    OPIQ as OPIQ,
-    UCBQLearning as UCBQLearning,
+from .optimistic_learning import (
+    OptimisticQLearning as OptimisticQLearning,
     value_bounds as value_bounds,
 )
 from .potential import (
@@ -17,12 +15,10 @@ from .potential import (
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
-from .potential_rollouts import GreedyRollouts as GreedyRollouts, greedy_rollouts as greedy_rollouts
 from .record import Snapshots as Snapshots, WarmUp as WarmUp
 from .result import LearningResult as LearningResult
 from .schedules import (
     Schedule as Schedule,
-    constant as constant,
     exponential as exponential,
     harmonic as harmonic,
     linear as linear,
@@ -36,7 +32,7 @@ from .shaping import (
     Shaping as Shaping,
     StateShaping as StateShaping,
 )
-from .stopping import Decision as Decision, StoppingRule as StoppingRule
+from .stopping import Episodes as Episodes, StoppingRule as StoppingRule
 from .storage import SparseValues as SparseValues, Storage as Storage
 from .tabular_policy import TabularPolicy as TabularPolicy
 from .training import learn as learn

@@ -185,25 +185,6 @@ class StateActionPotential(Frozen):
         """Return the state potential Phi(s) = max_a phi(s, a)."""
         return StatePotential(self.task, self.values.max(axis=1))
 
-    def look_ahead(
-        self,
-        state: npt.ArrayLike,
-        action: npt.ArrayLike,
-        next_state: npt.ArrayLike,
-        next_action: npt.ArrayLike,
-        *,
-        terminated: npt.ArrayLike | None = None,
-    ) -> FloatArray:
-        """Return F = gamma phi(s', a') - phi(s, a) (Wiewiora, Cottrell, Elkan 2003).
-
-        `terminated` is as for :meth:`StatePotential.shaping_reward`.
-        """
-        phi, discount = self.values, generative_model(self.task).discount
-        here = phi[_states(self.task, state), _actions(self.task, action)]
-        there = phi[_states(self.task, next_state), _actions(self.task, next_action)]
-        there = _ended(self.task, terminated, there)
-        return np.asarray(discount * there - here)
-
 
 @dataclass(frozen=True, eq=False)
 class MappedPotential(Frozen):
@@ -313,10 +294,6 @@ def _ended(task: Task, terminated: npt.ArrayLike | None, there: FloatArray) -> F
 
 def _states(task: Any, given: Any) -> IntArray:
     return indices("states", given, generative_model(task).states.size, PotentialError)
-
-
-def _actions(task: Any, given: Any) -> IntArray:
-    return indices("actions", given, generative_model(task).actions.size, PotentialError)
 
 
 def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:

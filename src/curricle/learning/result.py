@@ -1,6 +1,6 @@
 """The result of learning: curves, values and totals of K seeds."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -9,21 +9,25 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
+from markupsafe import Markup
 
 from curricle.archives import SavedFile, read_saved, write_saved
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.display import block
+from curricle.display import block, curves, table
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.learning.curve_frame import curve_columns, data_frame
 from curricle.learning.learners import Learner
 from curricle.learning.record import Snapshots
-from curricle.learning.result_arrays import CURVES, HELD, TOTALS, Arrays, arrays_of, fields_of
-from curricle.learning.results_table import learnt_curve, learnt_table
 from curricle.learning.run import Outcome
 from curricle.learning.saved_result import (
+    CURVES,
+    HELD,
+    TOTALS,
+    Arrays,
+    arrays_of,
     as_saved,
     check_saved_arrays,
+    fields_of,
     learner_of,
     learner_record,
     pairs_of,
@@ -31,6 +35,8 @@ from curricle.learning.saved_result import (
 )
 from curricle.learning.tabular_policy import TabularPolicy
 from curricle.planning.episode import Episode
+from curricle.statistics.curves import seed_line
+from curricle.statistics.intervals import mean_interval
 from curricle.tasks.task import Task
 from curricle.text_tables import counted
 
@@ -332,3 +338,88 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
         **{name: curves(name) for name in CURVES},
         **{name: joined([getattr(part, name) for part in parts]) for name in TOTALS},
     )
+
+
+# -- curves as rows --------------------------------------------------------------------------------
+
+
+UNITS = {
+    "seed": "",
+    "checkpoint": "",
+    "steps": "steps in the task",
+    "source_steps": "steps in all sources",
+    "training_return": "mean undiscounted return of an episode",
+    "greedy_return": "return of the greedy policy",
+    "guard_share": "share of steps",
+    "episodes": "episodes ended",
+}
+"""Of each column."""
+
+
+def curve_columns(arrays: Arrays, task: str | None = None) -> dict[str, npt.NDArray[Any]]:
+    """Return the columns of a result's curves, each seed up to its own end.
+
+    There is a column ``task`` if its name is given, and ``source_steps`` if they are among the
+    arrays.
+    """
+    steps = arrays["steps"]
+    reached = steps[None, :] <= arrays["steps_used"][:, None]
+    seed, checkpoint = np.nonzero(reached)
+    columns = {} if task is None else {"task": np.array([task] * len(seed), dtype=object)}
+    columns |= {
+        "seed": arrays["seeds"][seed],
+        "checkpoint": checkpoint,
+        "steps": steps[checkpoint],
+    }
+    if "source_steps" in arrays:
+        columns["source_steps"] = arrays["source_steps"][seed]
+    return columns | {name: arrays[name][reached] for name in CURVES}
+
+
+def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
+    """Return columns as a pandas DataFrame, whose ``attrs["units"]`` are those of each column.
+
+    ImportError where pandas is not installed.
+    """
+    try:
+        import pandas as pd
+    except ModuleNotFoundError:
+        raise ImportError("a DataFrame needs pandas: pip install pandas") from None
+    frame = pd.DataFrame(dict(columns))
+    frame.attrs["units"] = {name: UNITS[name] for name in columns if UNITS.get(name)}
+    return frame
+
+
+# -- as a table ------------------------------------------------------------------------------------
+
+
+HEAD = ("learner", "seeds", "steps a seed", "episodes a seed", "first return", "last return")
+
+
+def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
+    """Return a row for each task's LearningResult, and in words what ended its learning."""
+    rows = [(name, *_row(one), ended.get(name, "")) for name, one in results.items()]
+    words = ["ended by"] * any(ended.values())
+    shown = [row if words else row[:-1] for row in rows]
+    return table(["task", *HEAD, *words], shown, wide=words)
+
+
+def _row(result: Any) -> tuple[Any, ...]:
+    learner = "" if result.learner is None else type(result.learner).__name__
+    steps, episodes = result.steps_used.mean(), result.episodes_used.mean()
+    first, last = (str(mean_interval(result.greedy_return[:, i])) for i in (0, -1))
+    returns = [text.rsplit(",", 1)[0] for text in (first, last)]
+    return (learner, len(result.seeds), f"{steps:,.0f}", f"{episodes:,.0f}", *returns)
+
+
+def shown_returns(result: Any) -> tuple[str, FloatArray]:
+    """Return the name and the returns, (K, T), of what is shown: without evaluation of training."""
+    if np.isnan(result.greedy_return).all():
+        return "training return", result.training_return
+    return "greedy return", result.greedy_return
+
+
+def learnt_curve(result: Any) -> Markup:
+    """Return the greedy return over steps, mean over seeds; without evaluation that of training."""
+    named, values = shown_returns(result)
+    return curves([seed_line("", result.steps, values)], "steps", named)

@@ -15,13 +15,13 @@ from curricle.learning.guard import (
     SHAPED,
     UNDECIDED,
     Guard,
+    TwoLearners,
     empty_tally,
     longest_turn,
+    train_guarded,
 )
-from curricle.learning.guarded_loop import TwoLearners, train_guarded
 from curricle.learning.learners import Learner
-from curricle.learning.optimism import train_optimistically
-from curricle.learning.optimistic_learners import OptimisticLearner
+from curricle.learning.optimistic_learning import OptimisticQLearning, train_optimistically
 from curricle.learning.potential import MappedPotential
 from curricle.learning.q_learning import train_q_learning
 from curricle.learning.record import Bounds, Record, Used
@@ -113,7 +113,7 @@ class Run:
         used = settings.warm_up.write(record, self.eval_freq)
         shaping, evaluation = settings.shaping, self.evaluation.for_run(start)
         seed = _Seed(start, settings, out, record, used, self._visits(), evaluation)
-        if isinstance(self.learner, OptimisticLearner):
+        if isinstance(self.learner, OptimisticQLearning):
             return self._train_optimistically(seed, self.learner)
         if shaping is not None and shaping.guard is not None:
             return self._train_guarded(seed, shaping.guard, shaping)
@@ -123,7 +123,7 @@ class Run:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
         if self.learner.update != general_loop.Q_LEARNING:
             return False
-        if isinstance(self.learner, OptimisticLearner):
+        if isinstance(self.learner, OptimisticQLearning):
             return False
         return shaping is None or (shaping.starts_at_potential and shaping.guard is None)
 
@@ -194,20 +194,20 @@ class Run:
             seed, q[ahead], shaping if ahead == SHAPED else None, steps, episodes
         )
 
-    def _train_optimistically(self, seed: _Seed, learner: OptimisticLearner) -> Outcome:
+    def _train_optimistically(self, seed: _Seed, learner: OptimisticQLearning) -> Outcome:
         assert seed.visits is not None
+        assert learner.value_range is not None
+        lowest, highest = learner.value_range
         q = self._filled(seed.initial, seed.out)
-        optimistic = np.add(
-            q, learner.starting_bonus(seed.visits), casting="same_kind", dtype=q.dtype
-        )
+        above = np.where(seed.visits == 0, highest - lowest, 0.0)
+        optimistic = np.add(q, above, casting="same_kind", dtype=q.dtype)
         if self.task.terminal is not None:
             optimistic[self.task.terminal] = 0.0
         tables = (
             self._dense(q, np.uint64(splitmix64(seed.start))),
             self._dense(optimistic, np.uint64(splitmix64(seed.start))),
         )
-        bonus = learner.bonus(seed.visits)
-        steps, episodes = self._loop(train_optimistically, seed, bonus, *tables)
+        steps, episodes = self._loop(train_optimistically, seed, highest, *tables)
         q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
         return self._outcome(seed, steps, episodes)
 

@@ -1,12 +1,16 @@
 """What the file of a saved result says of its task and its learner, in plain JSON."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from curricle.archives import SavedFile
 from curricle.errors import CurricleError, SettingError, StoreError
+from curricle.frozen_arrays import frozen
 from curricle.learning.learners import (
     SARSA,
     DoubleQLearning,
@@ -14,15 +18,17 @@ from curricle.learning.learners import (
     Learner,
     QLearning,
 )
-from curricle.learning.optimistic_learners import OPIQ, UCBQLearning
-from curricle.learning.result_arrays import Arrays, check_result_arrays, check_value_arrays
+from curricle.learning.optimistic_learning import OptimisticQLearning
+from curricle.learning.record import Snapshots
 from curricle.learning.schedules import Schedule
+from curricle.learning.storage import SparseValues
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 
+Arrays = Mapping[str, npt.NDArray[Any]]
 LEARNERS: dict[str, type[Learner]] = {
     kind.__name__: kind
-    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, UCBQLearning, OPIQ)
+    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
 }
 """Those that a file may name; nothing else is made of what it says."""
 
@@ -125,3 +131,189 @@ def _setting(value: Any) -> Any:
         shape, *numbers = value.get("schedule", ())
         return Schedule(int(shape), *map(float, numbers))
     return tuple(value) if isinstance(value, list) else value
+
+
+# -- arrays ----------------------------------------------------------------------------------------
+
+
+HELD = ("greedy_return", "guard_share", "episodes")
+"""Curves whose last value is repeated after a seed's end."""
+CURVES = ("training_return", *HELD)
+"""What there is one of for each seed and checkpoint."""
+TOTALS = ("steps_used", "episodes_used", "evaluation_steps", "out_of_memory", "own_rewards")
+"""What there is one of for each seed."""
+PLAIN = (
+    *("steps", "training_return", "greedy_return", "episodes", "steps_used", "episodes_used"),
+    *("evaluation_steps", "out_of_memory", "guard_share", "own_rewards"),
+)
+"""The arrays of a result by seed, and ``steps``, as they are stored."""
+DTYPES = {
+    **dict.fromkeys(("steps", "seeds", "episodes", "snapshot_steps"), "int64"),
+    **dict.fromkeys(("steps_used", "episodes_used", "evaluation_steps"), "int64"),
+    **dict.fromkeys(("out_of_memory", "own_rewards"), "bool"),
+    "snapshot_values": "float32",
+}
+"""Of the arrays that are not of float64."""
+FLOATS = "float64", "float32"
+"""Of values that were learnt."""
+MOST_STEPS = 2**53
+"""Steps that a number of double precision counts."""
+
+
+def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of a :class:`LearningResult` by name.
+
+    ``values`` are there if they were saved, or for each seed k the ``states_k`` and ``values_k`` of
+    its sparse table, or the parameters of its network, ``values_k/name``; ``visits`` if they were
+    counted; ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> sorted(arrays_of(learn(GridWorld("S.T"), budget=100)))[-2:]
+    ['training_return', 'values']
+    """
+    found = {name: getattr(result, name) for name in PLAIN}
+    found["seeds"] = np.array(result.seeds, dtype=np.int64)
+    found |= arrays_of_values(result.values)
+    if result.visits is not None:
+        found["visits"] = result.visits
+    if result.snapshots is not None:
+        found["snapshot_steps"] = result.snapshots.steps
+        found["snapshot_values"] = result.snapshots.values
+    return found
+
+
+def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of what K seeds learnt: a dense table, sparse ones, networks, or None."""
+    if values is None:
+        return {}
+    if isinstance(values, np.ndarray):
+        return {"values": values}
+    found = dict[str, npt.NDArray[Any]]()
+    for k, one in enumerate(values):
+        if isinstance(one, SparseValues):
+            found |= {f"states_{k}": one.states, f"values_{k}": one.values}
+        else:
+            named = one if isinstance(one, Mapping) else one.parameters()
+            found |= {f"values_{k}/{name}": each for name, each in named.items()}
+    return found
+
+
+def fields_of(arrays: Arrays) -> dict[str, Any]:
+    """Return the fields of the result that :func:`arrays_of` was called on, without its objects."""
+    seeds = tuple(arrays["seeds"].tolist())
+    snapshots = None
+    if "snapshot_steps" in arrays:
+        steps, tables = (frozen(arrays[f"snapshot_{name}"]) for name in ("steps", "values"))
+        snapshots = Snapshots(seeds[0], steps, tables)
+    return {
+        "seeds": seeds,
+        "values": all_values_of(arrays, len(seeds)),
+        "visits": frozen(arrays["visits"]) if "visits" in arrays else None,
+        "snapshots": snapshots,
+        **{name: frozen(arrays[name]) for name in PLAIN},
+    }
+
+
+def all_values_of(arrays: Arrays, n_seeds: int) -> Any:
+    """Return what :func:`arrays_of_values` was called on; networks are dicts of parameters."""
+    if "values" in arrays:
+        return frozen(arrays["values"])
+    if "states_0" in arrays:
+        return tuple(
+            SparseValues(frozen(arrays[f"states_{k}"]), frozen(arrays[f"values_{k}"]))
+            for k in range(n_seeds)
+        )
+    if values_of(arrays, 0) is None:
+        return None
+    return tuple(values_of(arrays, k) for k in range(n_seeds))
+
+
+def values_of(arrays: Arrays, k: int) -> Any:
+    """Return the k-th seed's table, or its network's parameters; None where neither is there."""
+    if "values" in arrays:
+        return arrays["values"][k]
+    own = f"values_{k}/"
+    return {name.removeprefix(own): v for name, v in arrays.items() if name.startswith(own)} or None
+
+
+def checkpoints_of(arrays: Arrays) -> int:
+    """Return how many checkpoints a result's arrays have; ValueError if they do not say."""
+    if "steps" not in arrays:
+        raise ValueError("it has no steps")
+    return arrays["steps"].size
+
+
+def check_result_arrays(
+    arrays: Arrays,
+    seeds: Sequence[int],
+    pairs: tuple[int, int],
+    counts: Sequence[str] = ("steps_used",),
+) -> None:
+    """Raise ValueError unless arrays are those of a result.
+
+    Parameters
+    ----------
+    arrays : dict of str to array
+    seeds : sequence of int
+        Those that it must have, K of them.
+    pairs : (int, int)
+        States and actions of its task.
+    counts : sequence of str
+        Arrays (K,) of steps, from 0 to 2^53.
+    """
+    n, n_seeds = checkpoints_of(arrays), len(seeds)
+    shapes: dict[str, tuple[int, ...]] = {"steps": (n,)}
+    shapes |= dict.fromkeys(CURVES, (n_seeds, n))
+    shapes |= dict.fromkeys(("seeds", *TOTALS, *counts), (n_seeds,))
+    if "snapshot_steps" in arrays:
+        moments = arrays["snapshot_steps"].size
+        shapes |= {"snapshot_steps": (moments,), "snapshot_values": (moments, *pairs)}
+    for name, shape in shapes.items():
+        found = arrays.get(name)
+        if found is None or found.shape != shape or not n:
+            raise ValueError(f"{name} must be an array of shape {shape}")
+        kind = "int64" if name in counts else DTYPES.get(name, "float64")
+        if found.dtype != kind:
+            raise ValueError(f"{name} must be an array of {kind}: got {found.dtype}")
+    if (np.diff(arrays["steps"], prepend=-1) <= 0).any():
+        raise ValueError("steps must ascend from 0")
+    if arrays["seeds"].tolist() != list(seeds):
+        raise ValueError("seeds must be those of its unit")
+    for name in counts:
+        if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_STEPS:
+            raise ValueError(f"{name} must be from 0 to {MOST_STEPS:,}")
+    for name in shapes.keys() & {*CURVES, "snapshot_values"}:
+        if np.isinf(arrays[name]).any():
+            raise ValueError(f"{name} must have finite numbers")
+
+
+def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | None) -> None:
+    """Raise ValueError unless the values and visits among arrays are those of so many seeds.
+
+    `pairs` are the states and actions of their task, None where that is not known; compiled loops
+    read tables without looking whether a state lies in them.
+    """
+    for name, axes, kinds in (("values", 3, FLOATS), ("visits", 4, ("int64",))):
+        found = arrays.get(name)
+        if found is None:
+            continue
+        fits = pairs is None or found.shape[-2:] == pairs
+        if found.dtype not in kinds or found.ndim != axes or len(found) != n_seeds or not fits:
+            raise ValueError(f"{name} must be a table for each seed ({n_seeds}), {_size(pairs)}")
+    for k in range(n_seeds if "states_0" in arrays else 0):
+        states, values = (arrays.get(f"{name}_{k}") for name in ("states", "values"))
+        if states is None or values is None or states.ndim != 1 or values.ndim != 2:
+            raise ValueError(f"states_{k} and values_{k} must be a sparse table")
+        ascend = states.dtype == "int64" and (np.diff(states, prepend=-1) > 0).all()
+        within = pairs is None or (not len(states) or states[-1] < pairs[0])
+        wide = len(values) == len(states) and (pairs is None or values.shape[1] == pairs[1])
+        if not (ascend and within and wide and values.dtype in FLOATS):
+            raise ValueError(f"states_{k} and values_{k} must be a sparse table, {_size(pairs)}")
+
+
+def _size(pairs: tuple[int, int] | None) -> str:
+    if pairs is None:
+        return "one value for each state and action"
+    return f"{pairs[0]:,} states x {pairs[1]:,} actions"

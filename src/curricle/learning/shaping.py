@@ -20,7 +20,7 @@ from curricle.frozen_arrays import frozen
 from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
 from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner
-from curricle.learning.optimistic_learners import OptimisticLearner
+from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
 from curricle.tasks.task import Task, generative_model, same_task
@@ -103,12 +103,14 @@ class Shaping(ABC):
             raise SettingError(
                 f"{self.name} is not a shaping for learners with {kind}: got {learner!r}"
             )
-        if self.guard is not None and isinstance(learner, OptimisticLearner):
-            raise SettingError(f"a guard is for learners without a bonus: got {learner!r}")
-        if isinstance(learner, OptimisticLearner) and not self.starts_at_potential:
+        if not isinstance(learner, OptimisticQLearning):
+            return
+        if self.guard is not None:
+            raise SettingError(f"OptimisticQLearning takes no guard: got {self.guard!r}")
+        if not self.starts_at_potential:
             raise SettingError(
-                f"{type(learner).__name__} has bounds of the task's own values, so it takes a "
-                f"potential by QInitialisation or LookAheadAdvice alone: got {self.name}"
+                "OptimisticQLearning has bounds of the task's own values, so it takes a potential "
+                f"by QInitialisation or LookAheadAdvice alone: got {self.name}"
             )
 
     def for_task(self, task: Task) -> Self:

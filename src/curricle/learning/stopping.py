@@ -1,6 +1,8 @@
 """When the training of a task stops: a rule applied at every checkpoint, and its decisions."""
 
 import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -9,9 +11,11 @@ import numpy.typing as npt
 from numba.extending import register_jitable
 
 from curricle.checks import number, one_of, whole_number
+from curricle.display import block, table
 from curricle.errors import SettingError
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import Target
+from curricle.tasks.mdp import NO_LIMIT
 from curricle.tasks.overloads import INLINED
 from curricle.tasks.task import Task
 from curricle.text_tables import counted
@@ -378,3 +382,121 @@ class Decision:
 def stopping_level(rule: StoppingRule, task: Task, evaluation: GreedyEvaluation) -> float | None:
     """Return the return that a rule's fraction stands for; None if it has none."""
     return None if rule.fraction is None else Target.of(task, evaluation).level(rule.fraction)
+
+
+# -- what a stopping rule decided ------------------------------------------------------------------
+
+
+class Decisions(list[list[Decision]]):
+    """What a stopping rule decided at each checkpoint of each seed: a list of K lists.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, GridWorld, StoppingRule
+    >>> rule = StoppingRule(max_steps=5_000, threshold=100.0)
+    >>> plan = Curriculum({"maze": GridWorld("S..T")}, budget=rule)
+    >>> plan.train(seeds=3).decisions("maze")
+    Decisions(3 seeds: threshold reached (3))
+    """
+
+    def __init__(self, each: Iterable[list[Decision]], seeds: Sequence[int]):
+        super().__init__(each)
+        self.seeds = tuple(seeds)
+
+    @property
+    def in_words(self) -> str:
+        """What ended training, and of how many seeds; empty without a rule."""
+        ends = Counter(one[-1].criterion or "none yet" for one in self if one)
+        return ", ".join(f"{words} ({number})" for words, number in ends.most_common())
+
+    def __repr__(self) -> str:
+        words = self.in_words or "no stopping rule"
+        return f"Decisions({counted(len(self), 'seed')}: {words})"
+
+    def _repr_html_(self) -> str:
+        last = [(seed, one[-1]) for seed, one in zip(self.seeds, self, strict=True) if one]
+        rows = [(seed, f"{one.step:,}", str(one)) for seed, one in last]
+        head = ["seed", "step", "last decision"]
+        return block(repr(self), rows and table(head, rows, wide=head[-1:]))
+
+
+# -- budgets ---------------------------------------------------------------------------------------
+
+
+MOST_CHECKPOINTS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """A budget in episodes; a bare number means steps.
+
+    Parameters
+    ----------
+    number : int
+
+    Raises
+    ------
+    SettingError
+        Unless the number is whole and at least 1.
+
+    Examples
+    --------
+    >>> Episodes(800)
+    Episodes(number=800)
+    """
+
+    number: int
+
+    def __post_init__(self) -> None:
+        number = whole_number("a budget in episodes", self.number, 1, SettingError)
+        object.__setattr__(self, "number", number)
+
+    def __str__(self) -> str:
+        return counted(self.number, "episode")
+
+
+Budget = int | Episodes | StoppingRule
+"""Steps, episodes, or a stopping rule."""
+
+
+def limits(budget: Budget) -> tuple[int, int]:
+    """Return the most steps and the most episodes of a budget."""
+    if isinstance(budget, Episodes):
+        return int(NO_LIMIT), budget.number
+    if isinstance(budget, StoppingRule):
+        return budget.max_steps, int(NO_LIMIT)
+    return whole_number("a budget in steps", budget, 1, SettingError), int(NO_LIMIT)
+
+
+def spacing(eval_freq: int | None, budget: Budget) -> int:
+    """Return the steps between checkpoints; a hundredth of a step budget where not given."""
+    if eval_freq is None:
+        return 100 if isinstance(budget, Episodes) else max(1, limits(budget)[0] // 100)
+    steps = whole_number("eval_freq, the steps between checkpoints,", eval_freq, 1, SettingError)
+    if steps > limits(budget)[0]:
+        raise SettingError(
+            f"eval_freq must not exceed the budget of {limits(budget)[0]} steps: got {eval_freq}"
+        )
+    return steps
+
+
+def longest_run(time_limit: int | None, budget: Budget, eval_freq: int) -> int:
+    """Return the most steps that a run can take, or raise SettingError if they are unbounded."""
+    steps, episodes = limits(budget)
+    if isinstance(budget, Episodes):
+        if time_limit is None:
+            raise SettingError("a budget in episodes needs a task with a time limit: none set")
+        steps = episodes * time_limit
+    if steps // eval_freq > MOST_CHECKPOINTS:
+        raise SettingError(
+            f"a run may have at most {MOST_CHECKPOINTS:,} checkpoints: up to {steps:,} steps with "
+            f"eval_freq {eval_freq:,} make {steps // eval_freq:,}"
+        )
+    return steps
+
+
+def ended_by(budget: Budget, out_of_memory: bool) -> str:
+    """Return what ended a run that no stopping rule ended, in a few fixed words."""
+    if out_of_memory:
+        return "memory full"
+    return "all episodes done" if isinstance(budget, Episodes) else "all steps used"

@@ -14,12 +14,14 @@ from curricle.checks import brief, numbers, whole_number
 from curricle.display import brief_value
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, adopted
-from curricle.learning.result_arrays import (
+from curricle.learning.saved_result import (
     all_values_of,
     arrays_of_values,
+    as_saved,
     check_value_arrays,
+    pairs_of,
+    task_record,
 )
-from curricle.learning.saved_result import as_saved, pairs_of, task_record
 from curricle.learning.storage import SparseValues
 from curricle.planning.episode import Episode, played
 from curricle.planning.greedy import Values, VisitedValues
@@ -173,7 +175,7 @@ class TabularPolicy(Frozen):
 
     def _live_episode(self, task: LiveMDP, seed: int, limit: int) -> Episode:
         from curricle.tasks.rendering import draws_pictures, frame_of, with_pictures
-        from curricle.tasks.scenes import scene_of
+        from curricle.tasks.scene import scene_of
 
         number, scene, rng = numbering(task), scene_of(task), np.random.default_rng(seed)
 

@@ -8,7 +8,6 @@ import numpy.typing as npt
 
 from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
-from curricle.learning.budget import Budget, limits, longest_run, spacing
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.potential import MappedPotential
 from curricle.learning.record import WarmUp
@@ -18,8 +17,12 @@ from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, thr
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import (
     NEVER_STOPS,
+    Budget,
     StoppingKernel,
     StoppingRule,
+    limits,
+    longest_run,
+    spacing,
     stopping_level,
 )
 from curricle.learning.storage import Storage, rows_allowed

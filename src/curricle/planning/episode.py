@@ -17,8 +17,7 @@ from curricle.errors import SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
 from curricle.frozen_arrays import frozen
 from curricle.planning.rollouts import Trajectory
-from curricle.tasks.labels import action_name, values_of
-from curricle.tasks.spaces import Space
+from curricle.tasks.spaces import Space, action_name, values_of
 from curricle.tasks.task import Task, generative_model
 from curricle.text_tables import counted
 
@@ -112,7 +111,7 @@ class Episode:
         >>> Episode.of(maze, rollout(maze, [1, 1, 0]))
         Episode(2 steps, return 198, terminated)
         """
-        from curricle.tasks.scenes import scene_of
+        from curricle.tasks.scene import scene_of
 
         scene, actions = scene_of(task), generative_model(task).actions
         return cls(

@@ -15,8 +15,7 @@ from curricle.frozen_arrays import Frozen
 from curricle.planning import backups, factored_backups
 from curricle.planning.backups import MixedPolicy
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import improper_states
+from curricle.tasks.mdp import FiniteMDP, improper_states
 from curricle.tasks.task import Task, tables
 
 Policy = npt.NDArray[np.integer[Any]] | FloatArray

@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from curricle.display import OWN_COLOURS
 from curricle.plotting.scales import minus
-from curricle.plotting.styles import COLOURS, OWN_COLOURS, SEQUENTIAL, STYLE, new_figure
+from curricle.plotting.styles import COLOURS, SEQUENTIAL, STYLE, new_figure
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.varied_settings import value_text
 from curricle.study.effects import TUNING, Effects, Setting, Tried, short

@@ -13,8 +13,7 @@ from curricle.comparison.comparison import Comparison
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.curriculum.result import MOST_CURVES
 from curricle.errors import SettingError
-from curricle.learning.result import LearningResult
-from curricle.learning.results_table import shown_returns
+from curricle.learning.result import LearningResult, shown_returns
 from curricle.plotting.scales import minus, return_scale, steps_scale, without_seeds
 from curricle.plotting.styles import (
     COLOURS,

@@ -12,7 +12,7 @@ from curricle.checks import fit_name
 from curricle.comparison.comparison import Comparison
 from curricle.curriculum.result import CurriculumResult
 from curricle.errors import SettingError, in_words
-from curricle.learning.budget import ended_by
+from curricle.learning.stopping import ended_by
 from curricle.plotting.learning_curves import draw_learning_curves
 from curricle.plotting.styles import arm_styles, shades_of
 from curricle.report.curve_data import MOST_SEEDS, curve_data

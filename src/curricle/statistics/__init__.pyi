@@ -1,6 +1,5 @@
 from .curves import Curve as Curve
 from .hypothesis_tests import (
-    performance_profile as performance_profile,
     probability_of_improvement as probability_of_improvement,
     sign_flip_test as sign_flip_test,
 )
@@ -14,7 +13,6 @@ from .metrics import (
     asymptotic_performance as asymptotic_performance,
     jumpstart as jumpstart,
     mean_return as mean_return,
-    transfer_ratio as transfer_ratio,
 )
 from .sequential import Looks as Looks, add_seeds as add_seeds
 from .thresholds import (

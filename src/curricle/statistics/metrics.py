@@ -14,7 +14,7 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.errors import SettingError
-from curricle.statistics.curves import Curve, charge_source, require_no_source, require_pair
+from curricle.statistics.curves import Curve, require_no_source, require_pair
 
 
 def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
@@ -110,43 +110,3 @@ def mean_return(curve: Curve) -> FloatArray:
         raise SettingError(f"an area needs at least 2 checkpoints: got {curve.steps.size}")
     area = np.asarray(np.trapezoid(curve.filled(), curve.steps, axis=1), dtype=np.float64)
     return area / float(curve.steps[-1] - curve.steps[0])
-
-
-def transfer_ratio(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
-    """Return the relative gain in area under the curve (Taylor and Stone 2009).
-
-    ``(area with transfer - area without) / |area without|``. The absolute value keeps a gain
-    positive where returns are negative.
-
-    Parameters
-    ----------
-    baseline, transfer : Curve
-        The same K seeds and T checkpoints.
-    strong : bool
-        Whether to charge the source steps.
-
-    Returns
-    -------
-    (K,) float64
-        Seed by seed, without unit; NaN where the baseline's area is 0. Near 0 the ratio is unstable
-        and the difference of :func:`mean_return` the better measure.
-
-    Raises
-    ------
-    SettingError
-        If the curves do not pair, have a single checkpoint, or if strong and `baseline` has
-        source steps.
-
-    Examples
-    --------
-    >>> steps = np.array([0, 100, 200])
-    >>> scratch = Curve(steps, np.array([[-4.0, -4.0, -4.0]]))
-    >>> helped = Curve(steps, np.array([[-1.0, -1.0, -1.0]]), np.array([100]))
-    >>> transfer_ratio(scratch, helped), transfer_ratio(scratch, helped, strong=True)
-    (array([0.75]), array([0.5625]))
-    """
-    require_pair(baseline, transfer)
-    without = mean_return(baseline)
-    gain = mean_return(charge_source(baseline, transfer) if strong else transfer) - without
-    scale = np.where(without == 0, np.nan, np.abs(without))
-    return gain / scale

@@ -10,7 +10,7 @@ from curricle.study.config.study_config import StudyConfig
 from curricle.study.record import EpisodeRecord
 from curricle.study.results import StudyResults
 from curricle.tasks.grid_view import GridView
-from curricle.tasks.view_scene import ViewScene
+from curricle.tasks.scene import ViewScene
 
 IN_THE_TASK = "--study FILE, the study's own file, plays one in the task itself"
 

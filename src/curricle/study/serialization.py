@@ -11,9 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from curricle.learning.curve_frame import curve_columns
-from curricle.learning.result import lengthened
-from curricle.learning.result_arrays import CURVES, Arrays, check_result_arrays
+from curricle.learning.result import curve_columns, lengthened
+from curricle.learning.saved_result import CURVES, Arrays, check_result_arrays
 
 RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"
 """Groups of a unit's arrays: curves and counts, what was learnt, values on the way."""

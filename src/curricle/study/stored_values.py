@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from curricle.curriculum.sources import StoredValues
-from curricle.learning.result_arrays import values_of
+from curricle.learning.saved_result import values_of
 from curricle.study.serialization import RUN, VALUES
 from curricle.study.store import StoredUnit
 

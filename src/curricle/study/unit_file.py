@@ -19,7 +19,7 @@ from curricle.archives import (
     parsed_json,
 )
 from curricle.files import Place
-from curricle.learning.result_arrays import checkpoints_of
+from curricle.learning.saved_result import checkpoints_of
 from curricle.study.record import UnitRecord, plain, read_record
 from curricle.study.serialization import (
     DECISION_SCHEMA,

@@ -15,9 +15,9 @@ from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import StoredValues, source_values
 from curricle.display import brief_repr
 from curricle.files import Place
-from curricle.learning.budget import ended_by
-from curricle.learning.result_arrays import arrays_of
+from curricle.learning.saved_result import arrays_of
 from curricle.learning.seeds import MOST_SEEDS
+from curricle.learning.stopping import ended_by
 from curricle.learning.storage import Storage
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.config.study_config import StudyConfig

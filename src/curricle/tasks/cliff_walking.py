@@ -19,8 +19,7 @@ from curricle.checks import indices, instance, number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.frozen_lake import moves_in_a_box, slipping
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.grid_map import MOVES, Cell, read_cells
+from curricle.tasks.grid_layout import MOVES, Cell, GridLayout, read_cells
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
 from curricle.tasks.spaces import Component, Space

@@ -14,10 +14,9 @@ from numba.core.errors import NumbaError
 
 from curricle.errors import TaskError
 from curricle.tasks.generative_models import FAILURE, STEP, Functions
-from curricle.tasks.labels import action_name, state_name
 from curricle.tasks.mdp import check_parts
 from curricle.tasks.outcomes import REWARD_RULE
-from curricle.tasks.spaces import Space
+from curricle.tasks.spaces import Space, action_name, state_name
 from curricle.text_tables import counted
 
 REAL = (types.Integer, types.Float, types.Boolean)

@@ -36,8 +36,7 @@ from curricle.array_types import BoolArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.grid_map import MOVES, Cell, check_part, landing, read_cells
+from curricle.tasks.grid_layout import MOVES, Cell, GridLayout, check_part, landing, read_cells
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
 from curricle.tasks.spaces import MISSING, Component, Space, whole

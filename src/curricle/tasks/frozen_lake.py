@@ -19,8 +19,7 @@ from curricle.array_types import BoolArray, IntArray
 from curricle.checks import indices, instance, number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.grid_map import Cell, cut, read_cells, read_map, read_origin
+from curricle.tasks.grid_layout import Cell, GridLayout, cut, read_cells, read_map, read_origin
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
 from curricle.tasks.spaces import Component, Space

@@ -1,8 +1,8 @@
 """Generative models: what compiled loops sample a task from.
 
 A *generative model* is a NamedTuple; :func:`first_state` and :func:`transition` sample from it.
-Here are those of tasks with tables and of tasks given by functions; ``pursuit_model.py`` adds that
-of a domain that computes its successors, ``live_model.py`` that of an environment.
+Here are those of tasks with tables and of tasks given by functions; ``pursuit.py`` adds that of
+a domain that computes its successors, ``live.py`` that of an environment.
 """
 
 from typing import Any, NamedTuple

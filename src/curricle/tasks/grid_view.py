@@ -15,9 +15,8 @@ from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
-from curricle.tasks.labels import action_name
 from curricle.tasks.live import is_live, reset_state
-from curricle.tasks.spaces import MISSING, Component, Space
+from curricle.tasks.spaces import MISSING, Component, Space, action_name
 from curricle.tasks.task import generative_model, has_tables, tables
 
 At = Mapping[str, Any]

@@ -18,10 +18,10 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import indices, instance, number, one_of
 from curricle.errors import TaskError, reason
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.grid_map import (
+from curricle.tasks.grid_layout import (
     MOVES,
     Cell,
+    GridLayout,
     cut,
     landing,
     read_cells,

@@ -26,8 +26,16 @@ from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.grid_map import MOVES, Cell, cut, landing, read_cells, read_map, read_origin
+from curricle.tasks.grid_layout import (
+    MOVES,
+    Cell,
+    GridLayout,
+    cut,
+    landing,
+    read_cells,
+    read_map,
+    read_origin,
+)
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
 from curricle.tasks.spaces import MISSING, Component, Space, whole

@@ -7,16 +7,22 @@ colour-blind readers can tell them apart.
 import math
 from collections.abc import Callable, Iterable
 from functools import cache
-from typing import NamedTuple, Protocol
+from textwrap import shorten
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
+from curricle.array_types import IntArray
 from curricle.frozen_arrays import frozen
-from curricle.tasks.grid_map import MOVES
+from curricle.tasks.grid_layout import LETTERS, MOVES, GridLayout, layout_of
+from curricle.tasks.grid_view import GridView
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.spaces import Space, values_of
+from curricle.tasks.start_states import TaskWithStart
+from curricle.tasks.task import generative_model
 
 FINER = 4
 """Figures are drawn this many times larger and then reduced, which smooths their edges."""
@@ -267,3 +273,201 @@ class PursuitScene:
 
     def _cells(self, state: int) -> list[int]:
         return [int(cell) for cell in self._states.decode(state).values()]
+
+
+# -- of tasks --------------------------------------------------------------------------------------
+
+
+MOST_CELLS = 40_000
+"""Cells of a grid that is drawn, at most."""
+WIDTH, LINE, LETTER = 480, 28, 9
+"""A picture of text: its width, the height of a line, and the width of a letter, in pixels."""
+MOST_LINES, LONGEST_LINE = 14, 48
+FIGURES = {**OBJECTS, "G": OBJECTS["T"]}
+"""What lies in cells, by its letter; a goal looks like a treasure."""
+
+
+def scene_of(task: Any) -> Scene:
+    """Return what draws a task: from above where it says where its states lie, else as a label.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Pursuit
+    >>> print(scene_of(GridWorld(["S#T", "..."])).text(3))
+    S#T
+    .@.
+    >>> scene_of(Pursuit(3, 2)).image(0).shape
+    (200, 200, 3)
+    >>> scene_of(Pursuit(3, 1).mdp).text(5)
+    'prey=(0,0) predator=(1,2)'
+    """
+    if isinstance(task, GridWorld):
+        return MazeScene(task)
+    if isinstance(task, Pursuit):
+        return PursuitScene(task)
+    if isinstance(task, TaskWithStart):
+        return scene_of(task.task)
+    states, layout = generative_model(task).states, layout_of(task)
+    if layout is not None and layout.shape[0] * layout.shape[1] <= MOST_CELLS:
+        return LayoutScene(states, layout)
+    return LabelScene(states)
+
+
+def tile(letter: str, colour: str) -> Figure:
+    """Return a square with a letter in white."""
+    return Figure(((BLOCK, (0.08, 0.08, 0.92, 0.92), colour),), letter)
+
+
+def canvas_of(grid: npt.NDArray[np.str_]) -> Canvas:
+    """Return a canvas with the walls and objects of a map of letters, (rows, columns)."""
+    canvas = Canvas(*grid.shape)
+    for (row, column), letter in np.ndenumerate(grid):
+        if letter != ".":
+            figure = WALL if letter == "#" else FIGURES.get(letter, tile(letter, COATS[1]))
+            canvas.put(row, column, figure)
+    return canvas
+
+
+class LayoutScene:
+    """The agent among walls, objects and what else moves; further components are lines of text."""
+
+    def __init__(self, states: Space, layout: GridLayout):
+        self._states, origin = states, np.array(layout.origin)
+        self._cells = layout.cells - origin
+        self._moving = {
+            str(i + 1): cells - origin for i, cells in enumerate(layout.markers.values())
+        }
+        drawn = {*layout.components, *layout.markers}
+        self._others = [part for part in states.components if part.name not in drawn]
+        self._map = np.full(layout.shape, "#" if layout.walls is None else ".")
+        self._map[tuple(self._cells.T)] = "."
+        if layout.walls is not None:
+            self._map[tuple((layout.walls - origin).T)] = "#"
+        for name, row, column, _ in layout.objects:
+            self._map[row - origin[0], column - origin[1]] = LETTERS[name]
+        self._canvas = canvas_of(self._map)
+
+    def image(self, state: int) -> Pixels:
+        """Return the grid from above and lines of text below it, (height, width, 3) uint8."""
+        row, column = self._cells[state].tolist()
+        figure = AGENT if self._map[row, column] == "." else ASIDE
+        moving = [(*at[state].tolist(), tile(n, COATS[2])) for n, at in self._moving.items()]
+        grid = self._canvas.with_figures([*moving, (row, column, figure)])
+        if not self._others:
+            return grid
+        below = Image.new("RGB", (grid.shape[1], LINE * len(self._others)), FLOOR)
+        draw, font = ImageDraw.Draw(below), ImageFont.load_default(18)
+        most = max(4, below.width // LETTER)
+        for i, words in enumerate(self._words(state)):
+            said = shorten(words, most, placeholder=" …")
+            draw.text((LINE // 4, LINE * i + LINE // 2), said, INK, font, anchor="lm")
+        return np.concatenate([grid, np.array(below)])
+
+    def text(self, state: int) -> str:
+        """Return the map, with ``@`` for the agent and numbers for what else moves."""
+        drawn = self._map.copy()
+        for letter, cells in self._moving.items():
+            drawn[tuple(cells[state])] = letter
+        drawn[tuple(self._cells[state])] = "@"
+        return "\n".join(["".join(line) for line in drawn.tolist()] + self._words(state))
+
+    def _words(self, state: int) -> list[str]:
+        values = values_of(self._states, state)
+        return [f"{part.name} = {part.label(values[part.name])}" for part in self._others]
+
+
+class LabelScene:
+    """The number of a state and the values of its components, as text."""
+
+    def __init__(self, states: Space):
+        self._states = states
+
+    def image(self, state: int) -> Pixels:
+        """Return a card with a line for each component, (height, width, 3) uint8."""
+        lines = self._lines(state)
+        height = LINE * (len(lines) + (3 if lines else 2))
+        image = Image.new("RGB", (WIDTH, height), FLOOR)
+        draw = ImageDraw.Draw(image)
+        draw.rectangle((0, 0, WIDTH, 2 * LINE), fill=DARK)
+        large, font = ImageFont.load_default(22), ImageFont.load_default(18)
+        draw.text((LINE, LINE), f"state {state}", "#ffffff", large, anchor="lm")
+        for i, line in enumerate(lines):
+            draw.text((LINE, LINE * (i + 3)), line, INK, font, anchor="lm")
+        return np.array(image)
+
+    def _lines(self, state: int) -> list[str]:
+        """Return the components' values, nothing for the one component of plain numbered states."""
+        space = self._states
+        first, *others = space.components
+        if space.is_box and first.low == 0 and first.labels is None and not others:
+            return []
+        values = values_of(space, state)
+        lines = [f"{c.name} = {c.label(values[c.name])}" for c in space.components]
+        if len(lines) > MOST_LINES:
+            lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
+        return [shorten(line, LONGEST_LINE, placeholder=" …") for line in lines]
+
+    def text(self, state: int) -> str:
+        """Return the state's label."""
+        return self._states.label(state)
+
+
+# -- of a grid view --------------------------------------------------------------------------------
+
+
+INKS = dict(zip(("blue", "green", "vermillion", "purple", "black"), COATS[:5], strict=True))
+"""Colours of markers by name."""
+
+
+class ViewScene:
+    """A grid view with its markers in given cells.
+
+    Parameters
+    ----------
+    view : GridView
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> scene = ViewScene(GridView.for_replay(GridWorld(["S#T", "..."])))
+    >>> print(scene.text(np.array([4])))
+    .#T
+    .@.
+    """
+
+    def __init__(self, view: GridView):
+        self._markers, (_, self._columns) = view.markers, view.shape
+        self._map = np.full(view.shape, ".")
+        self._map[tuple((view.walls - view.origin).T)] = "#"
+        for name, row, column, _ in view.objects:
+            self._map[row - view.origin[0], column - view.origin[1]] = LETTERS[name]
+        self._canvas = canvas_of(self._map)
+
+    def image(self, cells: IntArray) -> Pixels:
+        """Return the grid from above, (height, width, 3) uint8.
+
+        `cells`, (markers,), are where each is, as row * columns + column.
+        """
+        places = [divmod(int(cell), self._columns) for cell in cells]
+        if len(places) == 1:
+            figure = AGENT if self._map[places[0]] == "." else ASIDE
+            return self._canvas.with_figures([(*places[0], figure)])
+        return self._canvas.with_figures(
+            (*place, tile(marker.letter, INKS[marker.colour]))
+            for place, marker in zip(places, self._markers, strict=True)
+        )
+
+    def text(self, cells: IntArray) -> str:
+        """Return the map with each marker's letter, or ``@`` for the only one."""
+        there = self._map.astype("<U9")
+        taken = dict[tuple[int, int], str]()
+        for cell, marker in zip(cells.tolist(), self._markers, strict=True):
+            place = divmod(cell, self._columns)
+            letter = marker.letter if len(self._markers) > 1 else "@"
+            taken[place] = taken.get(place, "") + letter
+        for place, letters in taken.items():
+            there[place] = letters
+        wide = max(map(len, taken.values()), default=1)
+        gap = " " if len(self._markers) > 1 else ""
+        lines = (gap.join(one.ljust(wide) for one in row) for row in there.tolist())
+        return "\n".join(line.rstrip() for line in lines)

@@ -16,8 +16,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import tables
 from curricle.text_tables import counted
@@ -134,7 +133,7 @@ def with_start(task: Any, start: Any) -> Any:
     -------
     Task
         A :class:`FiniteMDP` or :class:`TabulatedTask` of one, a :class:`GridWorld` of one where all
-        starts are equally likely, else a :class:`TaskWithStart`. States and actions are those of
+        starts are equally likely, else a task like it. States and actions are those of
         the task, so that mappings fit both.
 
     Raises

@@ -1,8 +1,7 @@
-from .episode import Episode as Episode
-from .exact_teachers import TrueLearningProgress as TrueLearningProgress, TrueRegret as TrueRegret
 from .result import TeachingResult as TeachingResult
 from .teachers import (
     TSCL as TSCL,
+    Episode as Episode,
     Learnability as Learnability,
     PrioritizedLevelReplay as PrioritizedLevelReplay,
     ReverseCurriculum as ReverseCurriculum,

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, FloatTable, IntArray
-from curricle.planning.policy_evaluation import greedy_return
 from curricle.tasks.draws import uniform
 from curricle.tasks.generative_models import (
     Tables,
@@ -22,7 +21,7 @@ from curricle.tasks.generative_models import (
     table_model,
     transitions,
 )
-from curricle.tasks.live_model import answer
+from curricle.tasks.live import answer
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.overloads import inlined
 
@@ -156,8 +155,3 @@ def _taught_failure(model):
 @evaluation_models.body(TaughtModel)
 def _target_model(model):
     return model.tables.target
-
-
-def start_return(evaluation, model, view):
-    """Return V^pi at the start of a task, pi greedy on a view; to be compiled."""
-    return greedy_return(evaluation, model, view)

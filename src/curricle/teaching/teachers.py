@@ -1,27 +1,71 @@
-"""Teachers: the probability that the next episode is drawn from each of several tasks.
+"""Teachers: the probability of each of several tasks for the next episode, and its draws.
 
 A teacher is a frozen value with three pure functions. What it has to remember of the episodes so
 far is what `update` returns, so that a teacher can be used for many seeds at once.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import number, whole_number
+from curricle.display import brief_repr
 from curricle.errors import SettingError
-from curricle.teaching.episode import Episode
+from curricle.tasks.draws import ALL, STRIDE, splitmix64, uniform
+
+SUM_TOLERANCE = 1e-9
+"""By which probabilities may miss 1; they are divided by their sum."""
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """An episode that has ended, as a :class:`Teacher` sees it.
+
+    Attributes
+    ----------
+    task : int
+        In which of the M tasks it was played, 0 .. M-1 in their order.
+    rewards : (L,) float64
+        Those of its L steps.
+    td_errors : (L,) float64
+        delta_t = r_t + gamma V(s_t+1) - V(s_t), where V(s) = max_a Q(s, a) when the step was taken,
+        0 in ends. An update that a loop still held back then is not in it (tables above 32 KB).
+    success : bool
+        Whether it ended in the goal (:func:`teach`).
+    discount : float
+
+    Examples
+    --------
+    >>> Episode(0, np.array([0.0, 1.0]), np.zeros(2), True, 0.5).discounted_return
+    0.5
+    """
+
+    task: int
+    rewards: FloatArray
+    td_errors: FloatArray
+    success: bool
+    discount: float
+
+    __repr__ = brief_repr
+
+    @property
+    def length(self) -> int:
+        """L, its steps."""
+        return len(self.rewards)
+
+    @property
+    def discounted_return(self) -> float:
+        """sum_t gamma^t r_t."""
+        return float(self.rewards @ self.discount ** np.arange(self.length))
 
 
 class Teacher(Protocol):
     """What teaching needs of a teacher; a class of one's own with these three methods is one.
 
-    Memory is anything, never changed in place: `update` returns a new one. Class attributes say
-    what it reads of an :class:`Episode`: ``uses_goal = True`` `success`, so that tasks without a
-    goal are refused; ``uses_tables = True`` exact returns, so that tasks without tables are;
-    ``uses_td_errors = True`` `td_errors`, so that a network's values are computed for them.
+    Memory is anything, never changed in place: `update` returns a new one. A class attribute
+    ``uses_goal = True`` says that it reads `success`: tasks without a goal are then refused.
 
     Examples
     --------
@@ -204,7 +248,6 @@ class Scores(NamedTuple):
     score: FloatArray  # (M,)
     drawn: IntArray  # (M,) the number of the latest episode in each task; 0 before the first
     episodes: int  # in all
-    best: FloatArray  # (M,) the highest return in each task
 
 
 @dataclass(frozen=True)
@@ -218,11 +261,6 @@ class PrioritizedLevelReplay:
     highest score having rank 1, and P_C to the episodes since task i was last drawn. A task not yet
     seen is drawn, all equally likely, with probability 1 - (share of tasks seen).
 
-    Where no values are known, as in a :class:`CurriculumVecEnv` without `values`, the score is
-    an estimate of the regret: the highest discounted return so far in task i, less that of its
-    latest episode. It is the score MaxMC of Jiang et al. (2021, "Replay-guided adversarial
-    environment design") with one return in place of V: where returns are noisy, noise scores, too.
-
     Parameters
     ----------
     temperature : float
@@ -235,7 +273,7 @@ class PrioritizedLevelReplay:
     Examples
     --------
     >>> teacher = PrioritizedLevelReplay(temperature=1.0, staleness=0.0)
-    >>> memory = Scores(np.array([1.0, 5.0]), np.array([1, 2]), 2, np.zeros(2))
+    >>> memory = Scores(np.array([1.0, 5.0]), np.array([1, 2]), 2)
     >>> teacher.probabilities(memory).round(3)
     array([0.333, 0.667])
     """
@@ -243,7 +281,6 @@ class PrioritizedLevelReplay:
     temperature: float = 0.1
     staleness: float = 0.1
     gae_lambda: float = 0.95
-    uses_td_errors: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         what = "temperature of PrioritizedLevelReplay"
@@ -255,20 +292,14 @@ class PrioritizedLevelReplay:
 
     def start(self, n_tasks: int) -> Scores:
         """Return that no task has been seen."""
-        unseen = np.full(n_tasks, -np.inf)
-        return Scores(np.zeros(n_tasks), np.zeros(n_tasks, np.int64), 0, unseen)
+        return Scores(np.zeros(n_tasks), np.zeros(n_tasks, np.int64), 0)
 
     def update(self, memory: Scores, episode: Episode) -> Scores:
         """Return the memory with the score of this episode."""
-        score, drawn, best = memory.score.copy(), memory.drawn.copy(), memory.best.copy()
-        i, now, found = episode.task, memory.episodes + 1, episode.discounted_return
-        best[i] = max(best[i], found)
-        if episode.td_errors is None:
-            score[i] = best[i] - found
-        else:
-            score[i] = value_loss(episode.td_errors, episode.discount * self.gae_lambda)
-        drawn[i] = now
-        return Scores(score, drawn, now, best)
+        score, drawn, now = memory.score.copy(), memory.drawn.copy(), memory.episodes + 1
+        decay = episode.discount * self.gae_lambda
+        score[episode.task], drawn[episode.task] = value_loss(episode.td_errors, decay), now
+        return Scores(score, drawn, now)
 
     def probabilities(self, memory: Scores) -> FloatArray:
         """Return the mixture of tasks to replay and tasks not yet seen."""
@@ -368,3 +399,90 @@ def equally(chosen: BoolArray) -> FloatArray:
 def mixed(distribution: FloatArray, epsilon: float) -> FloatArray:
     """Return (1 - epsilon) of a distribution and epsilon of the uniform one."""
     return (1 - epsilon) * distribution + epsilon / len(distribution)
+
+
+# -- the draws -----------------------------------------------------------------------------------
+
+
+@dataclass
+class TaskSampler:
+    """Draws the task of each episode of one seed from a stream of its own.
+
+    Examples
+    --------
+    >>> sampler = TaskSampler(Uniform(), n_tasks=3, counter=0, eval_freq=100)
+    >>> sampler.draw(step=0), sampler.draw(step=12), sampler.begun_at, sampler.probabilities
+    (2, 1, [0, 12], array([0.33333333, 0.33333333, 0.33333333]))
+    """
+
+    teacher: Teacher
+    n_tasks: int
+    counter: int
+    """Where the stream is."""
+    eval_freq: int
+    """Steps between checkpoints."""
+    tasks: list[int] = field(default_factory=list)
+    """That of each episode begun."""
+    begun_at: list[int] = field(default_factory=list)
+    """Steps, in all tasks, before each."""
+    changes: list[tuple[int, FloatArray]] = field(default_factory=list)
+    """The checkpoint before which an episode was the last to begin, and its probabilities."""
+    memory: Any = field(init=False)
+    probabilities: FloatArray = field(init=False)
+    """Those of the last draw; before the first the teacher's first ones."""
+
+    def __post_init__(self) -> None:
+        self.memory = self.teacher.start(self.n_tasks)
+        self.probabilities = self._asked()
+
+    def draw(self, step: int) -> int:
+        """Return the task of the episode that begins after so many steps."""
+        self.probabilities = self._asked()
+        self.counter = (self.counter + int(STRIDE)) & ALL
+        task = drawn(self.probabilities, uniform(splitmix64(self.counter)))
+        checkpoint = -(-step // self.eval_freq)
+        if self.changes and self.changes[-1][0] == checkpoint:
+            self.changes.pop()
+        self.changes.append((checkpoint, self.probabilities))
+        self.tasks.append(task)
+        self.begun_at.append(step)
+        return task
+
+    def ended(self, episode: Episode) -> None:
+        """Let the teacher see an episode."""
+        self.memory = self.teacher.update(self.memory, episode)
+
+    def _asked(self) -> FloatArray:
+        """Return the teacher's probabilities, or raise SettingError unless they are some."""
+        given = self.teacher.probabilities(self.memory)
+        found = np.asarray(given, dtype=np.float64)
+        right = found.shape == (self.n_tasks,) and bool((found >= 0).all())
+        if not right or not abs(found.sum() - 1) <= SUM_TOLERANCE:
+            raise SettingError(
+                f"a teacher's probabilities must be {self.n_tasks} numbers from 0 up that sum to "
+                f"1: after {len(self.tasks):,} episodes {self.teacher!r} gives {given!r}"
+            )
+        return found
+
+
+def drawn(probabilities: FloatArray, chance: float) -> int:
+    """Return the task that a number in [0, 1) draws; none of probability 0.
+
+    Examples
+    --------
+    >>> drawn(np.array([0.0, 0.5, 0.5, 0.0]), 0.0), drawn(np.array([0.0, 0.5, 0.5, 0.0]), 0.5)
+    (1, 2)
+    """
+    rising = np.cumsum(probabilities)
+    place = int(np.searchsorted(rising, chance * rising[-1], side="right"))
+    return min(place, int(np.flatnonzero(probabilities)[-1]))
+
+
+def check_teacher(teacher: Any) -> None:
+    """Raise SettingError unless a teacher has the methods of :class:`Teacher`."""
+    for name in ("start", "update", "probabilities"):
+        if not callable(getattr(teacher, name, None)) or isinstance(teacher, type):
+            raise SettingError(
+                "a teacher must have the methods start, update and probabilities, as Uniform() "
+                f"has: got {teacher!r}"
+            )

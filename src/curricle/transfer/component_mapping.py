@@ -13,7 +13,7 @@ from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.display import brief_repr
 from curricle.errors import MappingError, SettingError
-from curricle.tasks.families.components_by_name import Unequal
+from curricle.tasks.families.family import Unequal
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import Task, generative_model, tables

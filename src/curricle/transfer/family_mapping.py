@@ -5,8 +5,7 @@ from typing import Any
 
 from curricle.checks import brief, instance
 from curricle.errors import CurricleError, MappingError
-from curricle.tasks.families.components_by_name import ComponentsByName
-from curricle.tasks.families.family import FamilyMember
+from curricle.tasks.families.family import ComponentsByName, FamilyMember
 from curricle.tasks.task import Task
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.mapping import StateActionMapping, from_function

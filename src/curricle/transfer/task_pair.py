@@ -15,8 +15,7 @@ from curricle.planning.simulator import UniformPolicy, simulate
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.draws import stream_start
 from curricle.tasks.live import open_model
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.reachability import reachable_states
+from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 from curricle.transfer.mapping import StateActionMapping
 from curricle.transfer.partition_refinement import Model, model_for_refinement, refined

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.learning.potential_rollouts import greedy_rollouts
 
 from .environments import OFF, TWO, Echo, Ring, watched
 
@@ -74,7 +75,7 @@ def test_failures_outside_of_learning_surface_too():
     phi = cr.StateActionPotential(task, np.zeros((2, 2)))
     for work in (
         lambda: [cr.planning.rollout(task, [0, 0], seed=seed) for seed in range(9)],
-        lambda: cr.learning.greedy_rollouts(phi, episodes=100),
+        lambda: greedy_rollouts(phi, episodes=100),
         lambda: cr.calibrate(phi),
     ):
         task.make().log.clear()

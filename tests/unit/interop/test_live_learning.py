@@ -6,6 +6,7 @@ import pytest
 from gymnasium import spaces
 
 import curricle as cr
+from curricle.learning.potential_rollouts import greedy_rollouts
 
 from .environments import OFF, Ring, Watched, watched
 
@@ -105,7 +106,7 @@ def test_a_guard_and_a_rollout_see_a_cut_too():
     assert found.values[0, 0, 0] == pytest.approx(2.0)
     episode = cr.planning.rollout(task, [0])
     assert (len(episode), episode.truncated, episode.terminated) == (1, True, False)
-    met = cr.learning.greedy_rollouts(phi, episodes=3)
+    met = greedy_rollouts(phi, episodes=3)
     assert met.lengths.tolist() == [1, 1, 1]
     assert met.bootstrap_discount.tolist() == [0.5, 0.5, 0.5]
 
@@ -141,7 +142,7 @@ def test_tables_transfer_to_a_live_target():
     found = cr.compare(plan, seeds=2, controls=["scaled"])
     assert found.arms["transfer"].curve.values[:, 0] == pytest.approx([0.95**5] * 2)
     checked = cr.certify(live, cr.QInitialisation(result.potentials["live"][0]))
-    assert checked.contradictions == ()
+    assert checked.theorem
 
 
 def test_what_needs_tables_is_refused():

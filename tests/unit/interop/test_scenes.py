@@ -17,8 +17,7 @@ from curricle.tasks import (
     Taxi,
 )
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.scene import AGENT, OBJECTS, PREY, painted, predator
-from curricle.tasks.scenes import scene_of
+from curricle.tasks.scene import AGENT, OBJECTS, PREY, painted, predator, scene_of
 
 from .environments import RING, TASKS, WALLED
 

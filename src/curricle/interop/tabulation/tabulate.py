@@ -54,8 +54,7 @@ from curricle.interop.tabulation.tabulated_task import (
 from curricle.interop.toy_text import has_table, names_of
 from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
-from curricle.tasks.labels import values_of
-from curricle.tasks.spaces import Space
+from curricle.tasks.spaces import Space, values_of
 
 STEPS = 1000
 """Steps that are compared with the tables."""

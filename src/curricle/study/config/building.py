@@ -7,7 +7,7 @@ from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import DEFAULT_STEPS, SETTINGS
-from curricle.learning.budget import limits, spacing
+from curricle.learning.stopping import limits, spacing
 from curricle.study.config.families import FamilyTask
 from curricle.study.config.settings import Settings
 from curricle.study.config.start_states import started

@@ -12,8 +12,7 @@ from curricle.study.config.tables import KeyPath, Table, shown, suggestion, unkn
 from curricle.study.config.task_names import table
 from curricle.study.config.task_table import TaskTable
 from curricle.tasks.families.built_in import BUILT_IN
-from curricle.tasks.families.family import FamilyMember, TaskFamily
-from curricle.tasks.families.parameters import Parameter
+from curricle.tasks.families.family import FamilyMember, Parameter, TaskFamily
 from curricle.tasks.task import generative_model
 
 NONE = "none"

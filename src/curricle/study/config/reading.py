@@ -22,7 +22,6 @@ from curricle.study.config.merging import (
 )
 from curricle.study.config.parsing import parsed, text_of
 from curricle.study.config.positions import Positions, Problems, line_numbers
-from curricle.study.config.renamed_keys import renamed_keys
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.study_tables import FileTable, RunTable
 from curricle.study.config.sweeps import wrong_sweep
@@ -95,7 +94,6 @@ def toml_of(path: Path) -> tuple[str, dict[str, Any]]:
 def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:
     """Return the configuration of a study as read; ConfigError with all that is wrong in it."""
     found = Problems(positions)
-    found.add(renamed_keys(study))
     found.add(_wrong_families(study))
     found.raise_any()
     arms = table(study.get("arms")) or {ONLY_ARM: {}}

@@ -7,9 +7,8 @@ from pydantic import BeforeValidator, Field, JsonValue
 
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer
-from curricle.learning.budget import Episodes
 from curricle.learning.learners import SARSA, DoubleQLearning, ExpectedSARSA, QLearning
-from curricle.learning.optimistic_learners import OPIQ, UCBQLearning
+from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.shaping import (
     DecayingAdvice,
     LookAheadAdvice,
@@ -18,7 +17,7 @@ from curricle.learning.shaping import (
     RewardBonus,
     StateShaping,
 )
-from curricle.learning.stopping import StoppingRule
+from curricle.learning.stopping import Episodes, StoppingRule
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.study.config.derived_tables import ObjectTable, Rate, built, table_of
@@ -79,7 +78,7 @@ class EpisodesTable(ObjectTable):
 
 LEARNERS = tuple(
     table_of(one, tag=one.__name__)
-    for one in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, UCBQLearning, OPIQ)
+    for one in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
 )
 DeepLearnerTable = table_of(
     DeepLearner,

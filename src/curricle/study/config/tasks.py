@@ -43,7 +43,7 @@ from curricle.tasks.block_dude import BlockDude
 from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.frozen_lake import FrozenLake
-from curricle.tasks.grid_map import MOVES
+from curricle.tasks.grid_layout import MOVES
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.pursuit import Pursuit

@@ -8,9 +8,7 @@ from typing import Any, Literal
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.draws import STRIDE, splitmix64, stream_start, uniform
-from curricle.tasks.families.components_by_name import ComponentsByName
-from curricle.tasks.families.family import TaskFamily
-from curricle.tasks.families.parameters import Parameter
+from curricle.tasks.families.family import ComponentsByName, Parameter, TaskFamily
 from curricle.tasks.gridworld import GridWorld, Rewards
 
 LARGEST_MAZE = 200
