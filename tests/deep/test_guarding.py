@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from curricle.deep.turns import Turns
 from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
 from curricle.deep import guarding, training
 from curricle.deep.models import model_for, network_values
 from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer
-from curricle.deep.turns import Turns
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.learning.guard import SCRATCH, SHAPED
 

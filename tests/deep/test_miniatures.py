@@ -6,12 +6,12 @@ from functools import partial
 import gymnasium
 import numpy as np
 import pytest
+from curricle.deep.demonstrations import fill_replay_buffer
 from gymnasium.spaces import Box
 
 import curricle as cr
 from curricle.curriculum.defaults import PULL
 from curricle.deep import DeepLearner, PolicyReuse, WeightTransfer, miniatures
-from curricle.deep.demonstrations import fill_replay_buffer
 from curricle.deep.models import model_for
 from curricle.deep.shaping import guided_actions
 

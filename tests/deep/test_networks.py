@@ -9,8 +9,7 @@ import torch
 
 import curricle as cr
 from curricle.deep.models import model_for
-from curricle.deep.networks import NetworkValues
-from curricle.deep.plain_networks import FEW, plain_network
+from curricle.deep.networks import FEW, NetworkValues, plain_network
 
 CART = cr.observation_task("CartPole-v1", discount=0.99)
 SETTINGS = {

@@ -11,10 +11,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 import curricle as cr
 from curricle.deep import residual_networks
 from curricle.deep.models import model_for
-from curricle.deep.networks import NetworkValues
-from curricle.deep.plain_networks import FEW
-from curricle.deep.residual import residual_policy
-from curricle.deep.residual_networks import PotentialCache, ResidualMlpPolicy
+from curricle.deep.networks import FEW, NetworkValues
+from curricle.deep.residual import PotentialCache, ResidualMlpPolicy, residual_policy
 
 from .worlds import one_hot, random_task, table_potential
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.curriculum.sources import SourceValues
-from curricle.deep.miniature_task import Miniatures
+from curricle.deep.miniature import Miniatures
 from curricle.frozen_arrays import Frozen
 from curricle.tasks.observation_task import made_by
 from curricle.text_tables import counted

@@ -7,7 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 
 from curricle.checks import fit_name, instance, one_of
 from curricle.curriculum.curriculum_table import graph_in_brief
-from curricle.deep.miniature_task import Miniatures
+from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, generative_model, same_task

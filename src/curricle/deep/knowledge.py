@@ -13,7 +13,7 @@ from curricle.display import brief_repr
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, adopted
 from curricle.interop.tabulation.tabulated_task import action_probabilities
-from curricle.planning.solution import greedy_policy, solve
+from curricle.planning.solution import greedy_policy
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,29 +83,6 @@ class Knowledge(Frozen):
         chosen = greedy_policy(action_values) if policy is None else np.asarray(policy)
         values = action_values.max(axis=1)
         return cls._merged(observations, values, action_values, chosen, np.ones(len(values), int))
-
-    @classmethod
-    def solved(cls, table: Any) -> Self:
-        """Return V*, Q* and the optimal actions of a table's states (:class:`TabulatedTask`).
-
-        Optimal actions are equally likely. Ends are left out: nobody acts there.
-        """
-        _ = _observed(table)
-        solution = solve(table)
-        states = np.flatnonzero(~table.mdp.terminal)
-        return cls.of_states(table, states, solution.action_values, solution.policy)
-
-    @classmethod
-    def of_states(
-        cls,
-        table: Any,
-        states: IntArray,
-        action_values: FloatArray,
-        policy: FloatArray | None = None,
-    ) -> Self:
-        """Return what Q (S, A) and a policy (S, A) say of some states of a table, as :meth:`of`."""
-        chosen = None if policy is None else policy[states]
-        return cls.of(_observed(table).batch(states), action_values[states], chosen)
 
     @classmethod
     def read(cls, values: Any, observations: Any) -> Self:
@@ -243,13 +220,3 @@ def _distinct(observations: Any) -> tuple[IntArray, IntArray]:
             first.append(row)
         group[row] = numbers[key]
     return np.array(first, np.int64), group
-
-
-def _observed(table: Any) -> Any:
-    found = getattr(table, "observations", None)
-    if found is None:
-        raise PotentialError(
-            "knowledge to be distilled must say what is observed in each state: got "
-            f"{type(table).__name__} without observations; tabulate(...) keeps them"
-        )
-    return found

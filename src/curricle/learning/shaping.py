@@ -103,6 +103,8 @@ class Shaping(ABC):
             raise SettingError(
                 f"{self.name} is not a shaping for learners with {kind}: got {learner!r}"
             )
+        if self.guard is not None and not tabular:
+            raise SettingError(f"a guard is for learners with tables: got {learner!r}")
         if self.guard is not None and isinstance(learner, OptimisticLearner):
             raise SettingError(f"a guard is for learners without a bonus: got {learner!r}")
         if isinstance(learner, OptimisticLearner) and not self.starts_at_potential:

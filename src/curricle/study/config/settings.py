@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, Field, JsonValue
 
 from curricle.curriculum.retraining import RetrainSources
 from curricle.deep.learner import DeepLearner
-from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer
+from curricle.deep.shaping import PolicyReuse, WeightTransfer
 from curricle.learning.budget import Episodes
 from curricle.learning.learners import SARSA, DoubleQLearning, ExpectedSARSA, QLearning
 from curricle.learning.optimistic_learners import OPIQ, UCBQLearning
@@ -101,7 +101,6 @@ SHAPINGS = tuple(
         RewardBonus,
         WeightTransfer,
         PolicyReuse,
-        Demonstrations,
     )
 )
 """The ways a potential or a network enters learning; the sources give the potential."""
