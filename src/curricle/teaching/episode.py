@@ -7,14 +7,6 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.display import brief_repr
-from curricle.errors import SettingError
-
-
-def _without_tables() -> FloatArray:
-    raise SettingError(
-        "exact returns are computed from the tasks' tables: an episode of a vector environment has "
-        "none, and a teacher that reads them says so by uses_tables = True"
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,34 +19,32 @@ class Episode:
         In which of the M tasks it was played, 0 .. M-1 in their order.
     rewards : (L,) float64
         Those of its L steps.
-    td_errors : (L,) float64 or None
+    td_errors : (L,) float64
         delta_t = r_t + gamma V(s_t+1) - V(s_t), where V(s) = max_a Q(s, a) when the step was taken,
         0 in ends. An update that a loop still held back then is not in it (tables above 32 KB).
-        In a vector environment V is the network's at the end of the episode, and None means that
-        there is none to read, or that the teacher does not ask for it.
     success : bool
-        Whether it ended in the goal (:func:`teach`, :class:`CurriculumVecEnv`).
+        Whether it ended in the goal of :func:`teach`.
     discount : float
     greedy_returns : callable
         ``greedy_returns()`` is V^pi of the policy that is greedy now, discounted, at the start of
-        each task, (M,) float64: exact, by the tasks' tables. To be called in `update`; SettingError
-        where there are none.
+        each task, (M,) float64: exact, by the tasks' tables. To be called in `update`.
     optimal_returns : callable
         ``optimal_returns()`` is V* there, (M,) float64.
 
     Examples
     --------
-    >>> Episode(0, np.array([0.0, 1.0]), np.zeros(2), True, 0.5).discounted_return
+    >>> values = lambda: np.zeros(1)
+    >>> Episode(0, np.array([0.0, 1.0]), np.zeros(2), True, 0.5, values, values).discounted_return
     0.5
     """
 
     task: int
     rewards: FloatArray
-    td_errors: FloatArray | None
+    td_errors: FloatArray
     success: bool
     discount: float
-    greedy_returns: Callable[[], FloatArray] = _without_tables
-    optimal_returns: Callable[[], FloatArray] = _without_tables
+    greedy_returns: Callable[[], FloatArray]
+    optimal_returns: Callable[[], FloatArray]
 
     __repr__ = brief_repr
 

@@ -4,7 +4,7 @@ No step is charged for these values, as none is taken: they need a model of the 
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,6 @@ class _Exact:
 
     interval: int = 10
     epsilon: float = 0.1
-    uses_tables: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         kind = type(self).__name__

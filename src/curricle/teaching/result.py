@@ -19,7 +19,7 @@ from curricle.text_tables import counted
 
 @dataclass(frozen=True, eq=False)
 class TeachingResult(Frozen):
-    """What :func:`teach` or :func:`teach_deep` found, for M tasks, K seeds and T checkpoints.
+    """What :func:`teach` found, for M tasks, K seeds and T checkpoints.
 
     Attributes
     ----------
@@ -30,8 +30,8 @@ class TeachingResult(Frozen):
         The names of the M tasks, in their order.
     teacher : Teacher
     drawn : tuple of K (E,) int64 arrays
-        The task of each episode that was begun, as its place in `tasks`. The last one, in a vector
-        environment the last one of each sub-environment, may have been cut off by the budget.
+        The task of each episode that was begun, as its place in `tasks`. The last one may have been
+        cut off by the budget.
     begun_at : tuple of K (E,) int64 arrays
         Steps, in all tasks, before each of these episodes.
     probabilities : (K, T, M) float64
@@ -86,15 +86,9 @@ class TeachingResult(Frozen):
 
 
 def teaching_result(
-    learning: LearningResult,
-    tasks: tuple[str, ...],
-    samplers: Sequence[TaskSampler],
-    steps_per_task: IntArray | None = None,
+    learning: LearningResult, tasks: tuple[str, ...], samplers: Sequence[TaskSampler]
 ) -> TeachingResult:
-    """Return what teaching found, the episodes that took no step left out.
-
-    By default a seed's episodes came one after the other, which tells their steps.
-    """
+    """Return what teaching found, the episodes that took no step left out."""
     places = np.arange(len(learning.steps))
     drawn, begun_at, curves, steps = [], [], [], []
     for sampler, used in zip(samplers, learning.steps_used, strict=True):
@@ -114,5 +108,5 @@ def teaching_result(
         drawn=tuple(drawn),
         begun_at=tuple(begun_at),
         probabilities=frozen(np.stack(curves)),
-        steps_per_task=frozen(np.stack(steps) if steps_per_task is None else steps_per_task),
+        steps_per_task=frozen(np.stack(steps)),
     )

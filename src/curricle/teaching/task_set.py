@@ -33,14 +33,13 @@ class TaskSet:
     """
 
     def __init__(self, tasks: Any, target: str, goal: Goal = None, *, needs_goal: bool = False):
-        check_names(tasks, target)
+        _check_names(tasks, target)
         self.names = tuple(tasks)
         self.place = self.names.index(target)
         for name, task in tasks.items():
             if is_observation_task(task):
                 raise TaskError(
-                    "a task seen through observations has no tables, teach_deep takes it: got "
-                    f"{task!r} as {name!r}"
+                    f"a task seen through observations has no tables: got {task!r} as {name!r}"
                 )
         self.mdps = tuple(tables(task) for task in tasks.values())
         self.target = self.mdps[self.place]
@@ -91,7 +90,7 @@ class TaskSet:
         return np.array([evaluate(one, one.tables, view) for one in each])
 
 
-def check_names(tasks: Any, target: Any) -> None:
+def _check_names(tasks: Any, target: Any) -> None:
     """Raise SettingError unless tasks are a mapping from names, at least one, with the target."""
     if not isinstance(tasks, Mapping) or not tasks:
         raise SettingError(f"tasks must be a dict from names to tasks, not empty: got {tasks!r}")

@@ -18,10 +18,9 @@ from curricle.teaching.episode import Episode
 class Teacher(Protocol):
     """What teaching needs of a teacher; a class of one's own with these three methods is one.
 
-    Memory is anything, never changed in place: `update` returns a new one. Class attributes say
-    what it reads of an :class:`Episode`: ``uses_goal = True`` `success`, so that tasks without a
-    goal are refused; ``uses_tables = True`` exact returns, so that tasks without tables are;
-    ``uses_td_errors = True`` `td_errors`, so that a network's values are computed for them.
+    Memory is anything, never changed in place: `update` returns a new one. The class attribute
+    ``uses_goal = True`` says that it reads `success` of an :class:`Episode`, so that tasks without
+    a goal are refused.
 
     Examples
     --------
@@ -204,7 +203,6 @@ class Scores(NamedTuple):
     score: FloatArray  # (M,)
     drawn: IntArray  # (M,) the number of the latest episode in each task; 0 before the first
     episodes: int  # in all
-    best: FloatArray  # (M,) the highest return in each task
 
 
 @dataclass(frozen=True)
@@ -218,11 +216,6 @@ class PrioritizedLevelReplay:
     highest score having rank 1, and P_C to the episodes since task i was last drawn. A task not yet
     seen is drawn, all equally likely, with probability 1 - (share of tasks seen).
 
-    Where no values are known, as in a :class:`CurriculumVecEnv` without `values`, the score is
-    an estimate of the regret: the highest discounted return so far in task i, less that of its
-    latest episode. It is the score MaxMC of Jiang et al. (2021, "Replay-guided adversarial
-    environment design") with one return in place of V: where returns are noisy, noise scores, too.
-
     Parameters
     ----------
     temperature : float
@@ -235,7 +228,7 @@ class PrioritizedLevelReplay:
     Examples
     --------
     >>> teacher = PrioritizedLevelReplay(temperature=1.0, staleness=0.0)
-    >>> memory = Scores(np.array([1.0, 5.0]), np.array([1, 2]), 2, np.zeros(2))
+    >>> memory = Scores(np.array([1.0, 5.0]), np.array([1, 2]), 2)
     >>> teacher.probabilities(memory).round(3)
     array([0.333, 0.667])
     """
@@ -243,7 +236,6 @@ class PrioritizedLevelReplay:
     temperature: float = 0.1
     staleness: float = 0.1
     gae_lambda: float = 0.95
-    uses_td_errors: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         what = "temperature of PrioritizedLevelReplay"
@@ -255,20 +247,15 @@ class PrioritizedLevelReplay:
 
     def start(self, n_tasks: int) -> Scores:
         """Return that no task has been seen."""
-        unseen = np.full(n_tasks, -np.inf)
-        return Scores(np.zeros(n_tasks), np.zeros(n_tasks, np.int64), 0, unseen)
+        return Scores(np.zeros(n_tasks), np.zeros(n_tasks, np.int64), 0)
 
     def update(self, memory: Scores, episode: Episode) -> Scores:
         """Return the memory with the score of this episode."""
-        score, drawn, best = memory.score.copy(), memory.drawn.copy(), memory.best.copy()
-        i, now, found = episode.task, memory.episodes + 1, episode.discounted_return
-        best[i] = max(best[i], found)
-        if episode.td_errors is None:
-            score[i] = best[i] - found
-        else:
-            score[i] = value_loss(episode.td_errors, episode.discount * self.gae_lambda)
+        score, drawn = memory.score.copy(), memory.drawn.copy()
+        i, now = episode.task, memory.episodes + 1
+        score[i] = value_loss(episode.td_errors, episode.discount * self.gae_lambda)
         drawn[i] = now
-        return Scores(score, drawn, now, best)
+        return Scores(score, drawn, now)
 
     def probabilities(self, memory: Scores) -> FloatArray:
         """Return the mixture of tasks to replay and tasks not yet seen."""
