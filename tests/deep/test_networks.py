@@ -26,7 +26,8 @@ def policy_of(algorithm, potential=None, **policy_kwargs):
     settings = SETTINGS[algorithm]
     settings = settings | {"policy_kwargs": settings["policy_kwargs"] | policy_kwargs}
     learner = cr.deep.DeepLearner(algorithm, settings=settings)
-    return model_for(CART, learner, shaping=cr.QInitialisation(potential), steps=100, seed=3).policy
+    shaping = None if potential is None else cr.QInitialisation(potential)
+    return model_for(CART, learner, shaping, steps=100, seed=3).policy
 
 
 def said_by_torch(policy, kind, rows):

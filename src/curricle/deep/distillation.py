@@ -1,28 +1,22 @@
-"""Distillation: a network is fitted to what is known of observations."""
+"""Distillation: a network of Stable-Baselines3 is fitted to what is known of observations."""
 
-import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from gymnasium.vector.utils import create_empty_array
+import torch
+from torch.nn import functional
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import instance, number, whole_number
+from curricle.deep.checkpoint import isolated
 from curricle.deep.knowledge import Knowledge, rows_of
-from curricle.deep.learner import DeepLearner, check_spaces
+from curricle.deep.learner import DeepLearner
+from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
-from curricle.display import brief_repr
 from curricle.errors import SettingError
 from curricle.tasks.draws import splitmix64, stream_start
-from curricle.tasks.observation_task import ObservationTask, space_text
-
-try:
-    import torch
-    from torch.nn import functional
-except ModuleNotFoundError:  # the extra is not installed: distil raises ImportError
-    pass
+from curricle.tasks.observation_task import ObservationTask
 
 
 @dataclass(frozen=True)
@@ -42,28 +36,12 @@ class Distillation:
         SimpleCrossing of one wall to two, LavaGap of sides 5 and 6 to 7, and DoorKey of side 5 to
         6: with 0.1 what is drawn from the actor returns .53, .25 and .38 there, with 0 .42, .09 and
         .09.
-
-    Raises
-    ------
-    SettingError
-        When a number is out of range.
-
-    Examples
-    --------
-    >>> Distillation(updates=200).batch_size
-    512
     """
 
     updates: int = 1_000
     batch_size: int = 512
     learning_rate: float = 1e-3
     smoothing: float = 0.1
-
-    def __post_init__(self) -> None:
-        for name in ("updates", "batch_size"):
-            whole_number(f"{name} of a distillation", getattr(self, name), 1, SettingError)
-        number("learning_rate of a distillation", self.learning_rate, SettingError, low=0)
-        number("smoothing of a distillation", self.smoothing, SettingError, low=0, high=1)
 
     def batches(self, n: int, seed: int) -> Iterator[IntArray]:
         """Yield the rows of each update: all n in a new order, over and over."""
@@ -76,111 +54,49 @@ class Distillation:
             order = order[self.batch_size :]
 
 
-@dataclass(frozen=True, eq=False)
-class Distilled:
-    """A network that was fitted.
-
-    Attributes
-    ----------
-    values : NetworkValues
-        As those of a network that learnt by steps: values, and the policy of an actor-critic.
-    value_error : float
-        Root mean squared error of V, or of Q for DQN, over the states it was fitted to.
-    agreement : float
-        Share of those states in which the action it thinks best is one of the best that are known.
-    seconds : float
-        Processor time of the fit.
-    """
-
-    values: NetworkValues
-    value_error: float
-    agreement: float
-    seconds: float
-
-    __repr__ = brief_repr
+DEFAULT = Distillation()
 
 
 def distil(
     knowledge: Knowledge,
     task: ObservationTask,
-    learner: DeepLearner | None = None,
-    settings: Distillation | None = None,
+    learner: DeepLearner,
+    settings: Distillation = DEFAULT,
     *,
     seed: int = 0,
-) -> Distilled:
+) -> NetworkValues:
     """Return a network of a learner's kind, fitted to what is known of observations.
 
     - An actor-critic's (PPO, A2C) critic by squared error to V, its actor by cross-entropy to the
       policy. Without a policy the critic alone.
     - DQN's and QR-DQN's network by squared error to Q.
 
-    Errors of values are in units of their spread. No step of any environment is taken.
-
-    Parameters
-    ----------
-    knowledge : Knowledge
-    task : ObservationTask
-        Whose spaces the network has.
-    learner : DeepLearner, optional
-        By default PPO.
-    settings : Distillation, optional
-    seed : int
-        Of the first weights and of the batches.
+    Errors of values are in units of their spread. No step of any environment is taken. The network
+    has the task's spaces; `seed` draws its first weights and the batches.
 
     Raises
     ------
     SettingError
-        When a number is out of range, the learner's networks are of another kind, or what is known
-        is of other observations or actions than the task's.
+        When the learner's networks are of another kind, or what is known is of other actions than
+        the task's.
 
     Examples
     --------
-    >>> import numpy as np
     >>> import curricle as cr
     >>> task = cr.observation_task("CartPole-v1")
     >>> carts = np.random.default_rng(0).normal(size=(100, 4)).astype(np.float32)
     >>> upright = Knowledge.of(carts, np.stack([-carts[:, 2], carts[:, 2]], axis=1))
-    >>> distilled = distil(upright, task, settings=Distillation(updates=300, batch_size=50))
-    >>> distilled.agreement > 0.9
-    True
+    >>> fit = Distillation(updates=300, batch_size=50)
+    >>> values = distil(upright, task, DeepLearner("PPO"), fit)
+    >>> (values.act(carts) == (carts[:, 2] > 0)).mean() > 0.9
+    np.True_
     """
-    learner = DeepLearner("PPO") if learner is None else learner
-    settings = Distillation() if settings is None else settings
-    instance("knowledge to distil", knowledge, Knowledge, SettingError)
-    instance("task of a distillation", task, ObservationTask, SettingError)
-    instance("learner of a distillation", learner, DeepLearner, SettingError)
-    instance("settings of a distillation", settings, Distillation, SettingError)
-    check_spaces(task, learner)
-    learner.algorithm_class()  # ImportError without Stable-Baselines3
-    began = time.process_time()
     small = splitmix64(stream_start(seed, "distillation")) >> 33
-    policy, error, agreement = _fitted(knowledge, task, learner, settings, small)
-    return Distilled(NetworkValues(policy), error, agreement, time.process_time() - began)
-
-
-# -- fitting -----------------------------------------------------------------------------------
-
-
-def _fitted(
-    knowledge: Knowledge,
-    task: ObservationTask,
-    learner: DeepLearner,
-    settings: Distillation,
-    seed: int,
-) -> tuple[Any, float, float]:
-    """Return a learner's policy, fitted; its error of values, and the share of best actions.
-
-    As :func:`distil`; `seed` is below 2^32.
-    """
-    from curricle.deep.checkpoint import isolated  # these need Stable-Baselines3
-    from curricle.deep.models import model_for
-
     with isolated(learner.threads):
-        model = model_for(task, learner, seed=seed, steps=1)
+        model = model_for(task, learner, seed=small, steps=1)
         model.env.close()
-        fit = _fit_of(model.policy, knowledge, task)
-        fit.learn(settings, seed)
-        return model.policy, *fit.errors()
+        _fit_of(model.policy, knowledge, task).learn(settings, small)
+    return NetworkValues(model.policy)
 
 
 class _Fit:
@@ -206,7 +122,7 @@ class _Fit:
             last.weight.mul_(self.spread)
             last.bias.mul_(self.spread).add_(self.mean)
 
-    def loss(self, rows: IntArray, smoothing: float) -> "torch.Tensor":
+    def loss(self, rows: IntArray, smoothing: float) -> torch.Tensor:
         """Return the loss of some observations, each weighted by the states that look like it."""
         found, logits = self.outputs(rows)
         error = found - self._tensor((self.wanted[rows] - self.mean) / self.spread)
@@ -217,25 +133,7 @@ class _Fit:
             each = each + functional.cross_entropy(logits, smooth, reduction="none")
         return (each * self.weight[rows]).mean()
 
-    def errors(self) -> tuple[float, float]:
-        """Return the root mean squared error, and the share of states with a best action."""
-        rows = np.arange(len(self.wanted))
-        parts = np.array_split(rows, -(-len(rows) // 4096))
-        with torch.no_grad():
-            found = [self.outputs(part) for part in parts]
-        values = torch.cat([one for one, _ in found]).cpu().numpy()
-        weight = self.knowledge.states / self.knowledge.states.sum()
-        squared = ((values - self.wanted) ** 2).reshape(len(rows), -1).mean(axis=1)
-        error = float(np.sqrt(weight @ squared))
-        policy = self.knowledge.policy
-        if policy is None:
-            return error, float("nan")
-        ranks = [one if logits is None else logits for one, logits in found]
-        chosen = torch.cat(ranks).argmax(dim=1).cpu().numpy()
-        right = policy[rows, chosen] >= policy.max(axis=1) - 1e-12
-        return error, float(weight @ right)
-
-    def outputs(self, rows: IntArray) -> "tuple[torch.Tensor, torch.Tensor | None]":
+    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
         """Return the values of some observations, and the logits of an actor."""
         raise NotImplementedError
 
@@ -246,7 +144,7 @@ class _Fit:
     def _seen(self, rows: IntArray) -> Any:
         return self.policy.obs_to_tensor(rows_of(self.knowledge.observations, rows))[0]
 
-    def _tensor(self, each: FloatArray) -> "torch.Tensor":
+    def _tensor(self, each: FloatArray) -> torch.Tensor:
         return torch.as_tensor(each, dtype=torch.float32, device=self.policy.device)
 
 
@@ -254,7 +152,7 @@ class _ActorCriticFit(_Fit):
     def last_layer(self) -> Any:
         return self.policy.value_net
 
-    def outputs(self, rows: IntArray) -> "tuple[torch.Tensor, torch.Tensor | None]":
+    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
         seen = self._seen(rows)
         values = self.policy.predict_values(seen)[:, 0]
         if self.knowledge.policy is None:
@@ -278,20 +176,13 @@ class _QFit(_Fit):
         learnt = getattr(self.policy, self.name).state_dict()
         getattr(self.policy, f"{self.name}_target").load_state_dict(learnt)
 
-    def outputs(self, rows: IntArray) -> "tuple[torch.Tensor, torch.Tensor | None]":
+    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
         found = getattr(self.policy, self.name)(self._seen(rows))
         return (found if found.dim() == 2 else found.mean(dim=1)), None
 
 
 def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
     """Return what a policy is to be fitted to; SettingError where it cannot be."""
-    seen, space = knowledge.observations, task.observations
-    found, wanted = _shapes(rows_of(seen, slice(1))), _shapes(create_empty_array(space, 1))
-    if found != wanted:
-        raise SettingError(
-            f"knowledge to distil must be of the task's observations, {space_text(space)}: got "
-            f"arrays of shape {found}"
-        )
     for name in ("policy", "action_values"):
         known = getattr(knowledge, name)
         if known is not None and known.shape[1] != task.n_actions:
@@ -309,10 +200,3 @@ def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
         "a network to distil into must be an actor-critic of numbered actions without memory, or "
         f"DQN's or QR-DQN's where action values are known: got {type(policy).__name__}"
     )
-
-
-def _shapes(batch: Any) -> Any:
-    """Return the shape of each of n stacked observations, by their parts."""
-    if isinstance(batch, Mapping):
-        return {name: _shapes(part) for name, part in batch.items()}
-    return np.shape(batch)[1:]

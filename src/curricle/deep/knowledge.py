@@ -55,16 +55,6 @@ class Knowledge(Frozen):
             if found is not None:
                 object.__setattr__(self, name, adopted(found, np.float64))
         object.__setattr__(self, "states", adopted(self.states, np.int64))
-        n = len(self.states)
-        n_actions = () if self.action_values is None else self.action_values.shape[1:]
-        for name in ("values", "action_values", "policy"):
-            shape = np.shape(getattr(self, name))
-            wanted = (n,) if name == "values" else (n, *(n_actions or shape[1:]))
-            if getattr(self, name) is not None and (n == 0 or shape != wanted):
-                raise PotentialError(
-                    f"knowledge must have a row for each observation, at least one: of {n} there "
-                    f"are {name} of shape {shape}"
-                )
 
     @classmethod
     def of(
@@ -75,11 +65,6 @@ class Knowledge(Frozen):
         V is the largest of an observation's states' action values, then their mean.
         """
         action_values = np.asarray(action_values, np.float64)
-        if action_values.ndim != 2:
-            raise PotentialError(
-                "knowledge needs action values of shape (S, A): got an array of shape "
-                f"{action_values.shape}"
-            )
         chosen = greedy_policy(action_values) if policy is None else np.asarray(policy)
         values = action_values.max(axis=1)
         return cls._merged(observations, values, action_values, chosen, np.ones(len(values), int))
@@ -148,12 +133,6 @@ class Knowledge(Frozen):
         states: IntArray,
     ) -> Self:
         first, group = _distinct(observations)
-        for each in (values, action_values, policy):
-            if each is not None and len(each) != len(group):
-                raise PotentialError(
-                    "knowledge must have a row for each observation: got arrays of "
-                    f"{len(group)} and {len(each)} rows"
-                )
         weight = np.bincount(group, states)
 
         def mean(each: FloatArray | None) -> FloatArray | None:

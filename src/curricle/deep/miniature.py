@@ -351,7 +351,7 @@ def learn_miniatures(
         grow = bars.bar("distilling", len(seeds))
         for k, seed in enumerate(seeds):
             known = task.knowledge(potential=potentials[k] if potentials else None, seed=seed)
-            values = distil(known, task, learner, seed=seed).values
+            values = distil(known, task, learner, seed=seed)
             outcomes.append(_outcome(task, values))
             grow()
             bars.tell(seed)
