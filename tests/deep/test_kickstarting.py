@@ -152,14 +152,6 @@ def test_a_killed_run_with_a_pull_goes_on_with_the_same_result(tmp_path):
     assert (resumed.values[0].v(rows) == whole.values[0].v(rows)).all()
 
 
-@pytest.mark.parametrize("way", [cr.deep.PolicyReuse, cr.deep.WeightTransfer])
-def test_a_pull_needs_an_actor_critic(way):
-    observed, values, _ = task_and_source()
-    shaping = way(source=source(observed, values), kl=1.0)
-    with pytest.raises(cr.errors.SettingError, match="an actor-critic that learns on-policy"):
-        cr.deep.learn_deep(observed, cr.deep.DeepLearner("DQN"), 100, shaping=shaping)
-
-
 def test_a_pull_takes_actions_of_several_parts():
     actions = gymnasium.spaces.MultiDiscrete([2, 3])
     task = cr.observation_task(partial(Parts, actions), discount=0.9, time_limit=10)
