@@ -129,7 +129,7 @@ def test_a_comparison_charges_no_steps_and_has_a_placebo():
     assert found.arms["transfer, placebo"].control
 
 
-def test_what_a_source_of_miniatures_learnt_is_distilled():
+def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
     lake = cr.tabulate(room(3).environment, discount=0.9)
     small = miniatures(room(3), resets=1)
     edges = [cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))]
@@ -147,6 +147,9 @@ def test_what_a_source_of_miniatures_learnt_is_distilled():
     live = ~lake.mdp.terminal
     assert sorted(told.values) == pytest.approx(sorted(q[live].max(axis=1)))
     assert not np.allclose(sorted(told.values), sorted(small.knowledge().values), atol=1e-9)
+    loaded = cr.curriculum.CurriculumResult.load(result.save(tmp_path / "plan"), curriculum)
+    seen = told.observations
+    assert np.array_equal(loaded["small"].values[0].v(seen), result["small"].values[0].v(seen))
 
 
 @pytest.mark.parametrize(

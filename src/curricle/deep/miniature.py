@@ -132,6 +132,13 @@ def miniatures(
     tested_on : sequence of ObservationTask
         Relatives that are only tested on, best of growing size.
 
+    Returns
+    -------
+    ObservationTask
+        ``solved`` are its members with their tables and optima, ``knowledge()`` what is distilled
+        of them, ``transitions`` the steps of their models, and ``examined(values)`` how a network
+        acts on the levels held out.
+
     Raises
     ------
     TaskError

@@ -55,22 +55,22 @@ def model_for(
     >>> type(model).__name__, model.gamma
     ('PPO', 0.9)
     """
+    if shaping is not None and shaping.potential is None:
+        shaping = None  # nothing is added
     check_learner(learner, shaping)
     algorithm, settings = learner.algorithm_class(), dict(learner.settings)
     policy: Any = learner.policy
     if "buffer_size" in inspect.signature(algorithm).parameters and steps is not None:
         size = settings.get("buffer_size", 1_000_000)
         settings["buffer_size"] = max(min(size, steps), learner.envs)
-    potential = None if shaping is None else shaping.potential
-    if shaping is not None and shaping.starts_at_potential and potential is not None:
+    if shaping is not None and shaping.starts_at_potential:
         policy = residual_policy(algorithm, learner.policy)
-        given = settings.get("policy_kwargs") or {}
-        settings["policy_kwargs"] = {**given, "potential": potential}
-    guided = _is_guided(shaping, learner)
-    if guided:
+        kwargs = settings.get("policy_kwargs") or {}
+        settings["policy_kwargs"] = {**kwargs, "potential": shaping.potential}
+    guide = _guide(shaping, learner)
+    if guide is not None:
         algorithm = reusing(algorithm)
-    near = potential is not None and _pull_of(shaping) > 0
-    if near:
+    if _pull_of(shaping) > 0:
         algorithm, policy = kickstarted(algorithm, policy)
     venv = environments(task, learner, shaping)
     try:
@@ -84,8 +84,13 @@ def model_for(
             f"{learner.algorithm} must take its task and its settings: with {task} "
             f"Stable-Baselines3 says {said!r}"
         ) from error
-    if shaping is not None and potential is not None:
-        _begin(model, shaping, potential, guided=guided)
+    if guide is not None:
+        model.guide = guide
+    elif isinstance(shaping, PolicyReuse | WeightTransfer):
+        _check_mappings(shaping)
+        carry_over(model, shaping.potential, actor_alone=isinstance(shaping, PolicyReuse))
+        if shaping.kl > 0:
+            begin_near(model, shaping.kl)
     return model
 
 
@@ -154,21 +159,9 @@ def network_values(
 # -- what a source hands on beside its values --------------------------------------------------
 
 
-def _begin(model: Any, shaping: Shaping, potential: ObservationPotential, *, guided: bool) -> None:
-    """Give a new model what its sources hand on beside their values."""
-    if guided:
-        model.guide = potential
-        return
-    if isinstance(shaping, PolicyReuse | WeightTransfer):
-        _check_mappings(shaping, potential)
-        carry_over(model, potential, actor_alone=isinstance(shaping, PolicyReuse))
-    if (kl := _pull_of(shaping)) > 0:
-        begin_near(model, kl)
-
-
-def _check_mappings(shaping: Shaping, potential: ObservationPotential) -> None:
+def _check_mappings(shaping: Shaping) -> None:
     """Raise SettingError where a mapping would not be heeded, as no values are read by it."""
-    for edge in potential.edges:
+    for edge in shaping.potential.edges:
         mapping = edge.mapping
         # Weights are compared by shape, so that a mapping may bridge spaces of other bounds.
         if mapping.actions is not None or mapping.status is not None:
@@ -221,11 +214,12 @@ def pull(progress_remaining: float) -> float:
 # -- acting on a source's values at first (Fernandez, Veloso 2006) -----------------------------
 
 
-def _is_guided(shaping: Shaping | None, learner: DeepLearner) -> bool:
-    """Return whether an off-policy learner explores by its sources' values."""
-    if not isinstance(shaping, PolicyReuse) or shaping.potential is None:
-        return False
-    return "buffer_size" in learner.takes and shaping.potential.of_actions
+def _guide(shaping: Shaping | None, learner: DeepLearner) -> ObservationPotential | None:
+    """Return the action values that an off-policy learner acts on at first; None without them."""
+    if not isinstance(shaping, PolicyReuse) or "buffer_size" not in learner.takes:
+        return None
+    potential: ObservationPotential = shaping.potential
+    return potential if potential.of_actions else None
 
 
 class _Reuse:
