@@ -14,7 +14,8 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from benchmarks.deep_miniatures import FETCH, PPO, WALK, level
-from curricle.deep import distil, miniatures
+from curricle.deep import miniatures
+from curricle.deep.distillation import distil
 
 CROSSINGS = {
     "empty 5x5": (["Empty-Random-5x5-v0"], 200),
@@ -76,7 +77,7 @@ def main() -> None:
 def row(label, names, resets, examined, actions, seed) -> tuple[float, float, float]:
     """Return what a choice regains on its own levels, on those between, and on the target."""
     small = miniatures(*[level(name, actions) for name in names], resets=resets)
-    values = distil(small.knowledge(), small, PPO, seed=seed).values
+    values = distil(small.knowledge(), small, PPO, seed=seed)
     own = float(np.mean([one.regained for one in small.examined(values)]))
     told, true = (one.examined(values).regained for one in examined.solved_tests)
     print(f"  {label:<32}{own:>12.2f}{told:>10.2f}{true:>11.2f}", flush=True)

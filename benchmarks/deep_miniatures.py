@@ -29,14 +29,8 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.evidence import curve_of, folder, place, trained
-from curricle.curriculum.defaults import PULL
-from curricle.deep import (
-    DeepLearner,
-    Demonstrations,
-    PolicyReuse,
-    WeightTransfer,
-    miniatures,
-)
+from curricle.deep import DeepLearner, PolicyReuse, WeightTransfer, miniatures
+from curricle.deep.distillation import distil
 
 BUDGET, EVAL_FREQ, EPISODES = 60_000, 6_000, 20
 SOURCE = 20_000
@@ -166,11 +160,9 @@ def from_scratch(learner, target: Target) -> cr.Curriculum:
     return plan(target, {}, [], {"target": learner})
 
 
-def distilled(
-    shaping, target: Target, *, learner=PPO, source=None, shuffled=False
-) -> cr.Curriculum:
+def distilled(shaping, target: Target, *, learner=PPO, shuffled=False) -> cr.Curriculum:
     small = replace(miniatures(*target.members()), shuffled=shuffled)
-    learners = {"small": source or learner, "target": learner}
+    learners = {"small": learner, "target": learner}
     return plan(target, {"small": small}, [cr.Transfer("small", "target")], learners, shaping)
 
 
@@ -201,17 +193,13 @@ ARMS = {
     **SCRATCH,
     "distilled": partial(distilled, None),  # the default: the whole network, kl 0.1
     "distilled, placebo": partial(distilled, None, shuffled=True),
-    "distilled, guarded": partial(distilled, WeightTransfer(kl=PULL, guard=cr.Guard())),
     "kl 0": partial(distilled, WeightTransfer()),
     "kl 1": partial(distilled, WeightTransfer(kl=1.0)),
     "actor": partial(distilled, PolicyReuse()),
     "actor, kl 1": partial(distilled, PolicyReuse(kl=1.0)),
-    "critic": partial(distilled, WeightTransfer(parts="critic")),
     "shaped": partial(distilled, cr.StateShaping()),
     "weights of steps": weights_of_steps,
     "DQN, residual": partial(distilled, cr.QInitialisation(), learner=DQN),
-    "DQN, demonstrations": partial(distilled, Demonstrations(), learner=DQN, source=PPO),
-    "DQN, guided by the actor": partial(distilled, PolicyReuse(), learner=DQN, source=PPO),
 }
 
 
@@ -269,12 +257,14 @@ def price(target: str) -> str:
     small = miniatures(*ALL[target].members())
     known = small.knowledge()
     solved = time.process_time() - began
-    fit = cr.deep.distil(known, ALL[target].task(), PPO)
-    each = small.examined(fit.values)
+    begun_fit = time.process_time()
+    values = distil(known, ALL[target].task(), PPO)
+    fitted = time.process_time() - begun_fit
+    each = small.examined(values)
     told = ", ".join(f"{one.regained:.0%} of {one.levels} levels" for one in each)
     return (
         f"{target}: {known.states.sum():,} states, {known.alike:.0%} look alike; "
-        f"{small.transitions:,} steps of models, {solved:.0f} s; distilled in {fit.seconds:.0f} s; "
+        f"{small.transitions:,} steps of models, {solved:.0f} s; distilled in {fitted:.0f} s; "
         f"regains on held-out levels {told}"
     )
 

@@ -9,6 +9,8 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
+from curricle.deep.distillation import Distillation, distil
+from curricle.deep.knowledge import Knowledge
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 
@@ -29,9 +31,9 @@ def task_and_source(seed=0):
     task = random_task(rng)
     observed = one_hot(task)
     wanted = rng.dirichlet(np.full(3, 0.3), 5)
-    known = cr.deep.Knowledge.of(np.eye(5, dtype=np.float32), rng.normal(size=(5, 3)), wanted)
-    fit = cr.deep.Distillation(updates=600, learning_rate=0.02, smoothing=0.0)
-    return observed, cr.deep.distil(known, observed, learner(), fit).values, wanted
+    known = Knowledge.of(np.eye(5, dtype=np.float32), rng.normal(size=(5, 3)), wanted)
+    fit = Distillation(updates=600, learning_rate=0.02, smoothing=0.0)
+    return observed, distil(known, observed, learner(), fit), wanted
 
 
 def source(observed, values):
@@ -71,15 +73,6 @@ def test_the_actor_starts_as_the_source_and_the_critic_does_not():
     assert probabilities(model.policy) == pytest.approx(wanted, abs=0.05)
     rows = np.eye(5, dtype=np.float32)
     assert not np.allclose(NetworkValues(model.policy).v(rows), values.v(rows), atol=0.05)
-
-
-def test_the_critic_alone_can_be_carried_over():
-    observed, values, wanted = task_and_source()
-    shaping = cr.deep.WeightTransfer(source=source(observed, values), parts="critic")
-    model = model_for(observed, learner(), shaping, seed=9)
-    rows = np.eye(5, dtype=np.float32)
-    assert NetworkValues(model.policy).v(rows) == pytest.approx(values.v(rows), abs=1e-5)
-    assert not np.allclose(probabilities(model.policy), wanted, atol=0.05)
 
 
 def test_the_pull_falls_to_0_at_half_of_the_budget():
@@ -157,19 +150,6 @@ def test_a_killed_run_with_a_pull_goes_on_with_the_same_result(tmp_path):
     resumed = run(tmp_path / "cut")
     rows = np.eye(5, dtype=np.float32)
     assert (resumed.values[0].v(rows) == whole.values[0].v(rows)).all()
-
-
-@pytest.mark.parametrize("way", [cr.deep.PolicyReuse, cr.deep.WeightTransfer])
-def test_a_pull_needs_an_actor_critic(way):
-    observed, values, _ = task_and_source()
-    shaping = way(source=source(observed, values), kl=1.0)
-    with pytest.raises(cr.errors.SettingError, match="an actor-critic that learns on-policy"):
-        cr.deep.learn_deep(observed, cr.deep.DeepLearner("DQN"), 100, shaping=shaping)
-
-
-def test_a_critic_alone_cannot_be_kept_near():
-    with pytest.raises(cr.errors.SettingError, match="a critic alone has no policy"):
-        cr.deep.WeightTransfer(parts="critic", kl=1.0)
 
 
 def test_a_pull_takes_actions_of_several_parts():

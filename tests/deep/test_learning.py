@@ -203,6 +203,8 @@ def test_weights_and_a_policy_are_carried_over(observed):
     smaller = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [8]}})
     with pytest.raises(cr.errors.SettingError, match="networks of one shape"):
         cr.deep.learn_deep(observed, smaller, 50, shaping=cr.deep.WeightTransfer(source))
+    with pytest.raises(cr.errors.SettingError, match="in the source and missing in the target"):
+        cr.deep.learn_deep(observed, DQN, 50, shaping=cr.deep.PolicyReuse(critic))
     table = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
     with pytest.raises(cr.errors.SettingError, match="one source that is a network"):
         cr.deep.learn_deep(observed, DQN, 50, shaping=cr.deep.WeightTransfer(table))
@@ -224,6 +226,8 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
         ({"shaping": cr.LookBackAdvice()}, "is not a shaping for learners with networks"),
+        ({"shaping": cr.StateShaping(guard=cr.Guard())}, "a guard is for learners with tables"),
+        ({"evaluation": cr.GreedyEvaluation("exact")}, "an exact evaluation needs tables"),
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),
         ({"learner": cr.deep.DeepLearner("DQN", settings={"learning_rte": 1})}, "a setting of DQN"),

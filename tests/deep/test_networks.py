@@ -9,8 +9,7 @@ import torch
 
 import curricle as cr
 from curricle.deep.models import model_for
-from curricle.deep.networks import NetworkValues
-from curricle.deep.plain_networks import FEW, plain_network
+from curricle.deep.networks import FEW, NetworkValues, plain_network
 
 CART = cr.observation_task("CartPole-v1", discount=0.99)
 SETTINGS = {
@@ -27,7 +26,8 @@ def policy_of(algorithm, potential=None, **policy_kwargs):
     settings = SETTINGS[algorithm]
     settings = settings | {"policy_kwargs": settings["policy_kwargs"] | policy_kwargs}
     learner = cr.deep.DeepLearner(algorithm, settings=settings)
-    return model_for(CART, learner, shaping=cr.QInitialisation(potential), steps=100, seed=3).policy
+    shaping = None if potential is None else cr.QInitialisation(potential)
+    return model_for(CART, learner, shaping, steps=100, seed=3).policy
 
 
 def said_by_torch(policy, kind, rows):

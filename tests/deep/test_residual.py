@@ -1,7 +1,5 @@
 """A network phi + residual is Q-learning started at phi; terminal and cut-off steps are right."""
 
-from importlib.util import find_spec
-
 import numpy as np
 import pytest
 import torch
@@ -9,12 +7,10 @@ from stable_baselines3 import DQN
 from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
-from curricle.deep import residual_networks
+from curricle.deep import residual
 from curricle.deep.models import model_for
-from curricle.deep.networks import NetworkValues
-from curricle.deep.plain_networks import FEW
-from curricle.deep.residual import residual_policy
-from curricle.deep.residual_networks import PotentialCache, ResidualMlpPolicy
+from curricle.deep.networks import FEW, NetworkValues
+from curricle.deep.residual import PotentialCache, ResidualMlpPolicy, residual_policy
 from tests import hunters
 
 from .worlds import one_hot, random_task, table_potential
@@ -210,7 +206,7 @@ def test_of_few_actions_a_residual_reads_phi_of_each(predators, extra):
     assert network.q_net[0].in_features == width
 
 
-@pytest.mark.parametrize("reads", residual_networks.READS)
+@pytest.mark.parametrize("reads", residual.READS)
 def test_it_acts_greedily_on_the_sum_whatever_the_batch(reads):
     cart = cr.observation_task("CartPole-v1", discount=0.99)
     height = cr.transfer.FunctionValues(lambda rows, actions: rows[:, :1] * actions, actions=2)
@@ -231,24 +227,6 @@ def test_it_acts_greedily_on_the_sum_whatever_the_batch(reads):
         assert acts.tolist() == best[:n].tolist()
 
 
-@pytest.mark.skipif(find_spec("sb3_contrib") is None, reason="sb3-contrib is not installed")
-def test_qr_dqn_starts_at_phi_in_every_quantile():
-    task = cr.GridWorld("S.T")
-    observed = one_hot(task)
-    q = cr.solve(task).action_values
-    learner = cr.deep.DeepLearner("QRDQN", settings={"policy_kwargs": {"n_quantiles": 5}})
-    model = model_for(
-        observed, learner, shaping=cr.QInitialisation(table_potential(task, observed, q))
-    )
-    rows = np.eye(3, dtype=np.float32)
-    with torch.no_grad():
-        quantiles = model.quantile_net(torch.as_tensor(rows)).numpy()
-    assert quantiles.shape == (3, 5, 4)
-    assert quantiles[:2] == pytest.approx(np.repeat(q[:2, None], 5, axis=1).astype(np.float32))
-    model.learn(300)
-    assert np.isfinite(NetworkValues(model.policy).v(rows)).all()
-
-
 def test_a_residual_is_saved_and_loaded_with_its_potential(tmp_path):
     rng = np.random.default_rng(0)
     task = random_task(rng)
@@ -265,10 +243,10 @@ def test_a_residual_is_saved_and_loaded_with_its_potential(tmp_path):
 
 
 def test_what_cannot_be_a_residual_is_refused():
-    from stable_baselines3 import SAC
+    from stable_baselines3 import PPO
 
-    with pytest.raises(cr.errors.SettingError, match="StateShaping serves every algorithm"):
-        residual_policy(SAC, "MlpPolicy")
+    with pytest.raises(cr.errors.SettingError, match=r"needs DQN and one of .*: got PPO with Mlp"):
+        residual_policy(PPO, "MlpPolicy")
     observed = one_hot(cr.GridWorld("S.T"))
     height = cr.transfer.FunctionValues(state_values=lambda rows: rows.sum(axis=1))
     with pytest.raises(cr.errors.SettingError, match="StateShaping does not"):
@@ -299,7 +277,7 @@ def test_cached_values_of_phi_are_phi_and_bounded(monkeypatch):
         seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
         assert cache.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
     assert sum(asked) == len(cache.places) <= 49
-    monkeypatch.setattr(residual_networks, "MAX_BYTES", 0)
+    monkeypatch.setattr(residual, "MAX_BYTES", 0)
     states[0] = 49  # not cached: then the cache is emptied for it
     seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
     assert cache.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))

@@ -16,20 +16,19 @@ pytest.importorskip("stable_baselines3")
 
 import cloudpickle
 import torch
-from stable_baselines3 import A2C, DQN, PPO
+from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
     VecEnvWrapper,
     VecMonitor,
     VecNormalize,
-    VecTransposeImage,
 )
 
 import curricle as cr
 from curricle.deep.networks import NetworkValues
 from curricle.deep.vec_env import ShapedVecEnv
-from curricle.errors import PotentialError, SettingError
+from curricle.errors import SettingError
 from curricle.interop.potential_shaping import PotentialShaping
 from curricle.transfer.observation_mapping import FunctionValues, TableValues
 from curricle.transfer.potentials import ObservationPotential
@@ -132,9 +131,6 @@ def test_sources_have_terms_where_they_are_several():
     info = venv.step([0, 1])[3][1]
     assert list(info["shaping_terms"]) == ["a", "b"]
     assert info["shaping"] == pytest.approx(np.mean(list(info["shaping_terms"].values())))
-    alone = shape(worlds())
-    alone.reset()
-    assert "shaping_terms" not in alone.step([0, 1])[3][0]
 
 
 def test_a_potential_over_observations_brings_its_discount_and_its_space():
@@ -280,19 +276,6 @@ def test_missing_final_observations_are_refused():
         some_steps(venv)
 
 
-def test_a_potential_of_something_else_is_refused_at_the_end():
-    ticks = iter(range(1000))
-    venv = ShapedVecEnv(worlds(1), lambda o: float(next(ticks)), discount=1.0)
-    venv.reset()
-    with pytest.raises(PotentialError, match="at the end of an episode of sub-environment 0"):
-        some_steps(venv)
-    ticks = iter(range(1000))
-    free = ShapedVecEnv(worlds(1), lambda o: float(next(ticks)), discount=1.0, tolerance=None)
-    free.reset()
-    residuals = [info.get("telescoping_residual", 0.0) for (info,) in some_steps(free)]
-    assert max(map(abs, residuals)) > 1
-
-
 def test_networks_may_round():
     policy = PPO("MlpPolicy", worlds(), n_steps=8, batch_size=8).policy
     values = NetworkValues(policy)
@@ -305,31 +288,6 @@ def test_networks_may_round():
 
 
 # -- pictures and dicts --------------------------------------------------------------------------
-
-
-class Picture(World):
-    """A world seen as a picture of 40 by 40, brighter by the state."""
-
-    def __init__(self):
-        space = gym.spaces.Box(0, 255, (40, 40, 3), np.uint8)
-        super().__init__(P, R, self.paint, space)
-
-    def paint(self, state):
-        return np.full((40, 40, 3), 40 * state, np.uint8)
-
-
-def brightness(observations):
-    return PHI[observations[:, 0, 0, 0] // 40]
-
-
-def test_pictures_are_transposed_outside():
-    venv = ShapedVecEnv(
-        DummyVecEnv([lambda: TimeLimit(Picture(), LIMIT)] * 2),
-        brightness, discount=DISCOUNT, batched=True,
-    )  # fmt: skip
-    model = A2C("CnnPolicy", venv, gamma=DISCOUNT, n_steps=4)
-    assert isinstance(model.env, VecTransposeImage)
-    model.learn(16)
 
 
 class Parts(World):

@@ -9,7 +9,6 @@ from hypothesis import given, settings, strategies as st
 from curricle import evaluate
 from curricle.errors import TaskError
 from curricle.planning import visit_distribution
-from curricle.planning.visits import expected_return
 from curricle.tasks import GoalDistance, goal_distance, with_start
 from curricle.tasks.start_states import goal_states
 from tests.tasks import mdps
@@ -152,45 +151,3 @@ def test_the_return_is_the_mean_reward_of_the_visits(dense, seed):
     assert visit_distribution(task, policy) == pytest.approx(eta / eta.sum(), abs=1e-9)
     value = visit_distribution(task, policy) @ rewards * eta.sum()
     assert value == pytest.approx(evaluate(task, policy).start_value, abs=1e-6)
-
-
-def return_by_enumeration(dense, policy, state, discount, horizon):
-    """Return the expected return from a state: every action and outcome, one after another."""
-    if horizon == 0 or dense.terminal[state]:
-        return 0.0
-    return sum(
-        policy[state, action]
-        * dense.p[state, action, after]
-        * (
-            dense.r[state, action, after]
-            + discount * return_by_enumeration(dense, policy, after, discount, horizon - 1)
-        )
-        for action in range(policy.shape[1])
-        for after in range(len(dense.terminal))
-        if dense.p[state, action, after] > 0 and policy[state, action] > 0
-    )
-
-
-@given(mdps(max_states=4), SEEDS, st.integers(1, 4), st.sampled_from([0.0, 0.6, 1.0]))
-@settings(max_examples=60, deadline=None)
-def test_a_return_up_to_a_limit_is_that_of_all_ways_on(dense, seed, horizon, discount):
-    task, policy = dense.task(), drawn_policy(dense, seed)
-    each = [
-        return_by_enumeration(dense, policy, state, discount, horizon)
-        for state in range(len(dense.terminal))
-    ]
-    found = expected_return(task, policy, discount=discount, horizon=horizon)
-    assert found == pytest.approx(float(task.start @ each), abs=1e-9)
-    chosen = policy.argmax(axis=1)
-    table = np.eye(policy.shape[1])[chosen]
-    one, other = (expected_return(task, p, discount=1.0, horizon=horizon) for p in (chosen, table))
-    assert one == other
-
-
-@given(mdps(max_states=5), SEEDS)
-@settings(max_examples=60, deadline=None)
-def test_a_return_without_a_limit_is_the_value_of_the_start(dense, seed):
-    task, policy = dense.task(), drawn_policy(dense, seed)
-    found = expected_return(task, policy, discount=task.discount, horizon=2**31)
-    value = evaluate(task, policy, tolerance=1e-9).start_value
-    assert found == pytest.approx(value, abs=1e-6)

@@ -115,8 +115,8 @@ def complaints(tmp_path, monkeypatch):
             "[learner]\nepsilon = 0.1",
             "shaping = 'StateShapping'",
             "line 4: shaping must be one of QInitialisation, LookAheadAdvice, LookBackAdvice, "
-            "StateShaping, DecayingAdvice, RewardBonus, WeightTransfer, PolicyReuse, "
-            "Demonstrations: got 'StateShapping', did you mean 'StateShaping'?",
+            "StateShaping, DecayingAdvice, RewardBonus, WeightTransfer, PolicyReuse: got "
+            "'StateShapping', did you mean 'StateShaping'?",
         ),
         (
             "[learner]\nepsilon = 0.1",

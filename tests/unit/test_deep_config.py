@@ -181,15 +181,7 @@ def test_a_deep_learner_takes_a_tables_place_and_the_other_way_round(read):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "QInitialisation",
-        "LookAheadAdvice",
-        "StateShaping",
-        "WeightTransfer",
-        "PolicyReuse",
-        "Demonstrations",
-    ],
+    "name", ["QInitialisation", "LookAheadAdvice", "StateShaping", "WeightTransfer", "PolicyReuse"]
 )
 def test_every_shaping_of_a_network_may_be_named(read, name):
     plan = read(HUNT, ("aggregate", f"shaping = {name!r}\naggregate")).curriculum("transfer")
@@ -197,11 +189,16 @@ def test_every_shaping_of_a_network_may_be_named(read, name):
     assert plan.setting("shaping", "hunt").guard is None
 
 
-@pytest.mark.parametrize("name", ["QInitialisation", "PolicyReuse", "WeightTransfer"])
-def test_every_shaping_of_a_network_may_have_a_guard(read, name):
-    guarded = f"shaping = {{ type = {name!r}, guard = {{ share_behind = 0.1 }} }}\naggregate"
-    plan = read(HUNT, ("aggregate", guarded)).curriculum("transfer")
-    assert plan.setting("shaping", "hunt").guard == cr.Guard(share_behind=0.1)
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("QInitialisation", "a guard is for learners with tables: got DeepLearner(DQN"),
+        ("PolicyReuse", "shaping.guard is unknown"),
+    ],
+)
+def test_a_guard_is_none_of_networks(complaint, name, sentence):
+    guarded = f"shaping = {{ type = {name!r}, guard = true }}\naggregate"
+    assert sentence in complaint(HUNT, ("aggregate", guarded))
 
 
 @pytest.mark.parametrize(
@@ -228,8 +225,7 @@ def test_every_shaping_of_a_network_may_have_a_guard(read, name):
             'aggregate = "minimum"',
             'shaping = "RewardBonus"',
             "line 5: shaping must be one of QInitialisation, LookAheadAdvice, StateShaping, "
-            "WeightTransfer, PolicyReuse, Demonstrations for hunt, which a network learns: got "
-            "'RewardBonus'",
+            "WeightTransfer, PolicyReuse for hunt, which a network learns: got 'RewardBonus'",
         ),
         (
             FIRST,

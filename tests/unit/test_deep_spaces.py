@@ -7,7 +7,7 @@ from gymnasium.wrappers import TransformAction
 
 import curricle as cr
 from curricle.deep import DeepLearner
-from curricle.deep.spaces import check_spaces
+from curricle.deep.learner import check_spaces
 from curricle.errors import SettingError
 from curricle.interop import FunctionEncoder
 

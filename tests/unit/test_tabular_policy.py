@@ -7,6 +7,7 @@ import pytest
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.learning import SparseValues, TabularPolicy
+from curricle.planning.target import Target
 from tests.tasks import random_mdp
 
 MAZE = cr.GridWorld(["..T", "S#."], time_limit=20)
@@ -73,8 +74,8 @@ def test_episodes_have_the_return_that_evaluation_expects():
     task = random_mdp(3, time_limit=15)
     policy = TabularPolicy(task, np.zeros((task.states.size, task.actions.size)))
     returns = [policy.episode(seed=seed).rewards.sum() for seed in range(400)]
-    chances = np.full((task.states.size, task.actions.size), 1 / task.actions.size)
-    wanted = cr.planning.visits.expected_return(task, chances, discount=1.0, horizon=15)
+    exact = cr.GreedyEvaluation(method="exact", discounted=False)
+    wanted = Target.of(task, exact).random_return
     error = np.std(returns) / np.sqrt(len(returns))
     assert abs(np.mean(returns) - wanted) < 4 * error
 

@@ -30,7 +30,7 @@ from curricle.checks import one_of
 from curricle.comparison.levels import Level, VisitedPairs, initial_value_of
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
-from curricle.deep.miniature_task import Miniatures
+from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import StateActionPotential
 from curricle.learning.potential_rollouts import PairPotential

@@ -28,7 +28,7 @@ from curricle.comparison.learnt_sources import distilled_sources, source_learnin
 from curricle.comparison.trial import Trial, affordable, hindrance, rehearse, run_trial
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt, SourceValues
-from curricle.deep.policy_return import policy_return
+from curricle.deep.policy import policy_return
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for

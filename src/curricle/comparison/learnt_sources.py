@@ -17,7 +17,7 @@ from curricle.array_types import FloatArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.curriculum.sources import SourceValues
-from curricle.deep.miniature_task import Miniatures
+from curricle.deep.miniature import Miniatures
 from curricle.display import brief_repr, printed
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.greedy import EqualValues, Values

@@ -27,7 +27,7 @@ from curricle.curriculum.sources import (
     source_potentials,
     warn_of_refusals,
 )
-from curricle.deep.miniature_task import Miniatures
+from curricle.deep.miniature import Miniatures
 from curricle.display import block, brief_value, shortened, table
 from curricle.errors import CurriculumError
 from curricle.files import Place, file_name, place_at
@@ -364,8 +364,6 @@ class Curriculum:
         wanted |= {source for name in wanted for source in self.ancestors(name)}
         for name in wanted - set(sources):
             self.node(name).check_network(shaped=bool(self.in_edges(name)))
-        for name in self.order:
-            self.node(name).tabulate()  # what cannot be evaluated is refused before all training
         with shown(progress) as bars:
             for name in [one for one in self.order if one in wanted and one not in given]:
                 potentials[name] = self.potentials(name, sources)

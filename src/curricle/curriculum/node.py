@@ -6,11 +6,9 @@ from typing import Any, Self
 
 from curricle.array_types import IntArray
 from curricle.checks import instance, number
-from curricle.deep.exact_evaluation import evaluation_table
-from curricle.deep.learner import DeepLearner
-from curricle.deep.learning import learn_deep
-from curricle.deep.miniature_task import Miniatures
-from curricle.deep.spaces import check_spaces
+from curricle.deep.learner import DeepLearner, check_spaces
+from curricle.deep.learning import check_evaluation, learn_deep
+from curricle.deep.miniature import Miniatures
 from curricle.display import brief_repr
 from curricle.errors import CurriculumError, SettingError
 from curricle.files import Place
@@ -85,6 +83,7 @@ class Node:
             instance(f"{which} of {name}", settings[which], kind, SettingError)
         if learner is DeepLearner:
             check_spaces(task, settings["learner"])
+            check_evaluation(settings["evaluation"])
         if settings["shaping"].potential is not None:
             raise CurriculumError(
                 "the shaping of a curriculum's task must have no potential of its own, its sources "
@@ -113,18 +112,12 @@ class Node:
     @property
     def most_evaluation_steps(self) -> int:
         """A bound of the steps that a seed's greedy evaluations take; 0 where they take none."""
-        method = self.evaluation.method
-        if method == "off" or self.takes_no_steps or (self.deep and method == "exact"):
+        if self.evaluation.method == "off" or self.takes_no_steps:
             return 0
         if not (self.deep or isinstance(self.evaluation.kernel(self.task), RolloutEvaluation)):
             return 0
         episodes = (self.most_steps // self.eval_freq + 1) * self.evaluation.rollouts(self.task)
         return episodes * self.evaluation.horizon(self.task)
-
-    def tabulate(self) -> None:
-        """Tabulate what a network is evaluated exactly in; SettingError if it cannot be."""
-        if self.deep:
-            evaluation_table(self.task, self.evaluation)
 
     @property
     def deep(self) -> bool:
@@ -215,7 +208,7 @@ class Node:
     ) -> LearningResult:
         """Return networks distilled from exact answers; ImportError without Stable-Baselines3."""
         self.learner.algorithm_class()
-        from curricle.deep.miniature_learning import learn_miniatures
+        from curricle.deep.miniature import learn_miniatures
 
         return learn_miniatures(
             self.task,

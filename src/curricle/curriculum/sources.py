@@ -198,7 +198,12 @@ def _networks(node: Node, potentials: Sequence[Any], each: Sequence[Any]) -> tup
     node.learner.algorithm_class()  # raises ImportError that names what to install
     from curricle.deep.models import network_values
 
+    # A network that was distilled computes its values alone, whatever its task's own sources are.
+    shapings = [
+        None if node.takes_no_steps else node.shaping.with_potential(potential)
+        for potential in potentials
+    ]
     return tuple(
-        network_values(node.task, node.learner, node.shaping.with_potential(potential), parameters)
-        for potential, parameters in zip(potentials, each, strict=True)
+        network_values(node.task, node.learner, shaping, parameters)
+        for shaping, parameters in zip(shapings, each, strict=True)
     )

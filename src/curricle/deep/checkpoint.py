@@ -18,8 +18,6 @@ from curricle.files import Place, RemotePath, opened_regular, write_whole
 
 LEFT_OUT = ("_logger",)
 """Attributes of a model that hold open files, and are created again."""
-BESIDE = "shaped"
-"""The attribute of a guarded model that is the other model, which learns beside it."""
 
 
 class Saved(NamedTuple):
@@ -59,10 +57,7 @@ def save(path: Place, run: str, model: Any, progress: Any) -> None:
 def _held(model: Any, **changed: Any) -> tuple[type, dict[str, Any]]:
     """Return a model's class and attributes, some of them changed."""
     held = {name: value for name, value in vars(model).items() if name not in LEFT_OUT}
-    held |= changed
-    if BESIDE in held:
-        held[BESIDE] = _held(held[BESIDE], **changed)
-    return type(model), held
+    return type(model), held | changed
 
 
 def load(path: Place, run: str) -> Saved | None:
@@ -93,17 +88,10 @@ def load(path: Place, run: str) -> Saved | None:
 
 def restored(saved: Saved) -> Any:
     """Return the model of a checkpoint, and set the random number generators to its states."""
-    model = _whole(*saved.model)
-    set_generators(saved.states)
-    return model
-
-
-def _whole(kind: type, held: dict[str, Any]) -> Any:
-    """Return the model of a class and attributes."""
+    kind, held = saved.model
     model: Any = object.__new__(kind)
     model.__dict__.update(held)
-    if BESIDE in held:
-        setattr(model, BESIDE, _whole(*held[BESIDE]))
+    set_generators(saved.states)
     return model
 
 

@@ -13,7 +13,7 @@ from curricle.display import brief_repr
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, adopted
 from curricle.interop.tabulation.tabulated_task import action_probabilities
-from curricle.planning.solution import greedy_policy, solve
+from curricle.planning.solution import greedy_policy
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +55,6 @@ class Knowledge(Frozen):
             if found is not None:
                 object.__setattr__(self, name, adopted(found, np.float64))
         object.__setattr__(self, "states", adopted(self.states, np.int64))
-        n = len(self.states)
-        n_actions = () if self.action_values is None else self.action_values.shape[1:]
-        for name in ("values", "action_values", "policy"):
-            shape = np.shape(getattr(self, name))
-            wanted = (n,) if name == "values" else (n, *(n_actions or shape[1:]))
-            if getattr(self, name) is not None and (n == 0 or shape != wanted):
-                raise PotentialError(
-                    f"knowledge must have a row for each observation, at least one: of {n} there "
-                    f"are {name} of shape {shape}"
-                )
 
     @classmethod
     def of(
@@ -75,37 +65,9 @@ class Knowledge(Frozen):
         V is the largest of an observation's states' action values, then their mean.
         """
         action_values = np.asarray(action_values, np.float64)
-        if action_values.ndim != 2:
-            raise PotentialError(
-                "knowledge needs action values of shape (S, A): got an array of shape "
-                f"{action_values.shape}"
-            )
         chosen = greedy_policy(action_values) if policy is None else np.asarray(policy)
         values = action_values.max(axis=1)
         return cls._merged(observations, values, action_values, chosen, np.ones(len(values), int))
-
-    @classmethod
-    def solved(cls, table: Any) -> Self:
-        """Return V*, Q* and the optimal actions of a table's states (:class:`TabulatedTask`).
-
-        Optimal actions are equally likely. Ends are left out: nobody acts there.
-        """
-        _ = _observed(table)
-        solution = solve(table)
-        states = np.flatnonzero(~table.mdp.terminal)
-        return cls.of_states(table, states, solution.action_values, solution.policy)
-
-    @classmethod
-    def of_states(
-        cls,
-        table: Any,
-        states: IntArray,
-        action_values: FloatArray,
-        policy: FloatArray | None = None,
-    ) -> Self:
-        """Return what Q (S, A) and a policy (S, A) say of some states of a table, as :meth:`of`."""
-        chosen = None if policy is None else policy[states]
-        return cls.of(_observed(table).batch(states), action_values[states], chosen)
 
     @classmethod
     def read(cls, values: Any, observations: Any) -> Self:
@@ -171,12 +133,6 @@ class Knowledge(Frozen):
         states: IntArray,
     ) -> Self:
         first, group = _distinct(observations)
-        for each in (values, action_values, policy):
-            if each is not None and len(each) != len(group):
-                raise PotentialError(
-                    "knowledge must have a row for each observation: got arrays of "
-                    f"{len(group)} and {len(each)} rows"
-                )
         weight = np.bincount(group, states)
 
         def mean(each: FloatArray | None) -> FloatArray | None:
@@ -243,13 +199,3 @@ def _distinct(observations: Any) -> tuple[IntArray, IntArray]:
             first.append(row)
         group[row] = numbers[key]
     return np.array(first, np.int64), group
-
-
-def _observed(table: Any) -> Any:
-    found = getattr(table, "observations", None)
-    if found is None:
-        raise PotentialError(
-            "knowledge to be distilled must say what is observed in each state: got "
-            f"{type(table).__name__} without observations; tabulate(...) keeps them"
-        )
-    return found

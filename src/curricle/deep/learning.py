@@ -1,17 +1,15 @@
 """Training a task seen through observations over many seeds: :func:`learn_deep`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from curricle.array_types import IntArray
 from curricle.checks import instance
-from curricle.deep.exact_evaluation import evaluation_table
-from curricle.deep.learner import DeepLearner
-from curricle.deep.miniature_task import Miniatures
+from curricle.deep.learner import DeepLearner, check_spaces
+from curricle.deep.miniature import Miniatures
 from curricle.deep.result import DeepResult
 from curricle.deep.shaping import PolicyReuse
-from curricle.deep.spaces import check_spaces
 from curricle.errors import SettingError
 from curricle.files import Place, place_at
 from curricle.learning.record import WarmUp
@@ -67,19 +65,16 @@ def learn_deep(
         ``ValueSource``:
 
         - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q(s, a) = phi(s, a) + residual(s, a)
-          wherever DQN or QR-DQN reads its network; the residual starts at 0 (Wiewiora 2003). The
-          critic of PPO or A2C computes V(s) = Phi(s) + residual(s), and learns just what
-          :class:`StateShaping` by Phi would let it learn.
+          wherever DQN reads its network; the residual starts at 0 (Wiewiora 2003).
         - :class:`StateShaping`: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
         - :class:`WeightTransfer`: learning starts with the one source's network.
         - :class:`PolicyReuse`: the sources' policy is carried over, and not their values.
-        - :class:`Demonstrations`: the replay buffer starts with episodes of miniatures.
 
-        Each takes a :class:`Guard`, which trains a network without the source beside the other.
+        A guard is for learners with tables.
     eval_freq, stream, warm_up, charged
         As in :func:`learn`.
     evaluation : GreedyEvaluation, optional
-        By rollouts, 5 by default; "exact" where the environment can be tabulated.
+        By rollouts, 5 by default.
     saves : path, optional
         A folder or a URL for checkpoints, from which a killed run resumes, with the same
         result: network, optimizer, replay buffer, environments, generators.
@@ -107,69 +102,12 @@ def learn_deep(
     >>> result.steps, result.steps_used, result.values[0].of_actions
     (array([  0, 100, 200]), array([200]), True)
     """
-    return train_seeds(
-        _plain_run,
-        task,
-        learner,
-        budget,
-        seeds=seeds,
-        shaping=shaping,
-        eval_freq=eval_freq,
-        evaluation=evaluation,
-        stream=stream,
-        warm_up=warm_up,
-        charged=charged,
-        saves=saves,
-        progress=progress,
-    )
-
-
-def _plain_run(**settings: Any) -> Any:
-    from curricle.deep.training import DeepRun  # needs Stable-Baselines3
-
-    return DeepRun(**settings)
-
-
-def _check(task: Any, learner: Any) -> None:
-    """Raise SettingError unless a deep learner can learn a task by steps."""
-    instance("a task for a deep learner", task, ObservationTask, SettingError)
-    instance("learner", learner, DeepLearner, SettingError)
-    if isinstance(task, Miniatures):
-        raise SettingError(
-            "miniatures are solved and distilled, as a task of a Curriculum, and not learnt by "
-            f"steps: got {task}"
-        )
-    check_spaces(task, learner)
-    learner.algorithm_class()
-
-
-def train_seeds(
-    kind: Callable[..., Any],
-    task: ObservationTask,
-    learner: DeepLearner | None,
-    budget: Budget,
-    *,
-    seeds: int | Sequence[int],
-    shaping: Shaping | Sequence[Shaping] | None,
-    eval_freq: int | None,
-    evaluation: GreedyEvaluation | None,
-    stream: str,
-    warm_up: Sequence[WarmUp] | None = None,
-    charged: Sequence[int] | IntArray | None = None,
-    saves: str | Place | None = None,
-    progress: Progress = None,
-) -> DeepResult:
-    """Return what a deep learner learns, its arguments checked; those of :func:`learn_deep`.
-
-    `kind` makes the run of all seeds, a :class:`DeepRun`, of its fields.
-    """
     check_progress(progress)
     learner = DeepLearner() if learner is None else learner
-    _check(task, learner)
+    evaluation = GreedyEvaluation() if evaluation is None else evaluation
+    _check(task, learner, evaluation)
     steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
-    evaluation = GreedyEvaluation() if evaluation is None else evaluation
-    instance("evaluation", evaluation, GreedyEvaluation, SettingError)
     longest = longest_run(task.longest, budget, eval_freq)
     each = seed_settings(
         seeds,
@@ -181,10 +119,9 @@ def train_seeds(
         charged=charged,
     )
     stopping = _stopping(budget, task)
-    if evaluation.method != "off":
-        evaluation.horizon(task)  # SettingError without a bound
-        evaluation_table(task, evaluation)  # SettingError where it would be exact without tables
-    run = kind(
+    from curricle.deep.training import DeepRun  # needs Stable-Baselines3
+
+    run = DeepRun(
         task=task,
         learner=learner,
         steps=steps,
@@ -209,6 +146,32 @@ def train_seeds(
     return DeepResult.of(found)
 
 
+def check_evaluation(evaluation: GreedyEvaluation) -> None:
+    """Raise SettingError unless networks can be evaluated so."""
+    if evaluation.method == "exact":
+        raise SettingError(
+            "an exact evaluation needs tables, and networks are evaluated by rollouts: got "
+            f"{evaluation}"
+        )
+
+
+def _check(task: Any, learner: Any, evaluation: Any) -> None:
+    """Raise SettingError unless a deep learner can learn a task by steps, evaluated so."""
+    instance("a task for a deep learner", task, ObservationTask, SettingError)
+    instance("learner", learner, DeepLearner, SettingError)
+    if isinstance(task, Miniatures):
+        raise SettingError(
+            "miniatures are solved and distilled, as a task of a Curriculum, and not learnt by "
+            f"steps: got {task}"
+        )
+    check_spaces(task, learner)
+    learner.algorithm_class()
+    instance("evaluation", evaluation, GreedyEvaluation, SettingError)
+    check_evaluation(evaluation)
+    if evaluation.method != "off":
+        evaluation.horizon(task)  # SettingError without a bound
+
+
 def _stopping(budget: Budget, task: ObservationTask) -> StoppingKernel:
     if not isinstance(budget, StoppingRule):
         return NEVER_STOPS
@@ -230,12 +193,9 @@ def _of_observations(
         raise SettingError(
             f"a potential must be made for the task it shapes: it belongs to {potential.task}"
         )
-    if shaping.guard is not None and task.longest is None:
-        raise SettingError(f"a guard compares whole episodes: {task} needs a time limit")
-    acts = isinstance(shaping, PolicyReuse) and "buffer_size" in learner.takes
-    if isinstance(budget, Episodes) and (
-        getattr(shaping, "kl", 0.0) > 0 or (acts and task.n_actions is not None)
-    ):
+    acts = isinstance(shaping, PolicyReuse) and potential.of_actions
+    acts = acts and "buffer_size" in learner.takes
+    if isinstance(budget, Episodes) and (getattr(shaping, "kl", 0.0) > 0 or acts):
         raise SettingError(
             "a source's policy pulls, or acts, over the first half of a budget in steps: "
             f"{shaping.name} got {budget}"

@@ -1,22 +1,28 @@
-"""From a deep learner and a potential to a model of Stable-Baselines3."""
+"""From a deep learner and a potential to a model of Stable-Baselines3.
+
+:func:`model_for` returns the model. What a source hands on beside its values comes after it: a
+policy that is acted on at first, parameters, and a pull to the source's policy.
+"""
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from difflib import get_close_matches
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
+import torch
 from stable_baselines3 import A2C, PPO
+from stable_baselines3.common.distributions import kl_divergence
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from curricle.deep.checkpoint import isolated
-from curricle.deep.demonstrations import fill_replay_buffer
-from curricle.deep.kickstarting import begin_near, kickstarted
 from curricle.deep.learner import DeepLearner
-from curricle.deep.networks import WITHOUT_SOURCE, NetworkValues
+from curricle.deep.networks import NetworkValues
 from curricle.deep.residual import residual_policy
-from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer, reusing
+from curricle.deep.shaping import PolicyReuse, WeightTransfer
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import CurricleError, SettingError
 from curricle.learning.shaping import Shaping, StateShaping
@@ -25,6 +31,8 @@ from curricle.transfer.potentials import ObservationPotential
 
 VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
 """Prefixes of the critic's parameters in an actor-critic."""
+REUSED = 0.5
+"""Part of the budget in which the sources' policy is acted on, or pulls, less and less."""
 
 
 def model_for(
@@ -34,13 +42,11 @@ def model_for(
     *,
     seed: int = 0,
     steps: int | None = None,
-    derived: Callable[[type], type] | None = None,
 ) -> Any:
-    """Return a model, ready to learn, with its shaping; a guard is not heeded.
+    """Return a model, ready to learn, with its shaping.
 
-    `seed` is below 2^32; a replay buffer is not made larger than the `steps` it will learn; the
-    model's class is what is `derived` from the algorithm. SettingError when the algorithm does not
-    take a setting or the shaping.
+    `seed` is below 2^32; a replay buffer is not made larger than the `steps` it will learn.
+    SettingError when the algorithm does not take a setting or the shaping.
 
     Examples
     --------
@@ -49,27 +55,23 @@ def model_for(
     >>> type(model).__name__, model.gamma
     ('PPO', 0.9)
     """
+    if shaping is not None and shaping.potential is None:
+        shaping = None  # nothing is added
     check_learner(learner, shaping)
     algorithm, settings = learner.algorithm_class(), dict(learner.settings)
     policy: Any = learner.policy
     if "buffer_size" in inspect.signature(algorithm).parameters and steps is not None:
-        size, added = settings.get("buffer_size", 1_000_000), 0
-        if isinstance(shaping, Demonstrations):
-            added = shaping.steps
-        settings["buffer_size"] = max(min(size, steps + added), learner.envs)
-    potential = None if shaping is None else shaping.potential
-    if shaping is not None and shaping.starts_at_potential and potential is not None:
+        size = settings.get("buffer_size", 1_000_000)
+        settings["buffer_size"] = max(min(size, steps), learner.envs)
+    if shaping is not None and shaping.starts_at_potential:
         policy = residual_policy(algorithm, learner.policy)
-        given = settings.get("policy_kwargs") or {}
-        settings["policy_kwargs"] = {**given, "potential": potential}
-    guided = _is_guided(shaping, learner)
-    if guided:
+        kwargs = settings.get("policy_kwargs") or {}
+        settings["policy_kwargs"] = {**kwargs, "potential": shaping.potential}
+    guide = _guide(shaping, learner)
+    if guide is not None:
         algorithm = reusing(algorithm)
-    near = potential is not None and _pull(shaping) > 0
-    if near:
+    if _pull_of(shaping) > 0:
         algorithm, policy = kickstarted(algorithm, policy)
-    if derived is not None:
-        algorithm = derived(algorithm)
     venv = environments(task, learner, shaping)
     try:
         model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
@@ -82,57 +84,14 @@ def model_for(
             f"{learner.algorithm} must take its task and its settings: with {task} "
             f"Stable-Baselines3 says {said!r}"
         ) from error
-    if potential is not None:
-        _begin(model, shaping, potential, guided=guided)
+    if guide is not None:
+        model.guide = guide
+    elif isinstance(shaping, PolicyReuse | WeightTransfer):
+        _check_mappings(shaping)
+        carry_over(model, shaping.potential, actor_alone=isinstance(shaping, PolicyReuse))
+        if shaping.kl > 0:
+            begin_near(model, shaping.kl)
     return model
-
-
-def _is_guided(shaping: Shaping | None, learner: DeepLearner) -> bool:
-    """Return whether an off-policy learner explores by what its sources do."""
-    if not isinstance(shaping, PolicyReuse) or shaping.potential is None:
-        return False
-    values = shaping.potential.values
-    acts = len(values) == 1 and getattr(values[0], "kind", "") == "value_net"
-    return "buffer_size" in learner.takes and (shaping.potential.of_actions or acts)
-
-
-def _begin(
-    model: Any, shaping: Shaping | None, potential: ObservationPotential, *, guided: bool
-) -> None:
-    """Give a new model what its sources hand on beside their values."""
-    if shaping is not None and not shaping.reads_values:
-        _check_mappings(shaping, potential, guided=guided)
-    if guided:
-        model.guide = potential
-    elif isinstance(shaping, PolicyReuse):
-        carry_over(model, potential, "actor")
-    elif isinstance(shaping, WeightTransfer):
-        carry_over(model, potential, shaping.parts)
-    elif isinstance(shaping, Demonstrations):
-        fill_replay_buffer(model, potential, shaping.steps)
-    if _pull(shaping) > 0:
-        begin_near(model, _pull(shaping))
-
-
-def _check_mappings(shaping: Shaping, potential: ObservationPotential, *, guided: bool) -> None:
-    """Raise SettingError where a mapping would not be heeded, as no values are read by it."""
-    if guided and potential.of_actions:
-        return
-    # Weights are compared by shape, so that there a mapping may bridge spaces of other bounds.
-    weights = not guided and not isinstance(shaping, Demonstrations)
-    for edge in potential.edges:
-        mapping = edge.mapping
-        kept = mapping.actions is None and mapping.status is None
-        if not kept or not (weights or mapping.observations is None):
-            raise SettingError(
-                f"{shaping.name} from this source takes observations and actions as they are: the "
-                f"mapping of {edge.source!r} has {mapping.description}"
-            )
-
-
-def _pull(shaping: Shaping | None) -> float:
-    """Return the weight of the pull to the source's policy, 0 where there is none."""
-    return shaping.kl if isinstance(shaping, PolicyReuse | WeightTransfer) else 0.0
 
 
 def environments(task: ObservationTask, learner: DeepLearner, shaping: Shaping | None) -> VecEnv:
@@ -171,11 +130,7 @@ def check_learner(
         )
     if shaping.starts_at_potential:
         residual_policy(algorithm, learner.policy)
-    if isinstance(shaping, Demonstrations) and "buffer_size" not in known:
-        raise SettingError(
-            f"demonstrations need an algorithm with a replay buffer: {learner.algorithm} has none"
-        )
-    if _pull(shaping) > 0 and not issubclass(algorithm, (PPO, A2C)):
+    if _pull_of(shaping) > 0 and not issubclass(algorithm, (PPO, A2C)):
         raise SettingError(
             "a pull by kl needs an actor-critic that learns on-policy, PPO or A2C: got "
             f"{learner.algorithm}"
@@ -193,20 +148,31 @@ def network_values(
     `parameters` are as :meth:`NetworkValues.parameters` returned them.
     """
     known = shaping if shaping is not None and shaping.reads_values else None
-    if WITHOUT_SOURCE in parameters:
-        known = None
     with isolated(learner.threads):
         model = model_for(task, learner, known, steps=1)
     model.env.close()
-    values = NetworkValues(
-        model.policy, subtracted(known), without_source=WITHOUT_SOURCE in parameters
-    )
+    values = NetworkValues(model.policy, subtracted(known))
     values.load(parameters)
     return values
 
 
-def carry_over(model: Any, potential: ObservationPotential, parts: str) -> None:
-    """Load "all" parameters of the one source, or those of its "actor" or "critic", into a model.
+# -- what a source hands on beside its values --------------------------------------------------
+
+
+def _check_mappings(shaping: Shaping) -> None:
+    """Raise SettingError where a mapping would not be heeded, as no values are read by it."""
+    for edge in shaping.potential.edges:
+        mapping = edge.mapping
+        # Weights are compared by shape, so that a mapping may bridge spaces of other bounds.
+        if mapping.actions is not None or mapping.status is not None:
+            raise SettingError(
+                f"{shaping.name} from this source takes observations and actions as they are: the "
+                f"mapping of {edge.source!r} has {mapping.description}"
+            )
+
+
+def carry_over(model: Any, potential: ObservationPotential, *, actor_alone: bool) -> None:
+    """Load the parameters of the one source into a model: all of them, or those of its actor.
 
     What actor and critic share goes with the actor.
     """
@@ -222,16 +188,8 @@ def carry_over(model: Any, potential: ObservationPotential, parts: str) -> None:
             "potential"
         )
     mine, theirs = model.policy.state_dict(), source.policy.state_dict()
-    names = [
-        name
-        for name in theirs
-        if parts == "all" or name.startswith((*VALUE_HEAD, "critic")) == (parts == "critic")
-    ]
-    if not names:
-        raise SettingError(
-            f"a critic is carried over from an actor-critic: a {type(source.policy).__name__} has "
-            "none apart from its policy"
-        )
+    left = (*VALUE_HEAD, "critic") if actor_alone else ()
+    names = [name for name in theirs if not name.startswith(left)]
     for name in names:
         if name not in mine or mine[name].shape != theirs[name].shape:
             here = tuple(mine[name].shape) if name in mine else "missing"
@@ -240,3 +198,113 @@ def carry_over(model: Any, potential: ObservationPotential, parts: str) -> None:
                 f"{name} is {tuple(theirs[name].shape)} in the source and {here} in the target"
             )
     model.policy.load_state_dict({**mine, **{name: theirs[name] for name in names}})
+
+
+def pull(progress_remaining: float) -> float:
+    """Return what is left of a source's pull: 1 at the start, 0 from the half of the budget on.
+
+    Examples
+    --------
+    >>> pull(1.0), pull(0.75), pull(0.5), pull(0.0)
+    (1.0, 0.5, 0.0, 0.0)
+    """
+    return max(0.0, 1.0 - (1.0 - progress_remaining) / REUSED)
+
+
+# -- acting on a source's values at first (Fernandez, Veloso 2006) -----------------------------
+
+
+def _guide(shaping: Shaping | None, learner: DeepLearner) -> ObservationPotential | None:
+    """Return the action values that an off-policy learner acts on at first; None without them."""
+    if not isinstance(shaping, PolicyReuse) or "buffer_size" not in learner.takes:
+        return None
+    potential: ObservationPotential = shaping.potential
+    return potential if potential.of_actions else None
+
+
+class _Reuse:
+    """Acts on phi with a probability that falls from 1 to 0; learning is unchanged."""
+
+    guide: ObservationPotential
+
+    def _sample_action(
+        self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
+    ) -> Any:
+        left = pull(self._current_progress_remaining)  # type: ignore[attr-defined]
+        if np.random.rand() < left:  # noqa: NPY002 - as Stable-Baselines3 draws
+            actions = self.guide.pairs(self._last_obs).argmax(axis=1)  # type: ignore[attr-defined]
+            return actions, actions
+        return super()._sample_action(learning_starts, action_noise, n_envs)  # type: ignore[misc]
+
+
+def reusing(algorithm: type) -> type:
+    """Return an off-policy algorithm that explores by its attribute ``guide``, a potential."""
+    return type(f"Reusing{algorithm.__name__}", (_Reuse, algorithm), {})
+
+
+# -- an actor-critic that is kept near a source's policy at first (Schmitt et al. 2018) --------
+
+
+def _pull_of(shaping: Shaping | None) -> float:
+    """Return the weight of the pull to the source's policy, 0 where there is none."""
+    return shaping.kl if isinstance(shaping, PolicyReuse | WeightTransfer) else 0.0
+
+
+class _NearSource:
+    """Makes an actor-critic policy report c H(pi) - w KL(source || pi) as its entropy.
+
+    PPO and A2C subtract ent_coef times the mean of what is reported from the loss. With ent_coef 1
+    the loss gets -c H + w KL.
+    """
+
+    source: Any  # the frozen policy to be near to
+    entropy_weight: float
+    kl_weight: float
+
+    def evaluate_actions(
+        self, obs: Any, actions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+        values, log_prob, entropy = super().evaluate_actions(obs, actions)  # type: ignore[misc]
+        entropy = -log_prob if entropy is None else entropy
+        reported = self.entropy_weight * entropy
+        if self.kl_weight > 0:
+            reported = reported - self.kl_weight * self._distance(obs)
+        return values, log_prob, reported
+
+    def _distance(self, obs: Any) -> torch.Tensor:
+        """Return KL(source's policy || this one) in the observations just evaluated, (n,)."""
+        with torch.no_grad():
+            wanted = self.source.get_distribution(obs)
+        each = kl_divergence(wanted, self.action_dist)  # type: ignore[attr-defined]
+        return each if each.dim() == 1 else each.sum(dim=1)
+
+
+class _Kickstarted:
+    """Makes an on-policy algorithm lower the weight of the KL before each of its updates."""
+
+    kl: float
+
+    def train(self) -> None:
+        self.policy.kl_weight = self.kl * pull(self._current_progress_remaining)  # type: ignore[attr-defined]
+        super().train()  # type: ignore[misc]
+        self.logger.record("train/kl_weight", self.policy.kl_weight)  # type: ignore[attr-defined]
+
+
+def kickstarted(algorithm: type, policy: Any) -> tuple[type, type]:
+    """Return the algorithm and the policy class of a learner that is kept near a source."""
+    plain = algorithm.policy_aliases[policy] if isinstance(policy, str) else policy  # type: ignore[attr-defined]
+    near = type(f"Near{plain.__name__}", (_NearSource, plain), {})
+    return type(f"Kickstarted{algorithm.__name__}", (_Kickstarted, algorithm), {}), near
+
+
+def begin_near(model: Any, kl: float) -> None:
+    """Let a model, whose actor is that of its source now, stay near it with a weight."""
+    policy = model.policy
+    source = deepcopy(policy)
+    source.set_training_mode(False)
+    for parameter in source.parameters():
+        parameter.requires_grad_(requires_grad=False)
+    # Not as a part of the policy: it is neither learnt nor saved with it.
+    object.__setattr__(policy, "source", source)
+    policy.entropy_weight, policy.kl_weight = float(model.ent_coef), kl
+    model.ent_coef, model.kl = 1.0, kl

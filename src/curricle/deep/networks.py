@@ -1,18 +1,36 @@
-"""The values of trained networks."""
+"""Networks of Stable-Baselines3: their values, read by NumPy where that is quicker; SmallCNN."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium.spaces import Box, Space
 
 from curricle.array_types import FloatArray
-from curricle.errors import PotentialError
+from curricle.checks import whole_number
+from curricle.errors import PotentialError, SettingError
 from curricle.transfer.observation_mapping import no_actions
 from curricle.transfer.potentials import ObservationPotential
 
-WITHOUT_SOURCE = "without_source"
-"""Marks the parameters of a guarded learner's network that has nothing of the source."""
+try:
+    import torch
+    from stable_baselines3.common.policies import ActorCriticPolicy
+    from stable_baselines3.common.torch_layers import (
+        BaseFeaturesExtractor,
+        FlattenExtractor,
+        MlpExtractor,
+    )
+except ModuleNotFoundError:  # the extra is not installed: SmallCNN raises ImportError
+    BaseFeaturesExtractor = object
+
+FEW = 64
+"""Observations up to which NumPy is quicker than PyTorch."""
+MOST_PRODUCTS = 2**18
+"""Products of a layer up to which OpenBLAS stays on one thread: its threads wait for each other,
+ten times as long as they compute where the processors are busy."""
 
 
 class NetworkValues:
@@ -29,8 +47,6 @@ class NetworkValues:
         ``model.policy`` of a model.
     values_offset : ObservationPotential, optional
         The Phi that shaped its rewards. Then Q - Phi is learnt, and Phi is added here.
-    without_source : bool
-        Whether it is the one of two guarded networks that learnt without the source.
 
     Attributes
     ----------
@@ -52,15 +68,8 @@ class NetworkValues:
     ((5,), (5,), True)
     """
 
-    def __init__(
-        self,
-        policy: Any,
-        values_offset: ObservationPotential | None = None,
-        *,
-        without_source: bool = False,
-    ):
+    def __init__(self, policy: Any, values_offset: ObservationPotential | None = None):
         self.policy, self.values_offset = policy, values_offset
-        self.without_source = without_source
         kinds = ("q_net", "quantile_net", "value_net", "critic")
         found = [kind for kind in kinds if getattr(policy, kind, None) is not None]
         if not found:
@@ -68,8 +77,6 @@ class NetworkValues:
                 f"a source's policy must have one of {', '.join(kinds)}: got "
                 f"{type(policy).__name__}"
             )
-        from curricle.deep.plain_networks import plain_network
-
         self.kind = found[0]
         self.plain = plain_network(policy, self.kind)
 
@@ -87,8 +94,6 @@ class NetworkValues:
             rows = np.arange(len(pairs))
             found = pairs[rows[:, None] if chosen.ndim == 2 else rows, chosen]
         else:
-            import torch
-
             scaled = self.policy.scale_action(np.asarray(actions, dtype=np.float32))
             with torch.no_grad():
                 taken = torch.as_tensor(scaled, device=self.policy.device)
@@ -100,8 +105,6 @@ class NetworkValues:
         if self.kind != "critic":
             found = self._outputs(observations).max(axis=1)
         else:
-            import torch
-
             with torch.no_grad():
                 seen = self._seen(observations)
                 found = self._critics(seen, self.policy._predict(seen, deterministic=True))
@@ -118,15 +121,11 @@ class NetworkValues:
     def parameters(self) -> dict[str, npt.NDArray[Any]]:
         """Return the policy's parameters by name, as plain arrays."""
         state = self.policy.state_dict()
-        found = {name: value.detach().cpu().numpy().copy() for name, value in state.items()}
-        return found | ({WITHOUT_SOURCE: np.array(True)} if self.without_source else {})
+        return {name: value.detach().cpu().numpy().copy() for name, value in state.items()}
 
     def load(self, parameters: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take over parameters, as :meth:`parameters` returned them."""
-        import torch
-
-        named = {name: each for name, each in parameters.items() if name != WITHOUT_SOURCE}
-        tensors = {name: torch.as_tensor(value) for name, value in named.items()}
+        tensors = {name: torch.as_tensor(value) for name, value in parameters.items()}
         self.policy.load_state_dict(tensors)
 
     def _seen(self, observations: Any) -> Any:
@@ -147,8 +146,6 @@ class NetworkValues:
 
     def _by_torch(self, observations: Any) -> FloatArray:
         """Return the network's output, computed by PyTorch, (n, ...)."""
-        import torch
-
         heads = self.kind == "value_net"
         network = self.policy.predict_values if heads else getattr(self.policy, self.kind)
         with torch.no_grad():
@@ -167,3 +164,155 @@ class NetworkValues:
 
 def _array(tensor: Any) -> FloatArray:
     return np.asarray(tensor.cpu().numpy(), dtype=np.float64)
+
+
+# -- plain layers, computed by NumPy, which is quicker for few observations --------------------
+
+
+class Layer(NamedTuple):
+    """x -> activation(W x + b)."""
+
+    weight: "torch.nn.Parameter"  # the parameter itself, as it is when read
+    bias: "torch.nn.Parameter"
+    activation: Callable[[npt.NDArray[Any]], npt.NDArray[Any]] | None
+
+
+@dataclass(frozen=True)
+class PlainNetwork:
+    """Layers one after the other, computed by NumPy.
+
+    Examples
+    --------
+    >>> layer = torch.nn.Linear(2, 1)
+    >>> _ = torch.nn.init.ones_(layer.weight), torch.nn.init.zeros_(layer.bias)
+    >>> network = PlainNetwork((Layer(layer.weight, layer.bias, np.abs),))
+    >>> network.read(np.array([[1.0, 2.0], [-3.0, 1.0]]))
+    array([[3.],
+           [2.]], dtype=float32)
+    """
+
+    layers: tuple[Layer, ...]
+
+    def is_quicker_for(self, n: int) -> bool:
+        """Return whether n observations are few and the network is not on another device."""
+        few = n <= FEW and n * self.widest <= MOST_PRODUCTS
+        return few and self.layers[0].weight.device.type == "cpu"
+
+    @cached_property
+    def widest(self) -> int:
+        """The weights of the largest layer."""
+        return max(int(layer.weight.numel()) for layer in self.layers)
+
+    def takes(self, observations: Any) -> bool:
+        """Return whether these are vectors, (n, D), for which this is quicker."""
+        vectors = isinstance(observations, np.ndarray) and observations.ndim == 2
+        fits = vectors and observations.shape[1] == self.layers[0].weight.shape[1]
+        return fits and self.is_quicker_for(len(observations))
+
+    def read(self, observations: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+        """Return the outputs for n vectors, (n, outputs)."""
+        found = observations.astype(np.float32, copy=False)
+        for weight, bias, activation in self.layers:
+            found = found @ weight.detach().numpy().T + bias.detach().numpy()
+            if activation is not None:
+                found = activation(found)
+        return found
+
+
+def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
+    """Return the network from vectors to a policy's values; None if anything in it is unusual.
+
+    Values are Q(s, a) of DQN (kind "q_net"), the quantiles of QR-DQN ("quantile_net") or V(s) of an
+    actor-critic ("value_net"), each of ``MlpPolicy``.
+    """
+    if kind == "value_net":
+        usual = type(policy).predict_values is ActorCriticPolicy.predict_values
+        usual = usual and type(policy.mlp_extractor) is MlpExtractor
+        modules = [*policy.mlp_extractor.value_net, policy.value_net] if usual else []
+        return plain_layers(modules, policy.vf_features_extractor, policy.observation_space)
+    if kind in ("q_net", "quantile_net"):
+        network = getattr(policy, kind)
+        usual = type(network).__module__.startswith(("stable_baselines3.", "sb3_contrib."))
+        modules = [*getattr(network, kind)] if usual else []
+        return plain_layers(modules, network.features_extractor, policy.observation_space)
+    return None
+
+
+def plain_layers(
+    modules: "Sequence[torch.nn.Module]", extractor: "torch.nn.Module", space: Space[Any]
+) -> PlainNetwork | None:
+    """Return modules in a row that follow the usual extractor; None if any of it is unusual."""
+    if not isinstance(space, Box) or len(space.shape) != 1:
+        return None
+    activations: dict[type, Any] = {torch.nn.ReLU: _relu, torch.nn.Tanh: np.tanh}
+    layers: list[Layer] = []
+    for module in modules:
+        if type(module) is torch.nn.Linear and module.bias is not None:
+            layers.append(Layer(module.weight, module.bias, None))
+        elif type(module) in activations and layers and layers[-1].activation is None:
+            layers[-1] = layers[-1]._replace(activation=activations[type(module)])
+        else:
+            return None
+    return PlainNetwork(tuple(layers)) if layers and type(extractor) is FlattenExtractor else None
+
+
+def _relu(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return np.asarray(np.maximum(values, 0))
+
+
+class SmallCNN(BaseFeaturesExtractor):
+    """Two convolutions of 3 x 3 and a layer, for pictures from 5 x 5 cells, channels first.
+
+    It is for ``CnnPolicy``, among the ``policy_kwargs`` of a :class:`DeepLearner`:
+    ``{"features_extractor_class": SmallCNN, "normalize_images": False}``, which reads pictures as
+    they are. (Stable-Baselines3 divides pictures by 255 if they are bytes from 0 to 255, and no
+    others.)
+
+    Parameters
+    ----------
+    observation_space : gymnasium.spaces.Box
+        (channels, height, width).
+    features_dim : int
+        Numbers that it returns.
+    channels : int
+        Of the first convolution; the second has twice as many.
+
+    Raises
+    ------
+    SettingError
+        When the space is no such picture, or a number is below 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> network = SmallCNN(Box(0, 1, (24, 7, 7), np.float32), features_dim=64)
+    >>> network(torch.zeros(5, 24, 7, 7)).shape
+    torch.Size([5, 64])
+    """
+
+    def __init__(self, observation_space: Any, features_dim: int = 128, channels: int = 16):
+        if BaseFeaturesExtractor is object:
+            raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
+        shape: tuple[int, ...] = observation_space.shape or ()
+        if not isinstance(observation_space, Box) or len(shape) != 3 or min(shape[1:]) < 5:
+            raise SettingError(
+                "SmallCNN reads pictures (channels, height, width) from 5 x 5 cells: got "
+                f"{observation_space}"
+            )
+        for name, value in {"features_dim": features_dim, "channels": channels}.items():
+            whole_number(f"{name} of SmallCNN", value, 1, SettingError)
+        super().__init__(observation_space, features_dim)
+        height, width = (side - 4 for side in shape[1:])  # each convolution takes off 2
+        self.layers = torch.nn.Sequential(
+            torch.nn.Conv2d(shape[0], channels, 3),
+            torch.nn.ReLU(),
+            torch.nn.Conv2d(channels, 2 * channels, 3),
+            torch.nn.ReLU(),
+            torch.nn.Flatten(),
+            torch.nn.Linear(2 * channels * height * width, features_dim),
+            torch.nn.ReLU(),
+        )
+
+    def forward(self, observations: Any) -> Any:
+        """Return the features of n pictures, (n, features_dim)."""
+        return self.layers(observations)

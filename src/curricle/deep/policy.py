@@ -6,14 +6,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
 from curricle.array_types import IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.learner import DeepLearner
 from curricle.errors import CurricleError, SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
 from curricle.planning.episode import Episode, played
+from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.tasks.rendering import frame_of, with_pictures
+from curricle.transfer.observation_rollouts import (
+    Environments,
+    ObservationTarget,
+    mean_episode_return,
+)
 
 TOO_LARGE_SEED = 2**32
 """The first seed that NumPy's generator, which Stable-Baselines3 seeds, does not take."""
@@ -198,3 +206,26 @@ def _policy_of(
     model.policy.set_training_mode(False)
     model.num_timesteps = steps
     return TrainedPolicy(task, model)
+
+
+def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -> float:
+    """Return the mean return of a potential's one source, a network with an actor, in a target.
+
+    Actions are sampled, and rewards summed or discounted, as the target's evaluation has it. NaN
+    where there are several sources, a mapping changes what they read, or the source has no actor.
+    """
+    (edge, *others), source = potential.edges, potential.values[0]
+    if others or not edge.mapping.is_identity or getattr(source, "kind", "") != "value_net":
+        return float("nan")
+    from curricle.deep.checkpoint import drawing  # needs torch
+
+    def policy(observations: Any) -> tuple[Any, Any]:
+        actions = source.act(observations, sampled=target.evaluation.sampled)
+        return actions, np.zeros(len(actions))
+
+    start = splitmix64(stream_start(seed, "policy_return"))
+    horizon = target.evaluation.horizon(target.task)
+    environments = Environments(target.task, target.episodes, horizon)
+    with closing(environments), drawing(start):
+        episodes = environments.rollouts(policy, start)
+    return mean_episode_return(episodes, target.evaluation.discount(target.task))

@@ -6,19 +6,10 @@ from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv
 
 from curricle.deep import checkpoint
-from curricle.deep.curriculum_vec_env import TeachingRecord
-from curricle.deep.exact_evaluation import evaluation_table, exact_return
-from curricle.deep.guarding import (
-    beside_each_other,
-    guard_share,
-    guarded_model,
-    learnt_values,
-)
 from curricle.deep.learner import SAVES, DeepLearner
-from curricle.deep.models import environments, model_for
+from curricle.deep.models import environments, model_for, subtracted
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
 from curricle.files import Place
@@ -59,58 +50,34 @@ class DeepRun:
         """Return what one seed learns, resuming from and saving to the file `saves`."""
         start = stream_start(seed, self.stream)
         shaped = None if shaping is None else shaping.name
-        run = f"{self.described}, {self.learner}, {shaped}, {self.steps} steps, {start:x}"
+        run = f"{self.task}, {self.learner}, {shaped}, {self.steps} steps, {start:x}"
         left = self.steps - charged - warm_up.steps
         with checkpoint.isolated(self.learner.threads):
             saved = None if saves is None else checkpoint.load(saves, run)
             if saved is None:
                 small = splitmix64(start) >> 33
                 progress = Progress.begun(self, warm_up)
-                model = self.model(shaping, small, left, progress)
+                model = model_for(self.task, self.learner, shaping, seed=small, steps=left)
             else:
                 model, progress = checkpoint.restored(saved), saved.progress
-            values = learnt_values(model, shaping)
+            values = NetworkValues(model.policy, subtracted(shaping))
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
-            for i, (one, given) in enumerate(beside_each_other(model, shaping)):
-                if one.env is None:  # it could not be pickled: a new episode begins
-                    venv = self.environments(given, progress)
-                    venv.seed(splitmix64(start ^ one.num_timesteps ^ i << 40) >> 33)
-                    one.set_env(venv, force_reset=True)
-            self.begins(seed, model, values())
+            if model.env is None:  # it could not be pickled: a new episode begins
+                venv = environments(self.task, self.learner, shaping)
+                venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
+                model.set_env(venv, force_reset=True)
             if not progress.over:
                 self._learn(model, recorder, left, fresh=saved is None)
             recorder.close()
         return Outcome(
             progress.record,
-            values(),  # type: ignore[arg-type]
+            values,  # type: ignore[arg-type]
             progress.steps,
             progress.episodes,
             out_of_memory=False,
             evaluation_steps=progress.evaluation_steps,
         )
-
-    @property
-    def described(self) -> str:
-        """What is trained on, for checkpoints."""
-        return str(self.task)
-
-    def model(self, shaping: Shaping | None, seed: int, steps: int, progress: "Progress") -> Any:
-        """Return a new model, whose environments are seeded with `seed`."""
-        if shaping is None or shaping.guard is None:
-            return model_for(self.task, self.learner, shaping, seed=seed, steps=steps)
-        return guarded_model(self.task, self.learner, shaping, seed=seed, steps=steps)
-
-    def environments(self, shaping: Shaping | None, progress: "Progress") -> VecEnv:
-        """Return new sub-environments, to go on from what was recorded."""
-        return environments(self.task, self.learner, shaping)
-
-    def begins(self, seed: int, model: Any, values: NetworkValues) -> None:
-        """Be told of the model before a seed begins to learn, or goes on to."""
-
-    def callbacks(self) -> list[BaseCallback]:
-        """Return new callbacks beside the :class:`Recorder`."""
-        return [] if self.learner.callbacks is None else [*self.learner.callbacks()]
 
     def _learn(self, model: Any, recorder: "Recorder", left: int, *, fresh: bool) -> None:
         rollout = getattr(model, "n_steps", 1) * model.n_envs
@@ -119,9 +86,10 @@ class DeepRun:
                 f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times envs: "
                 f"{rollout:,} steps are more than {left:,}"
             )
+        others = [] if self.learner.callbacks is None else self.learner.callbacks()
         model.learn(
             left - model.num_timesteps,
-            callback=[recorder, *self.callbacks()],
+            callback=[recorder, *others],
             reset_num_timesteps=fresh,
             progress_bar=self.learner.progress_bar,
         )
@@ -141,8 +109,6 @@ class Progress:
     """The next to be recorded."""
     returns: list[float] = field(default_factory=list)
     """Of the episodes ended since the last checkpoint."""
-    taught: TeachingRecord | None = None
-    """What a teacher has drawn and seen."""
     begun_learning: bool = False
     over: bool = False
     evaluation_steps: int = 0
@@ -165,7 +131,7 @@ class Recorder(BaseCallback):
         self,
         run: DeepRun,
         progress: Progress,
-        values: Callable[[], NetworkValues],
+        values: NetworkValues,
         max_steps: int,
         start: int,
         saves: tuple[Place, str] | None,  # the checkpoint's file, and the run it is of
@@ -174,8 +140,8 @@ class Recorder(BaseCallback):
         self.run, self.progress, self.values = run, progress, values
         self.max_steps, self.start = max_steps, start
         task, evaluation = run.task, run.evaluation
-        self._table, self._environments = evaluation_table(task, evaluation), None
-        if evaluation.method not in ("exact", "off"):
+        self._environments = None
+        if evaluation.method != "off":
             episodes, horizon = evaluation.rollouts(task), evaluation.horizon(task)
             self._environments = Environments(task, episodes, horizon)
         self._saves, self._saved_at = saves, progress.steps
@@ -185,7 +151,6 @@ class Recorder(BaseCallback):
         if not progress.begun_learning:
             greedy = self._evaluation(0)
             progress.record.greedy_return[: progress.checkpoint] = greedy
-            progress.record.guard_share[: progress.checkpoint] = guard_share(self.model)
             if progress.checkpoint == 0:
                 self._record(greedy)
             progress.begun_learning = True
@@ -215,8 +180,6 @@ class Recorder(BaseCallback):
 
     def _evaluation(self, number: int) -> float:
         """Return the policy's mean return at a checkpoint; NaN if evaluation is off."""
-        if self._table is not None:
-            return exact_return(self._table, self.values(), self.run.evaluation, self.run.task)
         if self._environments is None:
             return float("nan")
         seed = splitmix64(self.start ^ (number + 1))
@@ -226,7 +189,7 @@ class Recorder(BaseCallback):
         return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task))
 
     def _acting(self, observations: Any) -> tuple[Any, Any]:
-        actions = self.values().act(observations, sampled=self.run.evaluation.sampled)
+        actions = self.values.act(observations, sampled=self.run.evaluation.sampled)
         return actions, np.zeros(len(actions))
 
     def _record(self, greedy: float) -> bool:
@@ -234,7 +197,6 @@ class Recorder(BaseCallback):
         progress, record = self.progress, self.progress.record
         here = progress.checkpoint
         record.greedy_return[here] = greedy
-        record.guard_share[here] = guard_share(self.model)
         record.episodes[here] = progress.episodes
         if progress.returns:
             record.training_return[here] = np.mean(progress.returns)

@@ -74,9 +74,6 @@ class Guard:
     what either learns is what it would learn without a guard, so that Q-learning converges to Q*
     under the usual conditions for any potential.
 
-    Networks take turns of whole episodes, compare undiscounted returns, and have a bound of their
-    own (``deep/turns.py``).
-
     Parameters
     ----------
     share_behind : float

@@ -103,6 +103,8 @@ class Shaping(ABC):
             raise SettingError(
                 f"{self.name} is not a shaping for learners with {kind}: got {learner!r}"
             )
+        if self.guard is not None and not tabular:
+            raise SettingError(f"a guard is for learners with tables: got {learner!r}")
         if not isinstance(learner, OptimisticQLearning):
             return
         if self.guard is not None:

@@ -148,14 +148,10 @@ class GreedyEvaluation:
     method : {"auto", "exact", "rollouts", "off"}
         "exact" propagates the distribution over states; "rollouts" takes the mean of some episodes.
         "auto" is exact up to 20,000 outcomes (states x actions x outcomes of a pair). With "off"
-        greedy returns are NaN. Networks are evaluated by rollouts, and exactly if "exact" is asked
-        for: the environment is tabulated first, once per process (:func:`tabulate`), with its own
-        rewards; one with more than 100,000 states, or random steps that it does not list, is
-        refused. In MiniGrid, whose own reward depends on the time, there is a state for each step.
+        greedy returns are NaN. Networks are evaluated by rollouts.
     episodes : int, optional
         Rollouts a checkpoint. 100 by default, 5 in a live task, where a hundred checkpoints cost
-        as much as 500 training episodes. In exact evaluations of networks, the resets from which
-        episodes start, the same at each checkpoint.
+        as much as 500 training episodes.
     discounted : bool, optional
         Whether rewards are discounted, as in :func:`solve`, or summed, as in the paper. By default
         they are discounted where tables learn, and summed where networks learn.

@@ -1,4 +1,4 @@
-"""How often a policy visits each state, and the return that its visits add up to."""
+"""How often a policy visits each state."""
 
 from typing import Any
 
@@ -46,61 +46,14 @@ def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> Float
     mdp = tables(task)
     if policy is None:
         policy = np.full(mdp.outcome_row.shape, 1 / mdp.actions.size)
-    horizon = int(NO_LIMIT) if mdp.time_limit is None else mdp.time_limit
-    visits = _visits(mdp, _chances(mdp, policy), mdp.discount, horizon)
-    return frozen(np.asarray(visits / visits.sum()))
-
-
-def expected_return(task: Task, policy: npt.ArrayLike, *, discount: float, horizon: int) -> float:
-    """Return the expected return of one episode of a policy, cut off after so many steps.
-
-    sum_s eta(s) sum_a pi(a | s) r(s, a) with eta of :func:`visit_distribution`, t below `horizon`:
-    :func:`evaluate` from the start distribution, but with a limit of time and another discount.
-
-    Parameters
-    ----------
-    task : Task
-        Any task with tables.
-    policy : (S,) int array or (S, A) float array
-    discount : float
-        Of the return: 1 for sums of rewards.
-    horizon : int
-        Steps.
-
-    Raises
-    ------
-    SettingError
-        When the policy is malformed.
-    TaskError
-        When the task has no tables.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> maze = GridWorld("S.T")
-    >>> [expected_return(maze, [1, 1, 0], discount=1.0, horizon=n) for n in (1, 2, 3)]
-    [-1.0, 198.0, 198.0]
-    """
-    mdp = tables(task)
-    chances = _chances(mdp, policy)
-    rewards = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row]
-    return float(_visits(mdp, chances, discount, horizon) @ (chances * rewards).sum(axis=1))
-
-
-def _chances(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
-    """Return the probability of each action, (S, A), 0 where episodes have ended."""
-    return np.where(mdp.terminal[:, None], 0.0, policy_table(mdp, policy))
-
-
-def _visits(mdp: FiniteMDP, chances: FloatArray, discount: float, horizon: int) -> FloatArray:
-    """Return the expected discounted visits to each state within so many steps, eta, (S,)."""
+    chances = np.where(mdp.terminal[:, None], 0.0, policy_table(mdp, policy))
     step, now, visits = _transitions(mdp, chances), mdp.start, np.zeros(mdp.states.size)
-    for _ in range(horizon):
+    for _ in range(int(NO_LIMIT) if mdp.time_limit is None else mdp.time_limit):
         visits += now
-        now = discount * (now @ step)
+        now = mdp.discount * (now @ step)
         if now.sum() <= NEGLIGIBLE * visits.sum():
             break
-    return visits
+    return frozen(np.asarray(visits / visits.sum()))
 
 
 def _transitions(mdp: FiniteMDP, chances: FloatArray) -> Any:

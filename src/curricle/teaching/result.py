@@ -84,9 +84,7 @@ class TeachingResult(Frozen):
 
 
 def teaching_result(
-    learning: LearningResult,
-    tasks: tuple[str, ...],
-    samplers: Sequence[TaskSampler],
+    learning: LearningResult, tasks: tuple[str, ...], samplers: Sequence[TaskSampler]
 ) -> TeachingResult:
     """Return what teaching found, the episodes that took no step left out."""
     places = np.arange(len(learning.steps))

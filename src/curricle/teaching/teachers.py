@@ -411,8 +411,8 @@ class TaskSampler:
     Examples
     --------
     >>> sampler = TaskSampler(Uniform(), n_tasks=3, counter=0, eval_freq=100)
-    >>> sampler.draw(step=0), sampler.draw(step=12), sampler.begun_at, sampler.probabilities
-    (2, 1, [0, 12], array([0.33333333, 0.33333333, 0.33333333]))
+    >>> sampler.draw(step=0), sampler.draw(step=12), sampler.begun_at
+    (2, 1, [0, 12])
     """
 
     teacher: Teacher
@@ -428,22 +428,19 @@ class TaskSampler:
     changes: list[tuple[int, FloatArray]] = field(default_factory=list)
     """The checkpoint before which an episode was the last to begin, and its probabilities."""
     memory: Any = field(init=False)
-    probabilities: FloatArray = field(init=False)
-    """Those of the last draw; before the first the teacher's first ones."""
 
     def __post_init__(self) -> None:
         self.memory = self.teacher.start(self.n_tasks)
-        self.probabilities = self._asked()
 
     def draw(self, step: int) -> int:
         """Return the task of the episode that begins after so many steps."""
-        self.probabilities = self._asked()
+        probabilities = self._asked()
         self.counter = (self.counter + int(STRIDE)) & ALL
-        task = drawn(self.probabilities, uniform(splitmix64(self.counter)))
+        task = drawn(probabilities, uniform(splitmix64(self.counter)))
         checkpoint = -(-step // self.eval_freq)
         if self.changes and self.changes[-1][0] == checkpoint:
             self.changes.pop()
-        self.changes.append((checkpoint, self.probabilities))
+        self.changes.append((checkpoint, probabilities))
         self.tasks.append(task)
         self.begun_at.append(step)
         return task

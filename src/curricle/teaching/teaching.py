@@ -140,7 +140,7 @@ class _TaskSet:
     """
 
     def __init__(self, tasks: Any, target: str, goal: Goal = None, *, needs_goal: bool = False):
-        check_names(tasks, target)
+        _check_names(tasks, target)
         self.names = tuple(tasks)
         self.place = self.names.index(target)
         for name, task in tasks.items():
@@ -176,7 +176,7 @@ class _TaskSet:
         return int(mdp.start_states[place])
 
 
-def check_names(tasks: Any, target: Any) -> None:
+def _check_names(tasks: Any, target: Any) -> None:
     """Raise SettingError unless tasks are a mapping from names, at least one, with the target."""
     if not isinstance(tasks, Mapping) or not tasks:
         raise SettingError(f"tasks must be a dict from names to tasks, not empty: got {tasks!r}")

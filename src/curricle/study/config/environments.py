@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, JsonValue, model_validator
 
-from curricle.deep.miniature_task import HELD_OUT, MOST_STATES, RESETS, miniatures
+from curricle.deep.miniature import HELD_OUT, MOST_STATES, RESETS, miniatures
 from curricle.errors import TaskError
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.tabulation.tabulate import tabulate

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, JsonValue
 
 from curricle.deep.learner import DeepLearner
-from curricle.deep.shaping import Demonstrations, PolicyReuse, WeightTransfer
+from curricle.deep.shaping import PolicyReuse, WeightTransfer
 from curricle.learning.learners import SARSA, DoubleQLearning, ExpectedSARSA, QLearning
 from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.shaping import (
@@ -99,7 +99,6 @@ SHAPINGS = tuple(
         RewardBonus,
         WeightTransfer,
         PolicyReuse,
-        Demonstrations,
     )
 )
 """The ways a potential or a network enters learning; the sources give the potential."""
