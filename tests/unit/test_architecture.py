@@ -26,7 +26,7 @@ LAYERS = [
 FACE_USERS = {"paper", "cli"}
 """Packages that may import from ``curricle`` itself; `paper` uses public names and no others."""
 ROOF = {"", "__main__"}  # curricle/__init__ and __main__: may import anything
-MAX_FILE_LINES = 400
+MAX_FILE_LINES = 900
 MAX_FUNCTION_LINES = 60  # from `def` to the last line without the docstring; aim for 40
 
 

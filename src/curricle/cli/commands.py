@@ -15,8 +15,6 @@ from curricle.cli.options import (
     Explain,
     File,
     Folder,
-    Live,
-    Port,
     Seeds,
     announce_imports,
     part_of,
@@ -99,8 +97,10 @@ def run(
         bool, typer.Option(help="Use units that were trained before code changed.")
     ] = False,
     dry_run: Annotated[bool, typer.Option(help="Print what would be done; train nothing.")] = False,
-    live: Live = False,
-    port: Port = None,
+    show_page: Annotated[
+        bool,
+        typer.Option("--open", help="Open report.html, which is written anew as units end."),
+    ] = False,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
 
@@ -112,8 +112,6 @@ def run(
 
     if on is not None and processes:
         raise typer.BadParameter(f"units are trained in one place: got --on {on} and --processes")
-    if port is not None and not live:
-        raise typer.BadParameter(f"a port is that of the page of --open: got --port {port} alone")
     announce_imports()
     study = read(file, seeds, changes)
     folder = out or study.results_folder
@@ -133,7 +131,7 @@ def run(
         on=on,
         shard=part_of(shard),
         trackers=track or [],
-        page=(port or 0) if live else None,
+        page=show_page,
     )
     typer.echo(f"Stored in {folder}: {_further_commands(str(folder), results.has_baseline)}")
 
@@ -144,16 +142,21 @@ def _further_commands(folder: str, compared: bool) -> str:
     return ", ".join(f"curricle {each} {quote(folder)}" for each in further)
 
 
-def watch(folder: Folder, port: Port = None) -> None:
-    """Show a study's report in the browser, and keep it up to date while units are stored.
+def watch(
+    folder: Folder,
+    out: Annotated[
+        Path | None, typer.Option(help="The page; in a temporary folder by default.")
+    ] = None,
+) -> None:
+    """Open a study's report, and write it anew while units are stored, until the run is over.
 
     It reads the folder alone, so the study may run anywhere. Ctrl-C ends it, and not the run.
     """
-    from curricle.cli.live_page import watch_folder
+    from curricle.cli.progress_bars import watch_results
     from curricle.study import StudyResults
 
     StudyResults(folder)  # refused before a page is opened
-    watch_folder(folder, port or 0)
+    watch_results(folder, out)
 
 
 def merge(

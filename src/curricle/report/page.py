@@ -116,8 +116,11 @@ class ShownStudy:
     tuning: TuningRecord | None = None
 
 
-def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
-    """Return the page of a study; SettingError when it has no arm besides the scratch baseline."""
+def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "") -> str:
+    """Return the page of a study; SettingError when it has no arm besides the scratch baseline.
+
+    With a `banner` at its top it is an interim one, which is read again while the run goes on.
+    """
     comparison, curricula, learnt = study.comparison, study.curricula, study.learnt
     if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
@@ -155,7 +158,11 @@ def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
             (*place, Counter(words).most_common()) for place, words in study.reasons.items()
         ),
         ends=ends(study.reasons),
-        scripts=[Script.of(name) for name in ("scroll.js", "study.js", "curves.js")],
+        banner=banner,
+        scripts=[
+            Script.of(name)
+            for name in ("scroll.js", "study.js", "curves.js", *["reload.js"] * bool(banner))
+        ],
         data={
             "replays": {one.key: one.data() for one in shown},
             "palettes": {one.palette: shades_of(one.palette) for one in shown},
