@@ -328,7 +328,6 @@ def test_main_effects_of_a_sweep_are_means_over_arms(tmp_path):
         "0.3",
     ]
     assert ("scratch", "unknown_value") not in effects.levels
-    assert sum(one.best for one in effects.of("transfer")) == 1
 
 
 # -- refusals ----------------------------------------------------------------------------------

@@ -44,14 +44,12 @@ def _print_levels(found: Effects) -> None:
     print_text(f"main effects: mean return, sources charged, over all {over}")
     rows = [
         (
-            f"{arm}: {setting.key} = {one.text}",
-            f"{one.number}",
-            f"{one.mean:.4g}",
-            f"[{one.low:.4g}, {one.high:.4g}]",
+            f"{arm}: {key} = {level.text}",
+            f"{level.number}",
+            f"{level.mean:.4g}",
+            f"[{level.low:.4g}, {level.high:.4g}]",
         )
-        for setting in found.settings
-        for arm in found.arms
-        for one in found.levels.get((arm, setting.key), ())
+        for arm, key, level in found.rows
     ]
     print_table(("", "trials" if tuned else "arms", "mean return", ""), rows)
 

@@ -3,22 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from markupsafe import Markup
-
-from curricle.plotting.effects import (
-    draw_main_effects,
-    draw_parallel_coordinates,
-    effect_colours,
-)
 from curricle.plotting.scales import minus
-from curricle.report.svg import inline_svg
 from curricle.study.config.varied_settings import value_text
-from curricle.study.effects import Effects, short
+from curricle.study.effects import Effects, Level, short
 from curricle.study.tuning_record import TuningRecord
 from curricle.study.units import numbered_seeds
 
-WIDTHS = {"wide": 8.6, "narrow": 3.4}
-"""Of figures on a desktop and on a phone, in inches."""
 NONE = "–"
 
 
@@ -35,12 +25,11 @@ class BestRow:
 
 @dataclass(frozen=True)
 class EffectsSection:
-    """What a sweep or a tuning shows, drawn."""
+    """What a sweep or a tuning shows."""
 
     effects: Effects
-    colours: dict[str, str]
-    lines: dict[str, Markup]  # width -> parallel coordinates
-    main: dict[str, Markup]  # width -> main effects
+    rows: tuple[tuple[str, ...], ...]
+    """Main effects: arm, setting, value, number of trials or arms, mean return, and its bounds."""
     best: tuple[BestRow, ...]  # of a tuning
     words: str  # on the tuning's seeds and steps
 
@@ -52,24 +41,10 @@ def effects_sections(
     return tuple(
         EffectsSection(
             one,
-            effect_colours(one),
-            {
-                size: inline_svg(
-                    draw_parallel_coordinates(one, width=width),
-                    f"{one.kind}-lines-{size}",
-                    "A line for each combination of values, across an axis for each setting, to "
-                    "its mean return.",
-                )
-                for size, width in WIDTHS.items()
-            },
-            {
-                size: inline_svg(
-                    draw_main_effects(one, width=width),
-                    f"{one.kind}-main-{size}",
-                    "The mean return over the values of each setting; curricle show prints it.",
-                )
-                for size, width in WIDTHS.items()
-            },
+            tuple(
+                (arm, key, minus(level.text), f"{level.number}", *_mean(level))
+                for arm, key, level in one.rows
+            ),
             () if one.kind == "sweep" or tuning is None else _best(tuning),
             "" if one.kind == "sweep" or tuning is None else _words(tuning),
         )
@@ -91,6 +66,11 @@ def _best(tuning: TuningRecord) -> tuple[BestRow, ...]:
             )
         )
     return tuple(rows)
+
+
+def _mean(level: Level) -> tuple[str, str]:
+    low, mean, high = (minus(short(number)) for number in (level.low, level.mean, level.high))
+    return mean, f"[{low}, {high}]"
 
 
 def _value(value: object) -> str:
