@@ -10,8 +10,9 @@ import curricle as cr
 from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
 from curricle.interop.vector_pursuit import observed_pursuit
-from curricle.study import StudyConfig, json_schema
+from curricle.study import StudyConfig
 from curricle.study.arms import Arms
+from curricle.study.config.study_tables import json_schema
 from curricle.study.config.templates import template
 from tests.studies import VECTOR_HUNT as HUNT, reader
 

@@ -10,7 +10,8 @@ from PIL import Image
 import curricle as cr
 from curricle.errors import SettingError, StoreError
 from curricle.learning import TabularPolicy
-from curricle.study import StudyResults, played_episode, read_study, run_study, stored_episode
+from curricle.study import StudyResults, read_study, run_study
+from curricle.study.playing import played_episode, stored_episode
 from curricle.tasks.scenes import scene_of
 from tests.sent_folders import change
 

@@ -174,7 +174,7 @@ def merge(
 
 def schema() -> None:
     """Print the JSON Schema of study files, for editors that complete and check TOML."""
-    from curricle.study import json_schema
+    from curricle.study.config.study_tables import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=1))
 
@@ -223,7 +223,8 @@ def play(
     Without --study it is the episode that the folder stores, of the first seed: nothing is made or
     imported. With it the learnt policy plays in the task itself.
     """
-    from curricle.study import StudyResults, played_episode, stored_episode
+    from curricle.study import StudyResults
+    from curricle.study.playing import played_episode, stored_episode
 
     if changes and study is None:
         raise typer.BadParameter(f"--set changes the file of --study: got --set {changes[0]} alone")

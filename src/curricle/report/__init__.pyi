@@ -1,4 +1,3 @@
 from .design_report import write_design_report as write_design_report
-from .page import study_page as study_page
 from .study_report import write_report as write_report
 from .templates import render as render
