@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from curricle.cli.explanations import used
+from curricle.cli.tables import used
 from curricle.study import StudyStore
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

@@ -61,9 +61,9 @@ def check(
 
     For the forecast the sources are trained at their budgets, where that takes seconds.
     """
-    from curricle.cli.compilation import announce_compilation
-    from curricle.cli.explanations import explained
+    from curricle.cli.progress_bars import announce_compilation
     from curricle.cli.study_preview import print_preview
+    from curricle.cli.tables import explained
 
     announce_imports()
     announce_compilation()
@@ -190,8 +190,7 @@ def show(
     explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
-    from curricle.cli.explanations import explained
-    from curricle.cli.results_tables import decision_lines, print_results
+    from curricle.cli.tables import decision_lines, explained, print_results
     from curricle.study import StudyResults
 
     if seed is not None and not decisions:
@@ -268,8 +267,7 @@ def compare(
     explain: Explain = False,
 ) -> None:
     """Compare the arms of several studies of one target with learning it from scratch."""
-    from curricle.cli.explanations import explained
-    from curricle.cli.terminal_tables import table_width
+    from curricle.cli.tables import explained, table_width
     from curricle.study import StudyResults, compare_studies
 
     found = compare_studies([StudyResults(folder) for folder in folders])
@@ -292,7 +290,7 @@ def paper(
     interrupted run goes on where it was; a folder with results of other settings is refused.
     """
     from curricle.cli.progress_bars import bars_with_words
-    from curricle.cli.terminal_tables import print_text
+    from curricle.cli.tables import print_text
     from curricle.paper.reproduce import FIGURES, reproduce, seeds_words
 
     wanted = FIGURES if figure == "all" else [figure]

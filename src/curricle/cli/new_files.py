@@ -1,6 +1,6 @@
 """What ``curricle new`` writes: a file that is there, or a study of an environment."""
 
-from curricle.cli.terminal_tables import line_width
+from curricle.cli.tables import line_width
 from curricle.errors import ConfigError
 from curricle.study.config.tables import suggestion
 from curricle.study.config.templates import DESIGN, KINDS, template

@@ -11,8 +11,7 @@ from curricle.design.racing import PLACEBO, Race
 from curricle.design.recipe import Recipe, Stage
 from curricle.design.recipe_design import FIXED
 from curricle.design.trends import Trend
-from curricle.report.graph import CURVE, CURVE_HEIGHT, points
-from curricle.report.graph_layout import Arrow, arrows, card_height, layout
+from curricle.report.graph import CURVE, CURVE_HEIGHT, Arrow, arrows, card_height, layout, points
 from curricle.statistics.curves import SCRATCH
 
 SIZES = {"wide": (640, 400), "narrow": (340, 340)}

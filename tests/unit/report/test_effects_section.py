@@ -1,6 +1,6 @@
 """The section of a sweep or a tuning: what it shows of given numbers."""
 
-from curricle.report.effects_section import effects_sections
+from curricle.report.sections import effects_sections
 from curricle.report.templates import render
 from curricle.study.effects import tuning_effects
 from curricle.study.tuning_record import SpaceRecord, TrialRecord, TunedArm, TuningRecord
