@@ -35,8 +35,8 @@ from curricle.errors import SettingError
 from curricle.learning import OPIQ, Learner, UCBQLearning, exponential, harmonic, linear
 from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
-from curricle.study.config import settings, tasks, transfers
-from curricle.study.config.derived_tables import table_of
+from curricle.study.config import settings, tasks
+from curricle.study.config.tables import table_of
 from curricle.transfer import Calibrate, aggregation
 from tests.studies import HUNT, MAZE, only, reader
 
@@ -104,7 +104,7 @@ def test_settings_and_transfers_are_those_of_a_curriculum(tmp_path):
     for which, value in SETTINGS.items():
         assert defaults.setting(which, tmp_path) == value
     given = set(inspect.signature(Transfer).parameters) - {"mapping"}
-    assert given == set(transfers.TransferTable.parameters)
+    assert given == set(settings.TransferTable.parameters)
     assert set(inspect.signature(GridWorld.crop).parameters) - {"self"} == (
         tasks.CropTask.model_fields.keys()
         - settings.Settings.model_fields.keys()

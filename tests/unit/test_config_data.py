@@ -15,9 +15,9 @@ from curricle import (
 )
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig
-from curricle.study.config.positions import Positions
+from curricle.study.config.merging import Positions
 from curricle.study.config.reading import configured
-from curricle.study.config.study_tables import json_schema
+from curricle.study.config.study_config import json_schema
 from curricle.study.config.templates import DESIGN, KINDS, template
 from tests.studies import HUNT, MAZE, only, reader
 

@@ -6,7 +6,7 @@ import curricle as cr
 from curricle.errors import ConfigError
 from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
 from curricle.study import StudyConfig
-from curricle.study.config.study_tables import json_schema
+from curricle.study.config.study_config import json_schema
 from tests.studies import reader
 
 pytest.importorskip("minigrid", reason="the extra minigrid is not installed")

@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 from curricle.errors import ConfigError
 from curricle.study import read_study
-from curricle.study.config.positions import Positions
+from curricle.study.config.merging import Positions
 from curricle.study.config.reading import configured
 from tests.studies import NUMBERED_HUNT as HUNT, complaints_of
 

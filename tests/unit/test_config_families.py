@@ -7,7 +7,7 @@ import pytest
 from curricle import GridWorld, Pursuit, project, run_study
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig, read_study
-from curricle.study.config.study_tables import json_schema
+from curricle.study.config.study_config import json_schema
 from curricle.tasks import maze_family
 from curricle.tasks.families.built_in import BUILT_IN
 from tests.studies import complaints_of, reader

@@ -4,7 +4,7 @@ import pytest
 
 from curricle.errors import ConfigError
 from curricle.study import read_study
-from curricle.study.config.references import load
+from curricle.study.config.tables import load
 from tests.studies import NUMBERED_HUNT as HUNT, NUMBERED_MAZES as MAZES, complaints_of
 
 

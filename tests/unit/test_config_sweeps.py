@@ -6,7 +6,7 @@ from curricle import QLearning
 from curricle.errors import CurriculumError
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
-from curricle.study.config.study_tables import json_schema
+from curricle.study.config.study_config import json_schema
 from tests.studies import NUMBERED_HUNT, complaints_of, reader
 
 MAZES = """

@@ -12,7 +12,7 @@ from curricle.errors import ConfigError
 from curricle.interop.vector_pursuit import observed_pursuit
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
-from curricle.study.config.study_tables import json_schema
+from curricle.study.config.study_config import json_schema
 from curricle.study.config.templates import template
 from tests.studies import VECTOR_HUNT as HUNT, reader
 

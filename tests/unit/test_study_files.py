@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from curricle.study import StudyConfig, read_study
-from curricle.study.config.study_tables import json_schema
+from curricle.study.config.study_config import json_schema
 from curricle.study.config.templates import DESIGN, KINDS, template
 
 FOLDER = Path(__file__).parents[2] / "examples"

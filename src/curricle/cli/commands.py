@@ -174,7 +174,7 @@ def merge(
 
 def schema() -> None:
     """Print the JSON Schema of study files, for editors that complete and check TOML."""
-    from curricle.study.config.study_tables import json_schema
+    from curricle.study.config.study_config import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=1))
 

@@ -48,7 +48,7 @@ def announce_imports() -> None:
     """Print which modules a study names before they are imported."""
     import logging
 
-    from curricle.study.config.references import LOGGER
+    from curricle.study.config.tables import LOGGER
 
     if not LOGGER.handlers:
         LOGGER.addHandler(logging.StreamHandler())

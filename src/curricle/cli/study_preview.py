@@ -1,4 +1,4 @@
-"""What ``curricle check`` and ``run --dry-run`` print: tasks, cost, forecast, what is left to do."""
+"""What ``curricle check`` and ``run --dry-run`` print: tasks, cost, forecast, what is left."""
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +19,7 @@ from curricle.remote_path import Place, place_at
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.config.varied_settings import value_text
+from curricle.study.config.sweeps import value_text
 from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
 from curricle.study.folders import holds_study
 from curricle.study.packing import bytes_a_seed, seeds_per_file

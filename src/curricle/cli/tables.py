@@ -15,7 +15,7 @@ from curricle.array_types import FloatArray
 from curricle.checks import one_of
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
-from curricle.study.config.varied_settings import value_text
+from curricle.study.config.sweeps import value_text
 from curricle.study.cost import total_words
 from curricle.study.effects import TUNING, Effects, effects_of
 from curricle.study.results import StudyResults

@@ -13,7 +13,7 @@ from curricle.learning.result import LearningResult
 from curricle.plotting.scales import minus, rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
-from curricle.study.config.varied_settings import value_text
+from curricle.study.config.sweeps import value_text
 from curricle.study.effects import Effects, Level, short
 from curricle.study.record import Analysis, CurriculaRecord, ForecastRecord, SectionRecord
 from curricle.study.tuning_record import TuningRecord

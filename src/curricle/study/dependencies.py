@@ -10,7 +10,7 @@ from typing import Any
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import SETTINGS
 from curricle.study.config.own_code import code_of
-from curricle.study.config.task_names import NameGraph
+from curricle.study.config.tables import NameGraph
 from curricle.study.description import differences, shown
 from curricle.transfer.descriptions import mappings_digest
 

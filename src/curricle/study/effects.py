@@ -11,7 +11,7 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.comparison.comparison import Comparison
 from curricle.statistics.intervals import mean_interval
-from curricle.study.config.varied_settings import value_text
+from curricle.study.config.sweeps import value_text
 from curricle.study.record import CurriculaRecord
 from curricle.study.tuning_record import SpaceRecord, TuningRecord
 

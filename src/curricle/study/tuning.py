@@ -23,8 +23,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.statistics.metrics import mean_return
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.config.tuning_tables import RangeTable, Tuning, ends_of
-from curricle.study.config.varied_settings import value_text, with_values
+from curricle.study.config.sweeps import RangeTable, Tuning, ends_of, value_text, with_values
 from curricle.study.dependencies import Dependencies, key_of, settings_key_of
 from curricle.study.serialization import RUN, of_seeds
 from curricle.study.store import StoredUnit, StudyStore

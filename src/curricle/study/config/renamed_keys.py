@@ -8,8 +8,7 @@ from functools import reduce
 from typing import Any
 
 from curricle.study.config.merging import SETTINGS
-from curricle.study.config.tables import KeyPath
-from curricle.study.config.task_names import table
+from curricle.study.config.tables import KeyPath, table
 from curricle.study.config.tasks import TASKS
 
 STUDY, SETTING, TASK, FLAG = "study", "setting", "task", "flag"

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 from curricle.errors import CurricleError, EngineError, ForeignError, in_words
 from curricle.files import remove_folder
 from curricle.remote_path import Place
-from curricle.study.config.references import PACKAGES
+from curricle.study.config.tables import PACKAGES
 from curricle.study.folders import lost_errors
 from curricle.study.serialization import UnitResult
 from curricle.study.store import StoredUnit, arrays_in, written_unit

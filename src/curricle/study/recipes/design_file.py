@@ -18,8 +18,7 @@ from curricle.display import brief_repr
 from curricle.errors import ConfigError, CurricleError
 from curricle.frozen_arrays import Frozen
 from curricle.learning.learners import Learner
-from curricle.study.config.families import NONE, family_of, task_of
-from curricle.study.config.positions import Positions, Problems
+from curricle.study.config.merging import Positions, Problems
 from curricle.study.config.tables import (
     Count,
     KeyPath,
@@ -30,6 +29,7 @@ from curricle.study.config.tables import (
     whole_number,
     wrong,
 )
+from curricle.study.config.tasks import NONE, family_of, task_of
 from curricle.study.recipes.recipe_file import (
     StoredRecipe,
     judgement_data,

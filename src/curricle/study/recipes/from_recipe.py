@@ -14,10 +14,9 @@ from curricle.design.recipe import Recipe, Stage, annealed_learner, at_target
 from curricle.design.trends import Trend
 from curricle.errors import ConfigError, CurricleError
 from curricle.learning.shaping import LookAheadAdvice, QInitialisation, StateShaping
-from curricle.study.config.parsing import parsed
-from curricle.study.config.positions import Positions, line_numbers
+from curricle.study.config.merging import Positions, line_numbers
 from curricle.study.config.reading import configured
-from curricle.study.config.references import users_code
+from curricle.study.config.tables import parsed, users_code
 from curricle.study.config.tasks import CROPPED
 from curricle.study.recipes.recipe_file import StoredRecipe
 from curricle.study.recipes.toml_text import comments, header, pair, pairs

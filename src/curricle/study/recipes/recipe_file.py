@@ -17,12 +17,10 @@ from curricle.display import brief_repr
 from curricle.errors import ConfigError
 from curricle.frozen_arrays import Frozen
 from curricle.learning.learners import Learner
-from curricle.study.config.derived_tables import built
-from curricle.study.config.families import family_of
-from curricle.study.config.merging import assignment, merged
-from curricle.study.config.positions import Positions, Problems, line_numbers
+from curricle.study.config.merging import Positions, Problems, assignment, line_numbers, merged
 from curricle.study.config.reading import toml_of
-from curricle.study.config.tables import KeyPath, Table
+from curricle.study.config.tables import KeyPath, Table, built
+from curricle.study.config.tasks import family_of
 from curricle.study.recipes.recipe_tables import (
     LAST,
     OfFamily,

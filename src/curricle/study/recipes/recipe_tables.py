@@ -20,7 +20,6 @@ from curricle.design.recipe import AGGREGATES, SHAPINGS, Recipe, Stage
 from curricle.design.relations import Relation
 from curricle.design.trends import Trend
 from curricle.errors import CurricleError
-from curricle.study.config.families import NONE, FamilyTable
 from curricle.study.config.settings import LEARNERS, AnyLearner
 from curricle.study.config.tables import (
     Choice,
@@ -35,6 +34,7 @@ from curricle.study.config.tables import (
     wrong,
     wrong_at,
 )
+from curricle.study.config.tasks import NONE, FamilyTable
 from curricle.tasks.families.built_in import BUILT_IN
 
 CALIBRATED = "calibrated"

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from textwrap import wrap
 from typing import Any
 
-from curricle.study.config.families import NONE
+from curricle.study.config.tasks import NONE
 
 WIDTH = 100
 """Characters of a line, where it can be broken."""
