@@ -9,7 +9,7 @@ from curricle.curriculum import CurriculumResult
 from curricle.deep import DeepLearner, DeepResult, learn_deep
 from curricle.errors import SettingError, StoreError
 from curricle.study import StudyResults, read_study, run_study
-from curricle.study.playing import played_episode, stored_episode
+from curricle.study.analysis import played_episode, stored_episode
 
 from .worlds import one_hot, table_potential
 

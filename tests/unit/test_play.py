@@ -11,7 +11,7 @@ import curricle as cr
 from curricle.errors import SettingError, StoreError
 from curricle.learning import TabularPolicy
 from curricle.study import StudyResults, read_study, run_study
-from curricle.study.playing import played_episode, stored_episode
+from curricle.study.analysis import played_episode, stored_episode
 from curricle.tasks.scenes import scene_of
 from tests.sent_folders import change
 

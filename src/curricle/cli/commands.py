@@ -223,7 +223,7 @@ def play(
     imported. With it the learnt policy plays in the task itself.
     """
     from curricle.study import StudyResults
-    from curricle.study.playing import played_episode, stored_episode
+    from curricle.study.analysis import played_episode, stored_episode
 
     if changes and study is None:
         raise typer.BadParameter(f"--set changes the file of --study: got --set {changes[0]} alone")

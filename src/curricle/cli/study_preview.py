@@ -21,10 +21,9 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.sweeps import value_text
 from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
-from curricle.study.folders import holds_study
 from curricle.study.packing import bytes_a_seed, seeds_per_file
-from curricle.study.resuming import Done, arms_in, tuned_before, usable_units
-from curricle.study.store import StudyStore
+from curricle.study.running import Done, arms_in, tuned_before, usable_units
+from curricle.study.store import StudyStore, holds_study
 from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
 from curricle.study.units import numbered_seeds, units_of
 from curricle.tasks.observation_task import is_observation_task

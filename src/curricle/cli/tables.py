@@ -19,7 +19,7 @@ from curricle.study.config.sweeps import value_text
 from curricle.study.cost import total_words
 from curricle.study.effects import TUNING, Effects, effects_of
 from curricle.study.results import StudyResults
-from curricle.study.tuning_record import TuningRecord, read_tuning, tuning_words
+from curricle.study.tuning import TuningRecord, read_tuning, tuning_words
 from curricle.study.units import numbered_seeds
 from curricle.text_tables import UNBOUNDED, counted, text_table
 

@@ -47,7 +47,7 @@ from curricle.study.analysis import analysed
 from curricle.study.effects import Effects
 from curricle.study.record import Analysis, CurriculaRecord
 from curricle.study.recording import curricula_record
-from curricle.study.tuning_record import TuningRecord
+from curricle.study.tuning import TuningRecord
 
 # -- The learning curves of a page as data for its script ------------------------------------------
 

@@ -16,7 +16,7 @@ from curricle.statistics.intervals import Interval
 from curricle.study.config.sweeps import value_text
 from curricle.study.effects import Effects, Level, short
 from curricle.study.record import Analysis, CurriculaRecord, ForecastRecord, SectionRecord
-from curricle.study.tuning_record import TuningRecord
+from curricle.study.tuning import TuningRecord
 from curricle.study.units import numbered_seeds
 from curricle.text_tables import counted
 

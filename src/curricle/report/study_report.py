@@ -20,10 +20,10 @@ from curricle.report.page import ShownStudy, page_of
 from curricle.report.templates import Script, render, write_page
 from curricle.statistics.curves import SCRATCH
 from curricle.study.effects import effects_of
-from curricle.study.folders import STUDY, in_use
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
-from curricle.study.tuning_record import read_tuning
+from curricle.study.store import STUDY, in_use
+from curricle.study.tuning import read_tuning
 from curricle.study.units import seed_ranges
 from curricle.text_tables import counted
 

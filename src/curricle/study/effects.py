@@ -13,7 +13,7 @@ from curricle.comparison.comparison import Comparison
 from curricle.statistics.intervals import mean_interval
 from curricle.study.config.sweeps import value_text
 from curricle.study.record import CurriculaRecord
-from curricle.study.tuning_record import SpaceRecord, TuningRecord
+from curricle.study.tuning import SpaceRecord, TuningRecord
 
 THIRDS = 3
 SWEEP, TUNING = "sweep", "tuning"

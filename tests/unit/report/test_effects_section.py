@@ -3,7 +3,7 @@
 from curricle.report.sections import effects_sections
 from curricle.report.templates import render
 from curricle.study.effects import tuning_effects
-from curricle.study.tuning_record import SpaceRecord, TrialRecord, TunedArm, TuningRecord
+from curricle.study.tuning import SpaceRecord, TrialRecord, TunedArm, TuningRecord
 
 RATE = "learner.learning_rate"
 TUNED = TuningRecord(

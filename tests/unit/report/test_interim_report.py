@@ -18,8 +18,8 @@ from curricle.report.study_report import (
     stored_page,
     watch_folder,
 )
-from curricle.study.folders import in_use, locked
 from curricle.study.results import StudyResults
+from curricle.study.store import in_use, locked
 
 
 class Followed:

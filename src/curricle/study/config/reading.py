@@ -36,7 +36,7 @@ from curricle.study.config.tables import (
     wrong_names,
 )
 from curricle.study.config.tasks import FamilyTable, wrong_families
-from curricle.study.folders import holds_study
+from curricle.study.store import holds_study
 
 ONLY_ARM = "transfer"
 """The name of the arm of a study without arms."""

@@ -42,7 +42,7 @@ from curricle.study.config.tables import (
     wrong_at,
 )
 from curricle.study.config.tasks import TASKS, AnyTask, FamilyTable, FamilyTask, started
-from curricle.study.study_table import config_html, config_in_brief
+from curricle.study.record import config_html, config_in_brief
 from curricle.tasks.families.family import FamilyMember
 
 # -- The tables of a study: as a file writes them, and as they are with all settings filled in -----
