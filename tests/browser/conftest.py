@@ -11,8 +11,8 @@ from curricle.design.recipe_design import design_recipe
 from curricle.learning.record import Snapshots
 from curricle.paper.reproduce import reproduce
 from curricle.report.design_report import write_design_report
-from curricle.report.page import study_page
 from curricle.tasks import maze_family
+from tests.study_pages import study_page
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""

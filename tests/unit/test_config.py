@@ -32,7 +32,7 @@ from curricle.checks import number
 from curricle.curriculum import RetrainSources
 from curricle.curriculum.defaults import SETTINGS
 from curricle.errors import SettingError
-from curricle.learning import OPIQ, Learner, UCBQLearning, exponential, harmonic, linear
+from curricle.learning import Learner, UCBQLearning, exponential, harmonic, linear
 from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
 from curricle.study.config import settings, tasks
@@ -225,10 +225,6 @@ def test_a_maze_that_only_lends_its_drawing_is_not_learnt(read):
     [
         ("type = 'SARSA'\nepsilon = 0.3", SARSA(epsilon=0.3)),
         (
-            "inverse_temperature = 2\ninitial_value = -5",
-            QLearning(inverse_temperature=2.0, initial_value=-5.0),
-        ),
-        (
             "learning_rate = { type = 'harmonic' }\n"
             "epsilon = { type = 'linear', first = 1, last = 0.1, steps = 1e3 }",
             QLearning(learning_rate=harmonic(), epsilon=linear(1, 0.1, steps=1000)),
@@ -239,10 +235,6 @@ def test_a_maze_that_only_lends_its_drawing_is_not_learnt(read):
             DoubleQLearning(epsilon=exponential(1, half_life=9.5)),
         ),
         ("type = 'UCBQLearning'\nc = 0.5\nhorizon = 20", UCBQLearning(c=0.5, horizon=20.0)),
-        (
-            "type = 'OPIQ'\nexponent = 1\nvalue_range = [-3, 2.5]\nlearning_rate = 0.5",
-            OPIQ(exponent=1.0, value_range=(-3.0, 2.5), learning_rate=0.5),
-        ),
     ],
 )
 def test_a_learner_is_the_one_described(read, table, made):
@@ -281,7 +273,6 @@ def test_settings_are_those_described(read):
     [
         ("'StateShaping'", StateShaping()),
         ("{ guard = true }", QInitialisation(guard=Guard())),
-        ("{ guard = false }", QInitialisation()),
         (
             "{ type = 'DecayingAdvice', weight = { type = 'harmonic', half = 9 } }",
             DecayingAdvice(weight=harmonic(half=9)),

@@ -12,11 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.scale import SymmetricalLogTransform
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import fit_name
 from curricle.comparison.comparison import Comparison
-from curricle.curriculum.result import CurriculumResult
 from curricle.errors import SettingError, in_words
-from curricle.learning.budget import ended_by
 from curricle.plotting.learning_curves import (
     controls_first,
     draw_learning_curves,
@@ -43,10 +40,8 @@ from curricle.report.svg import inline_svg
 from curricle.report.templates import Script, render
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
-from curricle.study.analysis import analysed
 from curricle.study.effects import Effects
 from curricle.study.record import Analysis, CurriculaRecord
-from curricle.study.recording import curricula_record
 from curricle.study.tuning import TuningRecord
 
 # -- The learning curves of a page as data for its script ------------------------------------------
@@ -185,74 +180,6 @@ def _differences(numbers: IntArray) -> list[int]:
 
 WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 """Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
-
-
-def study_page(
-    name: str,
-    comparison: Comparison,
-    results: Mapping[str, CurriculumResult],
-    *,
-    decisions: Reasons | None = None,
-    environment: Mapping[str, str] | None = None,
-) -> str:
-    """Return a study as one self-contained HTML page.
-
-    It holds the findings, the curriculum graph, learning curves for weak and strong transfer, all
-    measures, the forecast and certificates where the target is small enough, replays of training,
-    and the settings. Without scripts, and on paper, the replays are still pictures.
-
-    Parameters
-    ----------
-    name : str
-        Of the study.
-    comparison : Comparison
-    results : dict of str to CurriculumResult
-        Arm -> its training; the scratch baseline is a curriculum of one task. Controls may be left
-        out.
-    decisions : dict of (str, str) to sequence of str, optional
-        (arm, task) -> for each seed why its training ended; by default its budget was spent.
-    environment : dict of str to str, optional
-        Versions, command and the like.
-
-    Returns
-    -------
-    str
-        HTML. It requests nothing over a network, and its policy forbids requests.
-
-    Raises
-    ------
-    SettingError
-        When there is no arm besides the scratch baseline, or the name is not one.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Transfer, compare, same_position
-    >>> from curricle.curriculum.curriculum import Curriculum
-    >>> maze = GridWorld(["..T", "S.."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(1, 3))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
-    ...     budget={"corner": 100, "maze": 500})
-    >>> page = study_page("A <small> maze", compare(plan, seeds=2), {"transfer": plan.train(2)})
-    >>> "<h1>A &lt;small&gt; maze</h1>" in page, "https:" in page
-    (True, False)
-    """
-    fit_name("a study", name, SettingError)
-    curricula = {arm: result.curriculum for arm, result in results.items()}
-    record = curricula_record(curricula, {})
-    learnt = {arm: result.nodes for arm, result in results.items()}
-    reasons: dict[tuple[str, str], Sequence[str]] = {}
-    for arm, nodes in learnt.items():
-        for task, node in nodes.items():
-            ended = curricula[arm].node(task)
-            default = [
-                rows[-1].criterion if rows else ended_by(ended.budget, full)
-                for rows, full in zip(ended.decisions(node), node.out_of_memory, strict=True)
-            ]
-            reasons[arm, task] = (decisions or {}).get((arm, task)) or default
-    study = ShownStudy(name, comparison, record, learnt, analysed(results, record), reasons)
-    return page_of(study, environment or {})
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,9 @@ import curricle as cr
 from curricle.comparison.arms import Arm
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
-from curricle.report.page import study_page
 from curricle.report.svg import inline_svg
 from curricle.statistics.curves import Curve
+from tests.study_pages import study_page
 
 from .studies import ODD, Reader, maze_plan, page_of
 
