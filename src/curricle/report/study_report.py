@@ -240,9 +240,12 @@ class InterimReport:
 
     def _write(self, sentence: str, seconds: float) -> None:
         """Write the page with a sentence at its top; it is read again after so many seconds."""
-        banner = render(
-            "banner.html", sentence=sentence, time=f"{datetime.now():%X}", seconds=seconds
-        )
+        values = {
+            "sentence": sentence,
+            "time": f"{datetime.now():%X}",
+            "seconds": round(seconds, 1),
+        }
+        banner = render("banner.html", **values)
         write_page(self._page.replace(self._place, banner), self.path)
 
 
