@@ -189,7 +189,7 @@ MUTATIONS = [
     ),
     Mutation(
         "the lock not taken",
-        "study/folders.py",
+        "study/store.py",
         "lock.acquire(timeout=PATIENCE)",
         "pass",
         ("tests/unit/test_study_folder.py::test_only_one_process_works_on_a_study",),

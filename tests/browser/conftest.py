@@ -9,7 +9,7 @@ import pytest
 import curricle as cr
 from curricle.learning.record import Snapshots
 from curricle.paper.reproduce import reproduce
-from curricle.report.page import study_page
+from tests.study_pages import study_page
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""

@@ -110,13 +110,6 @@ def test_an_arm_is_turned_off_and_on_by_its_name(visit):
     assert means(page) == ["scratch", "maze arm"]
 
 
-def test_names_with_marks_are_turned_off_too(visit, studies):
-    page, names = visit("chain"), list(studies["chain"][0].arms)
-    assert page.eval_on_selector_all("#arms li", "all => all.map(e => e.dataset.arm)") == names
-    page.locator("#arms button").nth(1).click()
-    assert means(page) == names[:1]
-
-
 def test_seeds_are_thin_lines(visit):
     page = visit("maze")
     assert page.locator("#chart .band").count() == 2

@@ -1,8 +1,11 @@
 """The page of a study in a browser: by mouse and keyboard, on a phone, on paper, offline."""
 
 import pytest
+from markupsafe import Markup
 
-from .conftest import DESK, ODD
+from curricle.report.templates import Script, render
+
+from .conftest import ODD
 
 PAPER = {"width": 688, "height": 1000}  # what A4 leaves between its margins
 PHONE = {"width": 360, "height": 740}
@@ -71,18 +74,6 @@ def test_the_slider_changes_map_and_label(visit):
     assert page.get_attribute("#moment", "aria-valuetext") == page.text_content("#moment-words")
 
 
-def test_playing_the_training_goes_to_its_end(visit):
-    page = visit("maze")
-    page.click("#map-play")
-    assert page.text_content("#map-play") == "Pause"
-    assert page.input_value("#moment") == "0"
-    page.clock.run_for(200)
-    assert page.input_value("#moment") == "1"
-    page.clock.run_for(1000)
-    assert page.input_value("#moment") == "2"
-    assert page.text_content("#map-play") == "Play"
-
-
 def test_another_replay_has_its_own_grid(visit):
     page = visit("hunt")
     assert page.locator("#map .fixed").count() == 2  # the prey and the other predator
@@ -126,25 +117,6 @@ def test_the_animation_plays_pauses_and_ends(visit):
     assert outcomes == page.locator(f'.still[data-key="{key}"] .outcome').all_text_contents()
 
 
-def test_an_ended_episode_begins_again_when_played(visit):
-    page = visit("maze")
-    start = places(page)
-    page.click("#episode-play")
-    page.clock.run_for(60_000)
-    page.click("#episode-play")
-    assert page.input_value("#tick") == "0"
-    assert places(page) == start
-
-
-def test_moving_the_slider_pauses(visit):
-    page = visit("hunt")
-    page.click("#episode-play")
-    page.locator("#tick").evaluate("e => { e.value = 2; e.dispatchEvent(new Event('input')); }")
-    page.clock.run_for(5000)
-    assert page.input_value("#tick") == "2"
-    assert page.text_content("#episode-play") == "Play"
-
-
 def test_nothing_glides_where_motion_is_unwelcome(visit):
     glide = "e => getComputedStyle(e).transitionDuration"
     assert visit("maze").locator("#after .marker").first.evaluate(glide) != "0s"
@@ -153,21 +125,6 @@ def test_nothing_glides_where_motion_is_unwelcome(visit):
 
 
 # -- curves --------------------------------------------------------------------------------------
-
-
-def test_the_switch_changes_the_axis(visit):
-    page = visit("maze")
-    assert visible(page, ".curves") == [True, False]
-    page.get_by_label("No: weak transfer").check()
-    assert visible(page, ".curves") == [False, True]
-    page.get_by_label("Yes: strong transfer").check()
-    assert visible(page, ".curves") == [True, False]
-
-
-@pytest.mark.parametrize(("viewport", "shown"), [(DESK, [True, False]), (PHONE, [False, True])])
-def test_each_width_has_its_own_curves_without_scripts(visit, viewport, shown):
-    page = visit("maze", viewport, java_script_enabled=False)
-    assert visible(page, ".strong > div") == shown
 
 
 def test_the_keyboard_alone_does_all(visit):
@@ -246,3 +203,33 @@ def test_names_do_no_harm(visit):
     assert page.text_content("h1") == ODD
     assert page.title() == ODD.strip()
     assert page.locator("img").count() == 0
+
+
+def test_an_interim_page_is_read_again_but_not_under_its_readers_hands(visit, files):
+    files["interim"] = files["maze"].with_name("interim.html")
+
+    def write(words, seconds):
+        name, scripts = "Interim", [Script.of("reload.js")]
+        banner = render("banner.html", sentence=words, time="12:00:00", seconds=seconds)
+        tall = Markup(banner + '<div style="height: 300rem"></div>')
+        files["interim"].write_text(render("waiting.html", name=name, scripts=scripts, banner=tall))
+
+    write("not begun", 0)
+    page = visit("interim")
+    write("1 of 3 units", 2)
+    page.reload()
+    page.evaluate("scrollTo(0, 700)")
+    write("2 of 3 units", 2)
+    page.keyboard.press("Shift")
+    page.clock.run_for(9_000)
+    assert "1 of 3" in page.text_content("#interim")
+    with page.expect_navigation():
+        page.clock.run_for(4_000)
+    assert "2 of 3" in page.text_content("#interim")
+    assert page.evaluate("scrollY") == 700
+    write("all", 0)
+    with page.expect_navigation():
+        page.clock.run_for(3_000)
+    write("never", 0)
+    page.clock.run_for(60_000)
+    assert "all" in page.text_content("#interim")

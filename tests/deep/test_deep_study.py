@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.cli.results_tables import print_results
+from curricle.cli.tables import print_results
 from curricle.comparison.comparing import compare
 from curricle.deep import checkpoint
 from curricle.errors import ConfigError, StudyError

@@ -8,7 +8,8 @@ import curricle as cr
 from curricle.curriculum import CurriculumResult
 from curricle.deep import DeepLearner, DeepResult, learn_deep
 from curricle.errors import SettingError, StoreError
-from curricle.study import StudyResults, played_episode, read_study, run_study, stored_episode
+from curricle.study import StudyResults, read_study, run_study
+from curricle.study.analysis import played_episode, stored_episode
 
 from .worlds import one_hot, table_potential
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from curricle.cli import forecast_preview
+from curricle.cli import study_preview
 from curricle.cli.study_preview import print_preview
 from curricle.errors import CurricleError
 from curricle.study import read_study
@@ -53,9 +53,9 @@ def limited(seconds: float):
 def quick_forecasts():
     """Let a preview take a second or five for what it lets take half a minute or five."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(forecast_preview, "LONGEST", 1.0)
-        patch.setattr(forecast_preview, "LONGEST_COMPARING", 5.0)
-        patch.setattr(forecast_preview, "LONGEST_TRIAL", 5.0)
+        patch.setattr(study_preview, "LONGEST", 1.0)
+        patch.setattr(study_preview, "LONGEST_COMPARING", 5.0)
+        patch.setattr(study_preview, "LONGEST_TRIAL", 5.0)
         yield
 
 

@@ -13,7 +13,7 @@ from curricle.learning.result import joined_results
 from curricle.learning.saved_result import arrays_of
 from curricle.study.record import UnitRecord
 from curricle.study.serialization import UnitResult, joined_units
-from curricle.study.unit_file import unit_content
+from curricle.study.store import unit_content
 
 MAZE = GridWorld(["S...", "..P.", "...T"], time_limit=30)
 SEEDS = (0, 1, 3, 7, 8)

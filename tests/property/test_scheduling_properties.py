@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from curricle.study import scheduling
-from curricle.study.failures import Failures
 from curricle.study.scheduling import AHEAD, Scheduler
+from curricle.study.store import Failures
 from curricle.study.units import Unit
 
 SEEDS = range(5)

@@ -79,7 +79,7 @@ def test_a_shell_completes_commands_and_kinds(tmp_path):
 def test_what_compiles_says_so_once(tmp_path):
     code = (
         "import sys\n"
-        "from curricle.cli.compilation import announce_compilation\n"
+        "from curricle.cli.progress_bars import announce_compilation\n"
         "found = announce_compilation()\n"
         "from tests_loops import one, other\n"
         "one(1); other(1)\n"

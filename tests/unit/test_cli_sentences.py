@@ -1,11 +1,10 @@
 """What the command line says: commands that can be pasted, and numbers that there are."""
 
-import re
 import shutil
 
 import pytest
 
-from curricle.cli.explanations import used
+from curricle.cli.tables import used
 from curricle.study import StudyStore
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -47,13 +46,6 @@ def test_show_before_the_first_unit_has_no_empty_table(curricle, finished, tmp_p
     assert code == 0
     assert "no unit is stored yet" in out
     assert "greedy return" not in out
-
-
-def test_a_seed_without_decisions_is_refused(curricle, finished):
-    code, out, complaint = curricle("show", finished, "--seed", "1")
-    plain = " ".join(re.sub("[│╭╮╰╯─]", " ", complaint).split())
-    assert (code, out) == (2, "")
-    assert "a seed is that of --decisions: got --seed 1 alone" in plain
 
 
 def test_an_arm_that_gains_more_needs_no_legend_of_a_forecast():

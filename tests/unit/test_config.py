@@ -31,11 +31,17 @@ from curricle import (
 from curricle.checks import number
 from curricle.curriculum.defaults import SETTINGS
 from curricle.errors import SettingError
-from curricle.learning import Learner, OptimisticQLearning, exponential, harmonic, linear
+from curricle.learning import (
+    Learner,
+    OptimisticQLearning,
+    exponential,
+    harmonic,
+    linear,
+)
 from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
-from curricle.study.config import settings, tasks, transfers
-from curricle.study.config.derived_tables import table_of
+from curricle.study.config import settings, tasks
+from curricle.study.config.tables import table_of
 from curricle.transfer import Calibrate, aggregation
 from tests.studies import HUNT, MAZE, only, reader
 
@@ -103,7 +109,7 @@ def test_settings_and_transfers_are_those_of_a_curriculum(tmp_path):
     for which, value in SETTINGS.items():
         assert defaults.setting(which, tmp_path) == value
     given = set(inspect.signature(Transfer).parameters) - {"mapping"}
-    assert given == set(transfers.TransferTable.parameters)
+    assert given == set(settings.TransferTable.parameters)
     assert set(inspect.signature(GridWorld.crop).parameters) - {"self"} == (
         tasks.CropTask.model_fields.keys()
         - settings.Settings.model_fields.keys()
@@ -224,10 +230,6 @@ def test_a_maze_that_only_lends_its_drawing_is_not_learnt(read):
     [
         ("type = 'SARSA'\nepsilon = 0.3", SARSA(epsilon=0.3)),
         (
-            "inverse_temperature = 2\ninitial_value = -5",
-            QLearning(inverse_temperature=2.0, initial_value=-5.0),
-        ),
-        (
             "learning_rate = { type = 'harmonic' }\n"
             "epsilon = { type = 'linear', first = 1, last = 0.1, steps = 1e3 }",
             QLearning(learning_rate=harmonic(), epsilon=linear(1, 0.1, steps=1000)),
@@ -279,7 +281,6 @@ def test_settings_are_those_described(read):
     [
         ("'StateShaping'", StateShaping()),
         ("{ guard = true }", QInitialisation(guard=Guard())),
-        ("{ guard = false }", QInitialisation()),
         (
             "{ type = 'DecayingAdvice', weight = { type = 'harmonic', half = 9 } }",
             DecayingAdvice(weight=harmonic(half=9)),

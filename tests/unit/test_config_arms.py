@@ -145,16 +145,10 @@ def test_arms_may_fill_in_what_the_study_leaves_open(read):
     ("base", "patch", "expected"),
     [
         ({"budget": 5}, {"budget": {"episodes": 3}}, {"budget": {"episodes": 3}}),
-        ({"budget": {"episodes": 3}}, {"budget": {"max_steps": 9}}, {"budget": {"max_steps": 9}}),
         (
             {"budget": {"max_steps": 9, "threshold": 1}},
             {"budget": {"episodes": 3}},
             {"budget": {"episodes": 3}},
-        ),
-        (
-            {"budget": {"max_steps": 9}},
-            {"budget": {"threshold": 1}},
-            {"budget": {"max_steps": 9, "threshold": 1}},
         ),
         ({"map": "S.T"}, {"file": "x.txt"}, {"file": "x.txt"}),
         ({"epsilon": 0.1}, {"inverse_temperature": 1}, {"inverse_temperature": 1}),
@@ -173,7 +167,6 @@ def test_arms_may_fill_in_what_the_study_leaves_open(read):
             {"learner": {"type": "QLearning"}},
             {"learner": {"type": "QLearning", "epsilon": 0.3}},
         ),
-        ({"a": [1, 2]}, {"a": [3]}, {"a": [3]}),
     ],
 )
 def test_merging(base, patch, expected):
@@ -213,8 +206,3 @@ def test_what_is_set_is_read_as_toml_or_else_as_text(read):
     assert study.seeds_per_unit == 10
     assert only(study).tasks["hunt"].size == 4
     assert only(study).setting("aggregate", "hunt") is aggregation.total
-
-
-def test_an_arm_may_be_set(read):
-    study = read(HUNT + '[arms."2 x"]\nbudget = 5', set=['arms."2 x".tasks.hunt.budget=70'])
-    assert only(study, "2 x").setting("budget", "hunt") == 70

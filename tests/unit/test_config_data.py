@@ -14,9 +14,10 @@ from curricle import (
     GridWorld,
 )
 from curricle.errors import ConfigError
-from curricle.study import StudyConfig, json_schema
-from curricle.study.config.positions import Positions
+from curricle.study import StudyConfig
+from curricle.study.config.merging import Positions
 from curricle.study.config.reading import configured
+from curricle.study.config.study_config import json_schema
 from curricle.study.config.templates import KINDS, template
 from tests.studies import HUNT, MAZE, only, reader
 

@@ -5,7 +5,8 @@ import pytest
 import curricle as cr
 from curricle.errors import ConfigError
 from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
-from curricle.study import StudyConfig, json_schema
+from curricle.study import StudyConfig
+from curricle.study.config.study_config import json_schema
 from tests.studies import reader
 
 pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
@@ -102,16 +103,12 @@ def test_tables_are_encoded_too(read):
             "line 7: tasks.level.encode must be one of MiniGridView, MiniGridFullView, FlatDict, "
             "StackedFrames: got 'MiniGridVew', did you mean 'MiniGridView'?",
         ),
-        ("3", "line 7: tasks.level.encode must be one of"),
         ("'MiniGridFullView'", "must be a table, as MiniGridFullView needs width and height"),
         ("{ type = 'MiniGridView', pictur = 1 }", "encode.pictur is unknown, did you mean"),
         ("{ type = 'MiniGridFullView', width = 4, height = 9 }", "must fit into its encoder's 4 x"),
         ("{ type = 'FlatDict', leave_out = ['words'] }", "must name keys of the Dict"),
-        ("{ type = 'FlatDict', leave_out = 'mission' }", "encode.leave_out must be a list"),
         ("{ type = 'StackedFrames', of = 'MiniGridView' }", "encode.n is missing"),
-        ("{ type = 'StackedFrames', n = 2, of = 'StackedFrames' }", "encode.of must be one of"),
         ("'own:half'", "own:half failed with TypeError"),
-        ("'own:quarter'", "own:quarter names no function"),
     ],
 )
 def test_a_mistake_is_one_sentence_with_its_place(complaint, encode, sentence):

@@ -13,7 +13,7 @@ from curricle import (
     same_position,
 )
 from curricle.study import StudyConfig
-from curricle.study.config.references import load
+from curricle.study.config.tables import load
 from tests.studies import MAZE, only, reader
 
 

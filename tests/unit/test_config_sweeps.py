@@ -4,8 +4,9 @@ import pytest
 
 from curricle import QLearning
 from curricle.errors import CurriculumError
-from curricle.study import StudyConfig, json_schema
+from curricle.study import StudyConfig
 from curricle.study.arms import Arms
+from curricle.study.config.study_config import json_schema
 from tests.studies import NUMBERED_HUNT, complaints_of, reader
 
 MAZES = """
@@ -158,29 +159,20 @@ NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.ep
     [
         ("sweep={}", "sweep must name a setting to sweep: got none"),
         ("sweep.tasks.corner.rows=[[0, 9]]", "sweep.tasks.corner.rows is refused: a crop must lie"),
-        ("sweep=3", "sweep must be a table: got 3"),
         (
             "sweep.learner.epsilon=0.1",
             "sweep.learner.epsilon must be a list of one or more values: got 0.1",
         ),
-        (
-            "sweep.learner.epsilon=[]",
-            "sweep.learner.epsilon must be a list of one or more values: got []",
-        ),
         ("sweep.learner.epsilon=[1, 1]", "must be a list of different values: 1 is there twice"),
         ("sweep.learner.epsilon=['a']", "sweep.learner.epsilon must be a number: got 'a'"),
         ("sweep.learner.epsilon=[3.0]", "sweep.learner.epsilon is refused: epsilon must"),
-        ("sweep.learner.epslon=[1]", "epslon is unknown, did you mean 'epsilon'?"),
         (
             "sweep={ mode = 'pairs', unknown_value = [1.0] }",
             "must be 'grid' or 'paired': got 'pairs', did you mean 'paired'?",
         ),
         ("sweep.budget=[1, 2]", "changes nothing: each task or arm that it could apply to sets it"),
         ("sweep.tasks.maze.budget=[1, 2]", "must leave the target maze as it is"),
-        ("sweep.eval_freq=[10, 20]", "must leave the target maze as it is"),
-        ("sweep.tasks.mze.budget=[1]", "mze is unknown, did you mean 'maze'?"),
         ("sweep.tasks=[1]", "a key of one of the tasks, such as tasks.maze.budget"),
-        ("sweep.tasks.corner=[1]", "a key of one of the tasks, such as tasks.corner.budget"),
         ("sweep.transfers.0=[1]", "a key of one of the transfers, such as transfers.0.scale"),
         ("sweep.transfers.1.scale=[1]", "must name a key of one of the transfers: 1 is unknown"),
         ("sweep.seeds=[1, 2]", "must name a setting of tasks or transfers: seeds is unknown"),
@@ -188,19 +180,13 @@ NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.ep
         ("tune=1", "tune must be a table: got 1"),
         ("tune.trials=0", "tune.trials must be at least 1: got 0"),
         ("tune.trials=2000", "tune.trials must be at most 1,000: got 2000"),
-        ("tune.trails=2", "tune.trails is unknown, did you mean 'trials'?"),
-        ("tune.seeds='1-2'", "tune.seeds must be none of the study's seeds: 1 is one"),
         ("tune.seeds=0", "tune.seeds must be a number of seeds, a list of different ones"),
         ("tune.space={}", "tune.space must name a setting to tune: got none"),
         ("tune.space.learner.epsilon=1", "must be a list of two or more different values, or {"),
-        ("tune.space.learner.epsilon=[1]", "must be a list of two or more different values, or {"),
         ("tune.space.learner.epsilon={ low = 1 }", "tune.space.learner.epsilon.high is missing"),
         ("tune.space.learner.epsilon.low=1", "epsilon.high must be above low, 1: got 0.3"),
         ("tune.space.learner.epsilon.log=1", "tune.space.learner.epsilon.log must be true or"),
-        ("tune.space.learner.epsilon.low='a'", "must be a finite number: got 'a'"),
-        ("tune.space.learner.epslon=[1, 2]", "epslon is unknown, did you mean 'epsilon'?"),
         ("tune.space.tasks.corner.budget={ low = 10.0, high = 90.0 }", "must be a whole number: "),
-        ("tune.space.tasks.maze.discount=[0.1, 0.2]", "must leave the target maze as it is"),
         ("scratch=false", "tune needs learning from scratch, which is tuned as every arm"),
     ],
 )

@@ -64,11 +64,8 @@ def test_a_tabulated_environment_is_what_python_makes(folder):
 @pytest.mark.parametrize(
     ("name", "old", "new", "sentence"),
     [
-        ("long", "[0, 2]", "2", "tasks.long.reset_seeds must be a list: got 2"),
         ("long", "[0, 2]", "[]", "tasks.long is refused: seeds must be different, at least one"),
-        ("long", '"kept"', "3", "tasks.long.cache must be text in quotes: got 3"),
         ("long", "cache", "cahce", "tasks.long.cahce is unknown, did you mean 'cache'?"),
-        ("long", 'factory = "own:corridor", ', "", "must have id or factory: got neither"),
         (
             "short",
             "cells = 3",

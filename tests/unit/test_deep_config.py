@@ -11,8 +11,9 @@ import pytest
 import curricle as cr
 from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
-from curricle.study import StudyConfig, json_schema
+from curricle.study import StudyConfig
 from curricle.study.arms import Arms
+from curricle.study.config.study_config import json_schema
 from curricle.study.config.templates import template
 from tests.hunters import observed
 from tests.studies import OBSERVED_HUNT as HUNT, reader

@@ -20,10 +20,17 @@ from curricle.files import RemotePath
 from curricle.interop.trackers import Tracker
 from curricle.study import packing, read_study, run_study, running, scheduling
 from curricle.study.arms import Arms
-from curricle.study.engines import engine, opening
-from curricle.study.engines.engine import EngineWorkers
-from curricle.study.engines.opening import check_versions, opened_engine, parsed, workers_of
-from curricle.study.engines.sending import SentUnit, train_sent, versions_here
+from curricle.study.engines import engine
+from curricle.study.engines.engine import (
+    EngineWorkers,
+    SentUnit,
+    check_versions,
+    opened_engine,
+    parsed,
+    train_sent,
+    versions_here,
+    workers_of,
+)
 from curricle.study.store import StoredUnit
 from curricle.study.tuning import with_trials
 from tests.sent_folders import RULES, STUDY
@@ -82,7 +89,7 @@ def test_an_unknown_word_is_refused(on, study_file, tmp_path):
 
 
 def test_a_missing_package_names_its_extra(monkeypatch):
-    monkeypatch.setattr(opening, "PACKAGES", {"dask": "no_such_package"})
+    monkeypatch.setattr(engine, "PACKAGES", {"dask": "no_such_package"})
     with (
         pytest.raises(SettingError, match=r'not installed: pip install "curricle\[dask\]"'),
         opened_engine("dask", None),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.cli import forecast_preview
+from curricle.cli import study_preview
 from curricle.cli.app import main
 from curricle.errors import CurriculumError
 from curricle.learning.run import Run
@@ -113,7 +113,7 @@ def test_what_arms_share_is_trained_once(check, monkeypatch):
 
 def test_one_seed_where_three_would_be_slow(check, monkeypatch):
     pace = 1.0  # seconds that a seed's 2,000 steps take
-    monkeypatch.setattr(forecast_preview, "LONGEST", 2 * pace)
+    monkeypatch.setattr(study_preview, "LONGEST", 2 * pace)
     monkeypatch.setattr("curricle.study.cost.pace", lambda _: pace / SLOWER / 2000)
     out, study = check()
     assert "\ntraining corner for 1 seed, for the forecast: about 1 s\n" in out

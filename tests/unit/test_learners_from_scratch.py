@@ -8,7 +8,7 @@ from curricle import QLearning, compare
 from curricle.comparison import Arm, Comparison, verdicts_of
 from curricle.errors import CurriculumError, SettingError
 from curricle.plotting.styles import arm_styles
-from curricle.report.findings import findings, headline
+from curricle.report.sections import findings, headline
 from curricle.statistics import Curve
 from tests.comparisons import MAZE, assert_same, copied, corner, pursuit
 

@@ -10,8 +10,8 @@ import pytest
 from curricle.errors import EngineError, ForeignError, StoreError, StudyError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
-from curricle.study.engines.sending import SentUnit, called, train_sent, versions_here
-from curricle.study.failures import FAILURES
+from curricle.study.engines.engine import SentUnit, called, train_sent, versions_here
+from curricle.study.store import FAILURES
 from curricle.study.workers import WorkerProcesses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

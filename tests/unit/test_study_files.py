@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from curricle.study import StudyConfig, json_schema, read_study
+from curricle.study import StudyConfig, read_study
+from curricle.study.config.study_config import json_schema
 from curricle.study.config.templates import KINDS, template
 
 FOLDER = Path(__file__).parents[2] / "examples"

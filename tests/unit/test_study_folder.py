@@ -11,8 +11,7 @@ import pytest
 
 from curricle.errors import StoreError
 from curricle.study import StudyResults, StudyStore, read_study, run_study
-from curricle.study.failures import without_folders
-from curricle.study.store import StoredUnit
+from curricle.study.store import StoredUnit, without_folders
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 

@@ -15,10 +15,9 @@ from curricle.report.study_report import write_report
 from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
 from curricle.study.arms import Arms
 from curricle.study.engines.engine import ExecutorWorkers
-from curricle.study.failures import Failures
 from curricle.study.packing import Packing
 from curricle.study.scheduling import Scheduler
-from curricle.study.store import StoredUnit
+from curricle.study.store import Failures, StoredUnit
 from curricle.study.units import units_of
 from tests.studies import OBSERVED_HUNT
 

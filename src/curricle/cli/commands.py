@@ -14,8 +14,6 @@ from curricle.cli.options import (
     Explain,
     File,
     Folder,
-    Live,
-    Port,
     Seeds,
     announce_imports,
     part_of,
@@ -52,7 +50,7 @@ def new(
 
 def _what_new_writes() -> str:
     """Return the studies that can be written, as a table."""
-    from curricle.cli.terminal_tables import line_width
+    from curricle.cli.tables import line_width
     from curricle.study.config import templates
     from curricle.text_tables import text_table
 
@@ -87,9 +85,9 @@ def check(
 
     For the forecast the sources are trained at their budgets, where that takes seconds.
     """
-    from curricle.cli.compilation import announce_compilation
-    from curricle.cli.explanations import explained
+    from curricle.cli.progress_bars import announce_compilation
     from curricle.cli.study_preview import print_preview
+    from curricle.cli.tables import explained
 
     announce_imports()
     announce_compilation()
@@ -123,8 +121,10 @@ def run(
         bool, typer.Option(help="Use units that were trained before code changed.")
     ] = False,
     dry_run: Annotated[bool, typer.Option(help="Print what would be done; train nothing.")] = False,
-    live: Live = False,
-    port: Port = None,
+    show_page: Annotated[
+        bool,
+        typer.Option("--open", help="Open report.html, which is written anew as units end."),
+    ] = False,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
 
@@ -136,8 +136,6 @@ def run(
 
     if on is not None and processes:
         raise typer.BadParameter(f"units are trained in one place: got --on {on} and --processes")
-    if port is not None and not live:
-        raise typer.BadParameter(f"a port is that of the page of --open: got --port {port} alone")
     announce_imports()
     study = read(file, seeds, changes)
     folder = out or study.results_folder
@@ -157,7 +155,7 @@ def run(
         on=on,
         shard=part_of(shard),
         trackers=track or [],
-        page=(port or 0) if live else None,
+        page=show_page,
     )
     typer.echo(f"Stored in {folder}: {_further_commands(str(folder), results.has_baseline)}")
 
@@ -168,16 +166,21 @@ def _further_commands(folder: str, compared: bool) -> str:
     return ", ".join(f"curricle {each} {quote(folder)}" for each in further)
 
 
-def watch(folder: Folder, port: Port = None) -> None:
-    """Show a study's report in the browser, and keep it up to date while units are stored.
+def watch(
+    folder: Folder,
+    out: Annotated[
+        Path | None, typer.Option(help="The page; in a temporary folder by default.")
+    ] = None,
+) -> None:
+    """Open a study's report, and write it anew while units are stored, until the run is over.
 
     It reads the folder alone, so the study may run anywhere. Ctrl-C ends it, and not the run.
     """
-    from curricle.cli.live_page import watch_folder
+    from curricle.cli.progress_bars import watch_results
     from curricle.study import StudyResults
 
     StudyResults(folder)  # refused before a page is opened
-    watch_folder(folder, port or 0)
+    watch_results(folder, out)
 
 
 def merge(
@@ -195,7 +198,7 @@ def merge(
 
 def schema() -> None:
     """Print the JSON Schema of study files, for editors that complete and check TOML."""
-    from curricle.study import json_schema
+    from curricle.study.config.study_config import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=1))
 
@@ -211,8 +214,7 @@ def show(
     explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
-    from curricle.cli.explanations import explained
-    from curricle.cli.results_tables import decision_lines, print_results
+    from curricle.cli.tables import decision_lines, explained, print_results
     from curricle.study import StudyResults
 
     if seed is not None and not decisions:
@@ -244,7 +246,8 @@ def play(
     Without --study it is the episode that the folder stores, of the first seed: nothing is made or
     imported. With it the learnt policy plays in the task itself.
     """
-    from curricle.study import StudyResults, played_episode, stored_episode
+    from curricle.study import StudyResults
+    from curricle.study.analysis import played_episode, stored_episode
 
     if changes and study is None:
         raise typer.BadParameter(f"--set changes the file of --study: got --set {changes[0]} alone")
@@ -288,8 +291,7 @@ def compare(
     explain: Explain = False,
 ) -> None:
     """Compare the arms of several studies of one target with learning it from scratch."""
-    from curricle.cli.explanations import explained
-    from curricle.cli.terminal_tables import table_width
+    from curricle.cli.tables import explained, table_width
     from curricle.study import StudyResults, compare_studies
 
     found = compare_studies([StudyResults(folder) for folder in folders])
@@ -312,7 +314,7 @@ def paper(
     interrupted run goes on where it was; a folder with results of other settings is refused.
     """
     from curricle.cli.progress_bars import bars_with_words
-    from curricle.cli.terminal_tables import print_text
+    from curricle.cli.tables import print_text
     from curricle.paper.reproduce import FIGURES, reproduce, seeds_words
 
     wanted = FIGURES if figure == "all" else [figure]

@@ -15,12 +15,6 @@ Folder = Annotated[
 Seeds = Annotated[
     str | None, typer.Option(help="Instead of the file's: a number of them, or 0-29, or 0,3,7.")
 ]
-Live = Annotated[
-    bool, typer.Option("--open", help="Show the report in the browser while the study runs.")
-]
-Port = Annotated[
-    int | None, typer.Option(min=1, max=65535, help="Of the live page; a free one by default.")
-]
 Changes = Annotated[
     list[str] | None,
     typer.Option("--set", help="key=value over the file's, such as tasks.hunt.size=5."),
@@ -54,7 +48,7 @@ def announce_imports() -> None:
     """Print which modules a study names before they are imported."""
     import logging
 
-    from curricle.study.config.references import LOGGER
+    from curricle.study.config.tables import LOGGER
 
     if not LOGGER.handlers:
         LOGGER.addHandler(logging.StreamHandler())

@@ -1,19 +1,28 @@
-"""Running a study from the command line: bars on a terminal, and lines where there is none.
+"""Running a study from the command line: bars, lines, what is compiled, and the page of the run.
 
-There a line is printed for each unit; in a study of very many, how fast it goes, once a second.
+Where there is no terminal a line is printed for each unit; in a study of very many, how fast it
+goes, once a second.
 """
 
+import gc
+import os
 import sys
+import webbrowser
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
-from typing import Any
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+from threading import Thread
+from typing import TYPE_CHECKING, Any
 
+import typer
+from numba.core import event
+from numba.core.caching import NullCache
 from rich.console import Console
 
-from curricle.cli.compilation import announce_compilation
-from curricle.cli.live_page import page_of_run
-from curricle.files import Place
+from curricle.files import Place, place_at
 from curricle.progress import Bars, shown
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
@@ -22,6 +31,78 @@ from curricle.study.results import StudyResults
 from curricle.study.running import run_study
 from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
+
+if TYPE_CHECKING:
+    from curricle.report.study_report import InterimReport
+
+
+# -- Saying that loops are compiled, which happens once for each kind of task and learner ----------
+
+EVENT = "numba:compile"
+ONCE, EACH_TIME = "compiling, once", "compiling what is not kept on disk, at each start"
+KEPT = f"curricle: {ONCE}; what is compiled is kept, so that later runs start at once"
+
+
+class Compilation(event.Listener):
+    """Says on standard error what is compiled: each loop in a terminal, elsewhere once that it is.
+
+    Loops that were compiled before are read from the disk, and nothing is said. How many there will
+    be is not known beforehand. Garbage is collected afterwards, which saves a tenth of the time.
+
+    Attributes
+    ----------
+    loops : int
+        How many were compiled so far.
+    words : str
+        What is being compiled; empty if nothing is.
+    silent : bool
+        Whether the words are shown elsewhere, such as below bars.
+    """
+
+    def __init__(self) -> None:
+        self.loops, self.words, self.silent = 0, "", False
+        self._depth = 0  # Numba compiles in one thread at a time
+        self._collects = gc.isenabled()
+
+    def on_start(self, event: Any) -> None:
+        """Count a loop, but not the parts that it is made of."""
+        self._depth += 1
+        if self._depth > 1:
+            return
+        self.loops += 1
+        gc.disable()
+        unkept = isinstance(event.data["dispatcher"]._cache, NullCache)
+        self.words = f"{EACH_TIME if unkept else ONCE}: {self.loops}"
+        if not sys.stderr.isatty():
+            if self.loops == 1:
+                print(f"curricle: {EACH_TIME}" if unkept else KEPT, file=sys.stderr, flush=True)
+        elif not self.silent:
+            print(f"\r{self.words}", end="", file=sys.stderr, flush=True)
+
+    def on_end(self, event: Any) -> None:
+        """Take the words away when a loop is compiled."""
+        self._depth -= 1
+        if self._depth:
+            return
+        if self._collects:
+            gc.enable()
+        if sys.stderr.isatty() and not self.silent:
+            print(f"\r{' ' * len(self.words)}\r", end="", file=sys.stderr, flush=True)
+        self.words = ""
+
+
+@cache
+def announce_compilation() -> Compilation:
+    """Say what is compiled from now on."""
+    listener = Compilation()
+    register: Any = event.register
+    register(EVENT, listener)
+    return listener
+
+
+# -- Running a study from the command line: bars on a terminal, and lines where there is none ------
+#
+# There a line is printed for each unit; in a study of very many, how fast it goes, once a second.
 
 MANY = 1_000
 """Units of a study; one with more does not print a line for each."""
@@ -62,20 +143,24 @@ def run_with_bars(
     processes: bool,
     workers: int | None,
     on: str | None,
-    page: int | None = None,
+    page: bool = False,
     **settings: Any,
 ) -> StudyResults:
     """Run a study, show its progress, and return its results.
 
-    With a port for its `page`, which may be 0, a browser shows it and the report so far.
+    With a `page` the report so far is in the folder, written anew as units end, and in a browser.
     """
     pace = Pace()
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
-    with (
-        page_of_run(path, pace, page),
-        shown_units(progress, pace, and_compilation(pace.line)) as show,
-        ExitStack() as ending,
-    ):
+    with ExitStack() as ending:
+        report = ending.enter_context(_page_of_run(path, pace)) if page else None
+        show_units = ending.enter_context(shown_units(progress, pace, and_compilation(pace.line)))
+
+        def show(progress: Progress) -> None:
+            show_units(progress)
+            if report is not None:  # not before: a folder that a run is refused stays as it is
+                report.begin()
+
         pool: WorkerProcesses | None = None
         if on is None and (
             processes or any(arms.live for arms in with_trials(study, Arms.of(study)))
@@ -84,6 +169,41 @@ def run_with_bars(
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         how: dict[str, Any] = {"workers": workers, "executor": pool, "on": on, "progress": show}
         return run_study(study, path, **how, **settings)
+
+
+def _page_of_run(path: str | Place, pace: Pace) -> "AbstractContextManager[InterimReport]":
+    from curricle.report.study_report import interim_report
+
+    return interim_report(path, pace.line_in, _complain, open_page)
+
+
+def watch_results(folder: str, out: Path | None) -> None:
+    """Show the report of a folder, in which another process may store units, until it is over."""
+    from curricle.report.study_report import default_page, watch_folder
+
+    if out is None:
+        out = Path(mkdtemp(prefix="curricle-")) / default_page(place_at(folder)).name
+    watch_folder(folder, out, Pace().line_of, _complain, open_page)
+    typer.echo(f"The run is over: {out}")
+
+
+def open_page(path: Path) -> None:
+    """Print where a page is, and open it where there is a browser with windows."""
+    typer.echo(f"Open {path}: it is written anew as units end, and read again by itself.")
+    if has_windows():  # not waited for: some browsers end when they are closed
+        address = path.resolve().as_uri()
+        Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+
+
+def has_windows() -> bool:
+    """Return whether a browser has a screen: one in the terminal would take it from the run."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
+
+
+def _complain(sentence: str) -> None:
+    typer.echo(f"curricle: {sentence}", err=True)
 
 
 @contextmanager

@@ -1,105 +1,185 @@
 """A study as one HTML page without a network and without other files."""
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.scale import SymmetricalLogTransform
 
-from curricle.checks import fit_name
+from curricle.array_types import FloatArray, IntArray
 from curricle.comparison.comparison import Comparison
-from curricle.curriculum.result import CurriculumResult
 from curricle.errors import SettingError, in_words
-from curricle.learning.stopping import ended_by
-from curricle.plotting.learning_curves import draw_learning_curves
-from curricle.plotting.styles import arm_styles, shades_of
-from curricle.report.curve_data import MOST_SEEDS, curve_data
-from curricle.report.effects_section import effects_sections
-from curricle.report.findings import MEASURES, WEAK, findings, forest, headline, table, too_few
-from curricle.report.forecast_section import forecast_sections
+from curricle.plotting.learning_curves import (
+    controls_first,
+    draw_learning_curves,
+    places,
+    random_level,
+    shown_curve,
+)
+from curricle.plotting.scales import minus
+from curricle.plotting.styles import ArmStyle, arm_styles, shades_of
 from curricle.report.graph import Learnt, Reasons, graphs
 from curricle.report.replay import Replay, replays
+from curricle.report.sections import (
+    MEASURES,
+    WEAK,
+    effects_sections,
+    findings,
+    forecast_sections,
+    forest,
+    headline,
+    table,
+    too_few,
+)
 from curricle.report.svg import inline_svg
 from curricle.report.templates import Script, render
 from curricle.statistics.curves import SCRATCH
-from curricle.study.analysis import analysed
+from curricle.statistics.intervals import mean_interval
 from curricle.study.effects import Effects
 from curricle.study.record import Analysis, CurriculaRecord
-from curricle.study.recording import curricula_record
-from curricle.study.tuning_record import TuningRecord
+from curricle.study.tuning import TuningRecord
 
-WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
-"""Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
+# -- The learning curves of a page as data for its script ------------------------------------------
+
+MOST_CHECKPOINTS = 400
+"""Checkpoints of a mean that a page holds."""
+MOST_SEEDS, MOST_SEED_VALUES = 100, 60_000
+"""Seeds of an arm that a page shows, and the values of all of them that it holds at most."""
+SEEN, SEEN_NEAR_ZERO = 4000, 100
+"""Values are rounded to this share of a linear axis, or of the linear part of a symlog axis."""
+
+Data = dict[str, Any]
 
 
-def study_page(
-    name: str,
-    comparison: Comparison,
-    results: Mapping[str, CurriculumResult],
-    *,
-    decisions: Reasons | None = None,
-    environment: Mapping[str, str] | None = None,
-) -> str:
-    """Return a study as one self-contained HTML page.
+def curve_data(
+    comparison: Comparison, styles: Mapping[str, ArmStyle], panels: Mapping[str, Axes]
+) -> Data:
+    """Return what the script of a page draws curves from, as data for JSON.
 
-    It holds the findings, the curriculum graph, learning curves for weak and strong transfer, all
-    measures, the forecast and certificates where the target is small enough, replays of training,
-    and the settings. Without scripts, and on paper, the replays are still pictures.
+    Returns are whole numbers of 10^-digits, and each row of numbers holds its first one, then
+    differences, so that the text is short. None stands for a bound that does not exist.
 
     Parameters
     ----------
-    name : str
-        Of the study.
     comparison : Comparison
-    results : dict of str to CurriculumResult
-        Arm -> its training; the scratch baseline is a curriculum of one task. Controls may be left
-        out.
-    decisions : dict of (str, str) to sequence of str, optional
-        (arm, task) -> for each seed why its training ended; by default its budget was spent.
-    environment : dict of str to str, optional
-        Versions, command and the like.
+    styles : dict of str to ArmStyle
+    panels : dict of str to Axes
+        The drawn panels "weak" and "strong", whose scales the script takes.
 
     Returns
     -------
-    str
-        HTML. It requests nothing over a network, and its policy forbids requests.
-
-    Raises
-    ------
-    SettingError
-        When there is no arm besides the scratch baseline, or the name is not one.
+    dict
+        ``digits``; ``threshold`` and its words; ``random``, the return while sources are trained;
+        ``symlog``, the return up to which its axis is linear and Matplotlib's ``linscale``, or
+        None; ``panels``, the limits of each; ``steps`` (T,) and ``seed_steps`` (T',); ``arms`` in
+        the order of drawing: for each panel the place of its first step, mean, low and high; for
+        each seed its ``source_steps``, and in ``seeds`` its returns over target steps.
 
     Examples
     --------
-    >>> from curricle import GridWorld, Transfer, compare, same_position
-    >>> from curricle.curriculum.curriculum import Curriculum
-    >>> maze = GridWorld(["..T", "S.."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(1, 3))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
-    ...     budget={"corner": 100, "maze": 500})
-    >>> page = study_page("A <small> maze", compare(plan, seeds=2), {"transfer": plan.train(2)})
-    >>> "<h1>A &lt;small&gt; maze</h1>" in page, "https:" in page
-    (True, False)
+    >>> from curricle.comparison.arms import Arm
+    >>> from curricle.plotting.learning_curves import draw_learning_curves
+    >>> from curricle.plotting.styles import arm_styles
+    >>> from curricle.statistics.curves import Curve
+    >>> steps, rising = np.array([0, 50, 100]), np.array([[0.0, 1, 2], [0, 3, 4]])
+    >>> arms = {"scratch": Arm(Curve(steps, rising), rising, rising, False)}
+    >>> one = Comparison("hunt", arms, 100, 100, 1.0, 1)
+    >>> weak, strong = (figure.axes[0] for figure in draw_learning_curves(one))
+    >>> found = curve_data(one, arm_styles(one), {"weak": weak, "strong": strong})
+    >>> found["steps"], found["digits"], found["arms"][0]["weak"]["mean"]
+    ([0, 50, 50], 3, [0, 2000, 1000])
     """
-    fit_name("a study", name, SettingError)
-    curricula = {arm: result.curriculum for arm, result in results.items()}
-    record = curricula_record(curricula, {})
-    learnt = {arm: result.nodes for arm, result in results.items()}
-    reasons: dict[tuple[str, str], Sequence[str]] = {}
-    for arm, nodes in learnt.items():
-        for task, node in nodes.items():
-            ended = curricula[arm].node(task)
-            default = [
-                rows[-1].criterion if rows else ended_by(ended.budget, full)
-                for rows, full in zip(ended.decisions(node), node.out_of_memory, strict=True)
-            ]
-            reasons[arm, task] = (decisions or {}).get((arm, task)) or default
-    study = ShownStudy(name, comparison, record, learnt, analysed(results, record), reasons)
-    return page_of(study, environment or {})
+    scale = panels["strong"].yaxis.get_transform()
+    symlog = None
+    if isinstance(scale, SymmetricalLogTransform):
+        symlog = [float(scale.linthresh), float(scale.linscale)]
+    low, high = panels["strong"].get_ylim()
+    seen = symlog[0] / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
+    digits = max(0, math.ceil(-math.log10(seen)))
+    steps = comparison.scratch.curve.steps
+    seeds = min(comparison.seeds, MOST_SEEDS)
+    kept, kept_of_seeds = _kept(comparison, seeds)
+    return {
+        "digits": digits,
+        "threshold": comparison.threshold,
+        "threshold_words": minus(f"{comparison.threshold:.4g}"),
+        "random": random_level(comparison),
+        "symlog": symlog,
+        "panels": {
+            name: {"x": list(axes.get_xlim()), "y": list(axes.get_ylim())}
+            for name, axes in panels.items()
+        },
+        "steps": _differences(steps[kept]),
+        "seed_steps": _differences(steps[kept_of_seeds]),
+        "arms": [
+            {
+                "name": name,
+                "colour": style.colour,
+                "dashes": style.svg_dashes,
+                "control": style.control,
+                **{panel: _band(comparison, name, panel, kept, digits) for panel in panels},
+                "source_steps": comparison[name].curve.source_steps[:seeds].tolist(),
+                "seeds": [
+                    _numbers(row, digits)
+                    for row in comparison[name].curve.filled()[:seeds, kept_of_seeds]
+                ],
+            }
+            for name, style in controls_first(styles)
+        ],
+    }
+
+
+def _kept(comparison: Comparison, seeds: int) -> tuple[IntArray, IntArray]:
+    """Return the places of the checkpoints that are kept of means and of seeds."""
+    steps = comparison.scratch.curve.steps
+    begins = [shown_curve(comparison, name, strong=True)[1] for name in comparison.arms]
+    budget = int(np.searchsorted(steps, comparison.budget, side="right")) - 1
+    means = np.union1d(places(len(steps), MOST_CHECKPOINTS), [*begins, budget])
+    most = max(2, MOST_SEED_VALUES // (seeds * len(comparison.arms)))
+    return means, places(len(steps), min(most, MOST_CHECKPOINTS))
+
+
+def _band(comparison: Comparison, name: str, panel: str, kept: IntArray, digits: int) -> Data:
+    """Return the mean of an arm in a panel with its bounds, from the first of its places."""
+    curve, begin = shown_curve(comparison, name, strong=panel == "strong")
+    own = kept[(kept >= begin) & (kept < begin + len(curve.steps))]
+    band = mean_interval(curve.filled()[:, own - begin], confidence=comparison.confidence)
+    rows = {"mean": band.estimate, "low": band.low, "high": band.high}
+    first = int(np.searchsorted(kept, begin))
+    return {"first": first} | {key: _numbers(np.asarray(row), digits) for key, row in rows.items()}
+
+
+def _numbers(values: FloatArray, digits: int) -> list[int | None]:
+    """Return numbers as differences of whole numbers of 10^-digits; None for NaN.
+
+    Examples
+    --------
+    >>> _numbers(np.array([0.5, np.nan, 0.75]), 2)
+    [50, None, 25]
+    """
+    known = ~np.isnan(values)
+    whole = np.round(values[known] * 10**digits).astype(np.int64)
+    found: list[int | None] = [None] * len(values)
+    for place, difference in zip(np.flatnonzero(known), _differences(whole), strict=True):
+        found[place] = difference
+    return found
+
+
+def _differences(numbers: IntArray) -> list[int]:
+    """Return the first number, then the difference of each from the one before."""
+    found: list[int] = np.diff(numbers, prepend=0).tolist()
+    return found
+
+
+# -- A study as one HTML page without a network and without other files ----------------------------
+
+WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
+"""Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +196,11 @@ class ShownStudy:
     tuning: TuningRecord | None = None
 
 
-def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
-    """Return the page of a study; SettingError when it has no arm besides the scratch baseline."""
+def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "") -> str:
+    """Return the page of a study; SettingError when it has no arm besides the scratch baseline.
+
+    With a `banner` at its top it is an interim one, which is read again while the run goes on.
+    """
     comparison, curricula, learnt = study.comparison, study.curricula, study.learnt
     if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
@@ -155,7 +238,11 @@ def page_of(study: ShownStudy, environment: Mapping[str, str]) -> str:
             (*place, Counter(words).most_common()) for place, words in study.reasons.items()
         ),
         ends=ends(study.reasons),
-        scripts=[Script.of(name) for name in ("scroll.js", "study.js", "curves.js")],
+        banner=banner,
+        scripts=[
+            Script.of(name)
+            for name in ("scroll.js", "study.js", "curves.js", *["reload.js"] * bool(banner))
+        ],
         data={
             "replays": {one.key: one.data() for one in shown},
             "palettes": {one.palette: shades_of(one.palette) for one in shown},

@@ -1,15 +1,40 @@
-"""The report of a study's folder."""
+"""The report of a study's folder: once, or again and again while units are stored.
 
+An interim report is a file, as the last one is; a few lines of script read it again until the run
+is over. Every page is written beside its place and moved there, so that it is whole at any moment.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
+from secrets import token_hex
+from threading import Event, Lock, Thread
+from time import monotonic, sleep
+from typing import Any, NamedTuple
 
-from curricle.files import Place
+from curricle.checks import listed
+from curricle.errors import StudyError, in_words
+from curricle.files import Place, RemotePath, place_at
 from curricle.report.page import ShownStudy, page_of
-from curricle.report.templates import write_page
+from curricle.report.templates import Script, render, write_page
+from curricle.statistics.curves import SCRATCH
 from curricle.study.effects import effects_of
-from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
-from curricle.study.results import StudyResults
-from curricle.study.tuning_record import read_tuning
+from curricle.study.record import Analysis, CurriculaRecord, SectionRecord, StudyRecord
+from curricle.study.results import ANALYSIS, StudyResults
+from curricle.study.store import STUDY, in_use
+from curricle.study.tuning import read_tuning
 from curricle.study.units import seed_ranges
+from curricle.text_tables import counted
+
+BETWEEN, BETWEEN_AT_URL = 2.0, 10.0
+"""Seconds between two interim reports at least."""
+REST = 10.0
+"""An interim report that took t seconds is followed by another after REST * t at the earliest."""
+ATTEMPTS = 3
+"""A file that a listing names may have been merged into another before it is read."""
+INTERRUPTED = "The run was interrupted. What was stored is whole, and --resume goes on from there."
+NO_LONGER = "The command that followed the run was ended; the run goes on by itself."
 
 
 def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
@@ -28,13 +53,20 @@ def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
         When there is nothing to compare yet, or the page cannot be written.
     """
     study = StudyResults(folder)
-    place = study.store.path
-    default = place / "report.html" if isinstance(place, Path) else f"{place.name}-report.html"
-    return write_page(stored_page(study), Path(default if out is None else out))
+    path = default_page(study.store.path) if out is None else Path(out)
+    return write_page(stored_page(study), path)
 
 
-def stored_page(study: StudyResults) -> str:
-    """Return the page of a stored study; StoreError when there is nothing to compare yet."""
+def default_page(place: Place) -> Path:
+    """Return where the report of a folder is written by default."""
+    return place / "report.html" if isinstance(place, Path) else Path(f"{place.name}-report.html")
+
+
+def stored_page(study: StudyResults, banner: str = "") -> str:
+    """Return the page of a stored study; StoreError when there is nothing to compare yet.
+
+    With a `banner`, what stands at the top, it is an interim report.
+    """
     comparison = study.comparison
     learnt = {arm: one for arm, one in study.results.items() if arm not in study.failed}
     places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
@@ -45,7 +77,7 @@ def stored_page(study: StudyResults) -> str:
     effects = effects_of(comparison, record, tuning)
     name = study.record.name
     shown = ShownStudy(name, comparison, record, learnt, analysis, reasons, effects, tuning)
-    return page_of(shown, _environment(study))
+    return page_of(shown, _environment(study), banner)
 
 
 def _no_analysis(record: CurriculaRecord) -> Analysis:
@@ -75,3 +107,276 @@ def _environment(study: StudyResults) -> dict[str, str]:
         "machine": last.machine,
         **last.versions,
     }
+
+
+# -- while units are stored ------------------------------------------------------------------------
+
+
+class InterimReport:
+    """The report of a folder in which units are being stored, written anew as they end.
+
+    Nothing that goes wrong is raised, so that a run goes on without its page.
+
+    Parameters
+    ----------
+    folder : path or str
+        Or a URL.
+    path : path
+        Of the page.
+    line : callable
+        Units that are stored and units in all, as the folder has them -> how far the study is, in
+        words.
+    say : callable
+        Called with a sentence when the page cannot be written; once with the same.
+    opened : callable
+        Called with the path when the page is there.
+    elsewhere : bool
+        Whether others run the study, so that the folder must tell whether they still do.
+
+    Attributes
+    ----------
+    over : bool
+        Whether a run elsewhere is over.
+    """
+
+    def __init__(
+        self,
+        folder: str | Place,
+        path: Path,
+        line: Callable[[int, int], str],
+        say: Callable[[str], Any],
+        opened: Callable[[Path], Any],
+        *,
+        elsewhere: bool = False,
+    ):
+        self.folder, self.path, self.over = place_at(folder), path, False
+        self._line, self._say, self._opened, self._elsewhere = line, say, opened, elsewhere
+        self._between = BETWEEN_AT_URL if isinstance(self.folder, RemotePath) else BETWEEN
+        self._place = token_hex(16)  # of the banner in the page
+        self._page, self._was_running = "", False
+        self._seen: Any = None
+        self._said = set[str]()
+        self._stopped, self._writing = Event(), Lock()
+        self._thread: Thread | None = None
+
+    def begin(self) -> None:
+        """Begin to follow the folder in a thread; again, it does nothing."""
+        if self._thread is None:
+            self._thread = Thread(target=self._follow, daemon=True)
+            self._thread.start()
+
+    def end(self) -> None:
+        """Write the page a last time, from all that is stored, if it was begun."""
+        if self._thread is not None:
+            self._stopped.set()
+            self._thread.join()
+            self.refresh(last=True)
+
+    def break_off(self, sentence: str) -> None:
+        """Write the page a last time as it is, and why it ends; what is being read is left."""
+        self._stopped.set()
+        with self._writing:
+            if self._page:
+                self._write(sentence, 0)
+
+    def refresh(self, *, last: bool = False) -> float:
+        """Write the page if something is new; return the seconds until the next time at least."""
+        begun = monotonic()
+        for attempt in range(ATTEMPTS):
+            try:
+                self._read(begun, last)
+                break
+            except Exception as error:  # whatever it is, it must not stop a run
+                sentence = f"the page of the run is not up to date. {_one_line(error)}"
+                if attempt == ATTEMPTS - 1 and sentence not in self._said:
+                    self._said.add(sentence)
+                    self._say(sentence)
+        return self._pause(begun)
+
+    def _pause(self, begun: float) -> float:
+        return max(self._between, REST * (monotonic() - begun))
+
+    def _follow(self) -> None:
+        pause = 0.0
+        while not self._stopped.wait(pause):
+            pause = self.refresh()
+
+    def _read(self, begun: float, last: bool) -> None:
+        """Read the folder, and write the page if something is new or it is the `last` time."""
+        if not (self.folder / STUDY).exists():
+            return
+        study = StudyResults(self.folder)
+        units, running = unit_counts(study), in_use(self.folder) if self._elsewhere else True
+        over = last or (self._elsewhere and self._ended(study, units, running))
+        stored = {key: len(seeds) for key, seeds in study.stored.items()}
+        seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
+        if seen == self._seen and not over:
+            return
+        arms, sentence = arms_so_far(study), f"The run is over: {units} are stored."
+        if over and units.whole and arms:
+            page = stored_page(study)
+        elif arms:
+            page = stored_page(_only(study, {*arms, *study.failed}), self._place)
+        else:
+            name, scripts = study.record.name, [Script.of("reload.js")]
+            page = render("waiting.html", name=name, scripts=scripts, banner=self._place)
+        if not over:
+            sentence = f"{self._line(*units)}." + " No process is at work now." * (running is False)
+        with self._writing:
+            if self._stopped.is_set() and not last:
+                return
+            is_first, self._page = not self._page, page
+            remark = _remark(study.record, study.failed, arms)
+            self._write(f"{sentence} {remark}", 0 if over else self._pause(begun))
+        self._seen, self.over = seen, over
+        if is_first:
+            self._opened(self.path)
+
+    def _ended(self, study: StudyResults, units: "UnitCounts", running: bool | None) -> bool:
+        """Return whether a run elsewhere is over: it let go of the folder, or all is there."""
+        let_go, self._was_running = self._was_running and running is False, running is True
+        done = units.whole or bool(study.failed and running is False)
+        return let_go or (done and not running and study.store.has(ANALYSIS))
+
+    def _write(self, sentence: str, seconds: float) -> None:
+        """Write the page with a sentence at its top; it is read again after so many seconds."""
+        values = {
+            "sentence": sentence,
+            "time": f"{datetime.now():%X}",
+            "seconds": round(seconds, 1),
+        }
+        banner = render("banner.html", **values)
+        write_page(self._page.replace(self._place, banner), self.path)
+
+
+@contextmanager
+def interim_report(
+    folder: str | Place,
+    line: Callable[[int, int], str],
+    say: Callable[[str], Any],
+    opened: Callable[[Path], Any],
+) -> Iterator[InterimReport]:
+    """Yield the interim report of the run in the block, which must begin it, and end it after.
+
+    Parameters are those of :class:`InterimReport`. What the block raises is raised.
+    """
+    report = InterimReport(folder, default_page(place_at(folder)), line, say, opened)
+    try:
+        yield report
+    except KeyboardInterrupt:
+        report.break_off(INTERRUPTED)
+        raise
+    except StudyError:
+        report.end()
+        raise
+    except BaseException as error:
+        report.break_off(f"The run ended with an error. {_one_line(error)}")
+        raise
+    report.end()
+
+
+def watch_folder(
+    folder: str | Place,
+    path: Path,
+    line: Callable[[int, int], str],
+    say: Callable[[str], Any],
+    opened: Callable[[Path], Any],
+) -> None:
+    """Write the report of a folder, in which another process stores units, until its run is over.
+
+    Parameters are those of :class:`InterimReport`.
+    """
+    report = InterimReport(folder, path, line, say, opened, elsewhere=True)
+    try:
+        pause = report.refresh()
+        while not report.over:
+            sleep(pause)
+            pause = report.refresh()
+    except KeyboardInterrupt:
+        report.break_off(NO_LONGER)
+        raise
+
+
+class UnitCounts(NamedTuple):
+    """Units that are stored, and all of a study."""
+
+    stored: int
+    units: int
+
+    @property
+    def whole(self) -> bool:
+        """Whether all are stored."""
+        return self.stored == self.units
+
+    def __str__(self) -> str:
+        return f"{self.stored:,} of {counted(self.units, 'unit')}"
+
+
+def unit_counts(study: StudyResults) -> UnitCounts:
+    """Return how many units of a study are stored with all their seeds, and how many it has."""
+    per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
+    groups = {seed // per_unit for seed in study.record.seeds}
+    keys = set(study.record.keys.values())
+    missing = 0
+    for key in keys:
+        seeds = study.stored.get(key, {})
+        missing += len({seed // per_unit for seed in study.record.seeds if seed not in seeds})
+    return UnitCounts(len(keys) * len(groups) - missing, len(keys) * len(groups))
+
+
+def arms_so_far(study: StudyResults) -> list[str]:
+    """Return the arms that can be compared: scratch and others, with the most results in common.
+
+    Those are the n arms for which n times the number of seeds that all have finished is largest.
+    Empty as long as there are no two.
+    """
+    record = study.record
+    if record.total is None or SCRATCH not in record.arms or SCRATCH in study.failed:
+        return []
+    done = {
+        name: set(record.seeds).intersection(
+            *(study.stored.get(record.keys[name, task], {}) for task in arm.nodes)
+        )
+        for name, arm in record.arms.items()
+        if name not in study.failed
+    }
+    others = sorted(done.keys() - {SCRATCH}, key=lambda name: -len(done[name] & done[SCRATCH]))
+    best, most, common = 0, 0, done[SCRATCH]
+    for number, name in enumerate(others, start=1):
+        common = common & done[name]
+        if common and (number + 1) * len(common) >= most:
+            best, most = number, (number + 1) * len(common)
+    chosen = {SCRATCH, *others[:best]}
+    if all(record.arms[name].scratch for name in chosen - {SCRATCH}):
+        return []
+    return [name for name in record.arms if name in chosen]
+
+
+def _only(study: StudyResults, arms: set[str]) -> StudyResults:
+    """Return the results of some arms of a study, as if it had no others."""
+    part = StudyResults(study.store.path)
+    kept = {name: arm for name, arm in study.record.arms.items() if name in arms}
+    part.record = study.record.model_copy(update={"arms": kept})
+    return part
+
+
+def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> str:
+    """Return what an interim report is of."""
+    if record.total is None or SCRATCH not in record.arms or SCRATCH in {*failed}:
+        return "There is no report: it needs the target learnt from scratch, for a number of steps."
+    if not arms:
+        return f"The report begins when {SCRATCH} and another arm have finished a seed."
+    later = [arm for arm in record.arms if arm not in {*arms, *failed}]
+    come = f" is of {listed(arms)}; to come: {listed(later)}" if later else " is of all arms"
+    return f"The report so far{come}. Verdicts on a part of the seeds may change."
+
+
+def _one_line(error: BaseException) -> str:
+    r"""Return an error as one line.
+
+    Examples
+    --------
+    >>> _one_line(ValueError("a rule:\n a value"))
+    'ValueError: a rule: a value'
+    """
+    return " ".join(in_words(error).split())

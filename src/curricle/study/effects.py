@@ -1,4 +1,4 @@
-"""What a sweep or a tuning shows: every setting tried with its mean return, and main effects."""
+"""The main effects of the settings of a sweep or a tuning: the mean return with each value."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,9 +11,9 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.comparison.comparison import Comparison
 from curricle.statistics.intervals import mean_interval
-from curricle.study.config.varied_settings import value_text
+from curricle.study.config.sweeps import value_text
 from curricle.study.record import CurriculaRecord
-from curricle.study.tuning_record import SpaceRecord, TuningRecord
+from curricle.study.tuning import SpaceRecord, TuningRecord
 
 THIRDS = 3
 SWEEP, TUNING = "sweep", "tuning"
@@ -29,39 +29,17 @@ class Setting:
     """The values in words, or parts of its range."""
     low: float
     high: float
-    """Of its range; of listed values the first and the last number of them, from 0."""
+    """Of its range."""
     log: bool
-    values: tuple[Any, ...]
-    """Those listed; none of a range."""
-
-    def place(self, value: Any) -> float:
-        """Return where a value is on its axis, from 0 to 1."""
-        if self.values:
-            texts = [value_text(one) for one in self.values]
-            return texts.index(value_text(value)) / max(1, len(texts) - 1)
-        low, high, here = ((math.log(x) if self.log else x) for x in (self.low, self.high, value))
-        return min(1.0, max(0.0, (here - low) / (high - low)))
+    is_range: bool
 
     def level(self, value: Any) -> str:
         """Return the level that a value belongs to."""
-        if self.values:
+        if not self.is_range:
             return value_text(value)
-        number = int(self.place(value) * len(self.levels))
-        return self.levels[min(number, len(self.levels) - 1)]
-
-
-@dataclass(frozen=True)
-class Tried:
-    """Values that were tried for an arm."""
-
-    arm: str
-    """As the file calls it; "scratch" of learning from scratch."""
-    values: Mapping[str, Any]
-    """By key; those that apply to the arm."""
-    score: float
-    """Mean return over all steps, sources charged, mean over seeds."""
-    best: bool
-    """Whether it has the highest score of its arm."""
+        low, high, here = ((math.log(x) if self.log else x) for x in (self.low, self.high, value))
+        number = int((here - low) / (high - low) * len(self.levels))
+        return self.levels[min(max(number, 0), len(self.levels) - 1)]
 
 
 @dataclass(frozen=True)
@@ -82,18 +60,17 @@ class Effects:
 
     kind: str  # SWEEP or TUNING
     settings: tuple[Setting, ...]
-    tried: tuple[Tried, ...]
     levels: Mapping[tuple[str, str], tuple[Level, ...]]
     """(arm, key) -> the main effect of a setting: its levels, in order."""
 
     @property
-    def arms(self) -> tuple[str, ...]:
-        """The arms as the file calls them."""
-        return tuple(dict.fromkeys(one.arm for one in self.tried))
-
-    def of(self, arm: str) -> tuple[Tried, ...]:
-        """Return what was tried for an arm."""
-        return tuple(one for one in self.tried if one.arm == arm)
+    def rows(self) -> Iterator[tuple[str, str, Level]]:
+        """The levels of each setting for each arm: arm, key and level."""
+        arms = dict.fromkeys(arm for arm, _ in self.levels)
+        for setting in self.settings:
+            for arm in arms:
+                for level in self.levels.get((arm, setting.key), ()):
+                    yield arm, setting.key, level
 
 
 def effects_of(
@@ -131,7 +108,7 @@ def sweep_effects(
             _over_seeds(text, [returns[n] for n in where])
             for text, where in _where(arm, setting, arms, values)
         )
-    return Effects(SWEEP, settings, _tried(arms, values, [one.mean() for one in returns]), levels)
+    return Effects(SWEEP, settings, levels)
 
 
 def tuning_effects(tuning: TuningRecord) -> Effects:
@@ -155,12 +132,12 @@ def tuning_effects(tuning: TuningRecord) -> Effects:
             for text, where in _where(arm, setting, arms, values)
             if (of := [scores[n] for n in where])
         )
-    return Effects(TUNING, settings, _tried(arms, values, scores), levels)
+    return Effects(TUNING, settings, levels)
 
 
 def _listed(key: str, values: Sequence[Mapping[str, Any]]) -> Setting:
-    listed = {value_text(one[key]): one[key] for one in values if key in one}
-    return Setting(key, tuple(listed), 0.0, len(listed) - 1.0, False, tuple(listed.values()))
+    texts = dict.fromkeys(value_text(one[key]) for one in values if key in one)
+    return Setting(key, tuple(texts), 0.0, 0.0, False, False)
 
 
 def _searched(key: str, space: SpaceRecord) -> Setting:
@@ -169,7 +146,7 @@ def _searched(key: str, space: SpaceRecord) -> Setting:
     low, high = float(space.low or 0.0), float(space.high or 0.0)
     bounds = (np.geomspace if space.log else np.linspace)(low, high, THIRDS + 1)
     texts = tuple(f"{short(a)} to {short(b)}" for a, b in pairwise(bounds.tolist()))
-    return Setting(key, texts, low, high, space.log, ())
+    return Setting(key, texts, low, high, space.log, True)
 
 
 def short(number: float) -> str:
@@ -206,15 +183,3 @@ def _where(
 def _over_seeds(text: str, returns: Sequence[FloatArray]) -> Level:
     found = mean_interval(np.mean(returns, axis=0))
     return Level(text, len(returns), float(found.estimate), float(found.low), float(found.high))
-
-
-def _tried(
-    arms: Sequence[str], values: Sequence[Mapping[str, Any]], scores: Sequence[float]
-) -> tuple[Tried, ...]:
-    best = {
-        arm: max((n for n, one in enumerate(arms) if one == arm), key=lambda n: scores[n])
-        for arm in dict.fromkeys(arms)
-    }
-    return tuple(
-        Tried(arm, values[n], float(scores[n]), best[arm] == n) for n, arm in enumerate(arms)
-    )

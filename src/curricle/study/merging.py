@@ -6,13 +6,12 @@ from itertools import chain
 from curricle.checks import BEYOND_64_BITS
 from curricle.errors import StoreError
 from curricle.files import Place
-from curricle.study.failures import read_failures, write_failures
 from curricle.study.packing import files_of, pack
 from curricle.study.results import StudyResults
-from curricle.study.resuming import Done
+from curricle.study.running import Done
 from curricle.study.serialization import without_snapshots
-from curricle.study.store import StoredUnit, StudyStore
-from curricle.study.tuning_record import read_tuning, write_tuning
+from curricle.study.store import StoredUnit, StudyStore, read_failures, write_failures
+from curricle.study.tuning import read_tuning, write_tuning
 
 
 def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:

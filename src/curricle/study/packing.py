@@ -14,10 +14,9 @@ import numpy.typing as npt
 
 from curricle.curriculum.node import Node
 from curricle.errors import StoreError
-from curricle.study.folders import read_errors, write_errors
 from curricle.study.record import CurriculaRecord, UnitRecord
 from curricle.study.serialization import UnitResult, joined_units
-from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.store import StoredUnit, StudyStore, read_errors, write_errors
 from curricle.study.units import Unit
 from curricle.tasks.task import generative_model
 

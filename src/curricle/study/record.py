@@ -1,8 +1,4 @@
-"""What a study's folder says about it: plain data, and all that is needed to read its results.
-
-It is written when the study runs. Whoever reads the folder imports no module that the study names
-and makes no task.
-"""
+"""What a study's folder records of it: plain data that are read without the study's code."""
 
 import json
 from collections.abc import Collection
@@ -11,17 +7,56 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 import numpy as np
 from pydantic import (
     BaseModel,
+    ConfigDict,
     Field,
     JsonValue,
+    PlainSerializer,
+    PlainValidator,
     ValidationError,
     model_validator,
 )
 
-from curricle.array_types import IntArray
+from curricle.array_types import FloatArray, IntArray
+from curricle.checks import listed
+from curricle.comparison.comparison import as_html
 from curricle.comparison.task_differences import TaskSummary
+from curricle.display import block, shortened, table
+from curricle.errors import CurricleError
 from curricle.statistics.curves import SCRATCH
-from curricle.study.plain_data import Count, Floats, Ints, Plain
 from curricle.tasks.grid_view import MOST_CELLS, GridView, Marker
+from curricle.text_tables import counted
+
+# -- Parts of records in plain data: their types are fixed, and arrays are lists of numbers --------
+
+
+def _array(dtype: type, kinds: str) -> Any:
+    def read(value: Any) -> Any:
+        try:
+            found = np.asarray(value)
+        except ValueError:
+            raise ValueError("must be an array: its rows have different lengths") from None
+        if found.size and found.dtype.kind not in kinds:
+            raise ValueError(f"must be an array of {dtype.__name__}: got {found.dtype}")
+        return found.astype(dtype)
+
+    return PlainValidator(read)
+
+
+Ints = Annotated[IntArray, _array(np.int64, "i"), PlainSerializer(np.ndarray.tolist)]
+Floats = Annotated[FloatArray, _array(np.float64, "if"), PlainSerializer(np.ndarray.tolist)]
+Count = Annotated[int, Field(ge=0)]
+
+
+class Plain(BaseModel):
+    """A part of a record: its keys and their types are fixed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+# -- What a study's folder says about it: plain data, and all that is needed to read its results ---
+#
+# It is written when the study runs. Whoever reads the folder imports no module that the study names
+# and makes no task.
 
 LONGEST_EPISODE = 200
 """Steps of an episode that are kept."""
@@ -385,3 +420,54 @@ def read_record(model: type[Model], value: Any) -> Model:
 def plain(record: BaseModel) -> dict[str, Any]:
     """Return a record as JSON holds it; :func:`read_record` reads it."""
     return record.model_dump(mode="json")
+
+
+# -- A study and its results: in a few words, and as HTML for a notebook ---------------------------
+
+
+class ShownStudy:
+    """How the results of a study show themselves."""
+
+    def __repr__(self: Any) -> str:
+        return shortened(f"StudyResults({self.record.name!r}, {_so_far(self)})")
+
+    def _repr_html_(self: Any) -> str:
+        """Return the comparison of the arms, or why there is none yet, and what failed."""
+        failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
+        title = f"Study {self.record.name!r}: {_so_far(self)}"
+        try:
+            compared = as_html(self.comparison)
+        except CurricleError as error:
+            return block(title, str(error), *failed)
+        return block(title, *failed) + compared
+
+
+def _so_far(results: Any) -> str:
+    arms = counted(len(results.record.arms), "arm")
+    whole = counted(len(results.record.seeds), "seed")
+    return f"{arms}, {len(results.seeds)} of {whole} complete"
+
+
+def config_in_brief(study: Any) -> str:
+    """Return a study in a few words: its seeds and arms."""
+    seeds, arms = counted(len(study.seeds), "seed"), listed(study.arms)
+    return shortened(f"StudyConfig({study.name!r}, {seeds}; arms: {arms})")
+
+
+def config_html(study: Any) -> str:
+    """Return a study as a table of the tasks of each arm, and one of the transfers."""
+    tasks = [
+        (arm, name, one.type, "" if one.budget is None else str(one.budget))
+        for arm, tables in study.arms.items()
+        for name, one in tables.tasks.items()
+    ]
+    transfers = [
+        (arm, one.source, one.target, str(one.mapping))
+        for arm, tables in study.arms.items()
+        for one in tables.transfers
+    ]
+    return block(
+        f"Study {study.name!r}, {counted(len(study.seeds), 'seed')}",
+        table(["arm", "task", "type", "budget"], tasks, wide=["budget"]),
+        transfers and table(["arm", "source", "target", "mapping"], transfers, wide=["mapping"]),
+    )

@@ -1,36 +1,122 @@
 """The results of a study, read from its folder."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from curricle.archives import sealed
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues, source_values, sources_read
 from curricle.deep.policy import policies_of
-from curricle.errors import StoreError, StudyError
+from curricle.errors import CurriculumError, StoreError, StudyError
 from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
-from curricle.study.failures import failed_arms, read_failures
-from curricle.study.folders import STUDY
-from curricle.study.record import Analysis, RunRecord, StudyRecord, plain, read_record
+from curricle.study.record import Analysis, RunRecord, ShownStudy, StudyRecord, plain, read_record
 from curricle.study.serialization import RUN, SNAPSHOTS, VALUES, check_arrays, curve_table
-from curricle.study.shared_target import check_shared_target
-from curricle.study.store import StoredUnit, StudyStore
-from curricle.study.stored_values import stored_values
-from curricle.study.study_table import ShownStudy
-from curricle.study.tables import apart, parquet_of
+from curricle.study.store import (
+    STUDY,
+    StoredUnit,
+    StudyStore,
+    failed_arms,
+    read_failures,
+    stored_values,
+)
+
+# -- Whether studies that are compared have one target ---------------------------------------------
+
+
+def check_shared_target(records: Iterable[StudyRecord]) -> None:
+    """Raise CurriculumError unless the targets are one task, learnt and evaluated alike."""
+    first, *others = records
+    names = [first.name, *(other.name for other in others)]
+    if len(set(names)) < len(names):
+        raise CurriculumError(f"studies that are compared need different names: got {names}")
+    for other in others:
+        pair = f"{first.name!r} and {other.name!r}"
+        if first.target != other.target:
+            raise CurriculumError(
+                f"studies must share their target: {pair} have {first.target!r} and "
+                f"{other.target!r}"
+            )
+        if apart := summary_differences(first.problem, other.problem):
+            raise CurriculumError(
+                f"studies must share their target: those of {pair} differ in {'; '.join(apart)}"
+            )
+        mine, yours = (one.arms[SCRATCH].nodes[one.target].settings for one in (first, other))
+        for which in ("evaluation", "learner", "eval_freq"):
+            if mine.get(which) != yours.get(which):
+                raise CurriculumError(
+                    f"studies must share their target's {which}: {pair} have {mine.get(which)} "
+                    f"and {yours.get(which)}"
+                )
+
+
+# -- Tables of many units, written in parts: all of one at once may not fit in memory --------------
+
+ROWS = 2**17
+"""Of a group of rows in a Parquet file."""
+
+
+def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
+    """Yield units by seed, in lists such that all seeds of one come before those of the next.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> units = [StoredUnit(Path(), "0f", seeds) for seeds in ((4, 5), (1, 3), (0, 2))]
+    >>> [[unit.seeds for unit in each] for each in apart(units)]
+    [[(0, 2), (1, 3)], [(4, 5)]]
+    """
+    group, last = list[StoredUnit](), -1
+    for unit in sorted(units, key=lambda one: min(one.seeds)):
+        if group and min(unit.seeds) > last:
+            yield group
+            group = []
+        group.append(unit)
+        last = max(last, *unit.seeds)
+    if group:
+        yield group
+
+
+def parquet_of(parts: Iterable[pa.Table]) -> bytes:
+    """Return tables, at least one, as one Parquet file, which does not depend on how it was cut.
+
+    Examples
+    --------
+    >>> table = pa.table({"seed": [0, 1, 2]})
+    >>> parquet_of([table]) == parquet_of([table[:1], table[1:]])
+    True
+    """
+    sink, writer, rest, rows = pa.BufferOutputStream(), None, list[pa.Table](), 0
+    for part in parts:
+        writer = writer or pq.ParquetWriter(sink, part.schema)
+        rest.append(part)
+        rows += len(part)
+        if rows >= ROWS:
+            whole = pa.concat_tables(rest).combine_chunks()
+            full = len(whole) // ROWS * ROWS
+            writer.write_table(whole[:full], row_group_size=ROWS)
+            rest, rows = [whole[full:]], len(whole) - full
+    assert writer is not None
+    writer.write_table(pa.concat_tables(rest).combine_chunks())
+    writer.close()
+    return bytes(sink.getvalue().to_pybytes())
+
+
+# -- The results of a study, read from its folder --------------------------------------------------
 
 RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.parquet"
 ANALYSIS = "analysis.json"

@@ -4,7 +4,7 @@ import os
 import platform
 import subprocess
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
@@ -15,38 +15,134 @@ from typing import Any
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.files import Place
+from curricle.files import Place, place_at
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
 from curricle.progress import check_progress
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.dependencies import key_in, key_of
-from curricle.study.engines.engine import ExecutorWorkers, Workers
-from curricle.study.engines.opening import opened_engine, workers_of
-from curricle.study.failures import Failures, write_failures
-from curricle.study.folders import lost_errors, write_errors
+from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of
+from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine, workers_of
 from curricle.study.packing import Packing, Taken, files_of, pack
 from curricle.study.progress import Progress, shown_units
 from curricle.study.record import RunRecord, StudyRecord, plain
 from curricle.study.recording import curricula_record, study_record
 from curricle.study.results import StudyResults
-from curricle.study.resuming import Done, arms_in, different_versions, tuned_before, usable_units
 from curricle.study.scheduling import Scheduler
 from curricle.study.serialization import UnitResult
-from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.store import (
+    Failures,
+    StoredUnit,
+    StudyStore,
+    holds_study,
+    lost_errors,
+    write_errors,
+    write_failures,
+)
 from curricle.study.study_arguments import Study, study_of
 from curricle.study.tuning import (
+    TRIALS,
+    BegunTrials,
     check_tuning,
+    digest_of,
     number_of_trials,
     tune,
     tuned_study,
+    tuning_at,
     with_trials,
+    write_begun,
+    write_tuning,
 )
-from curricle.study.tuning_record import TRIALS, BegunTrials, write_begun, write_tuning
-from curricle.study.units import Unit, given_to_all, seeds_of, units_of
+from curricle.study.units import Unit, given_to_all, numbered_seeds, seeds_of, units_of
 from curricle.text_tables import counted
+
+# -- What a run finds in its folder: the units that it uses, and why it does not use others --------
+
+Done = dict[str, dict[int, StoredUnit]]
+"""Key -> seed -> unit."""
+
+
+def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
+    """Return a study's arms; the keys are those of stale units in a folder if these are kept."""
+    if not (keep_stale and holds_study(place_at(path))):
+        return Arms.of(study)
+    store = StudyStore(path)
+    return Arms.of(study, key_in(store.finished(without=store.damaged_units())))
+
+
+def tuned_before(
+    study: StudyConfig,
+    arms: Arms,
+    path: str | Place,
+    report: Callable[[str], Any],
+    *,
+    keep_stale: bool,
+) -> tuple[StudyConfig, Arms]:
+    """Return a study and its arms as a folder says that it was tuned; as they are if it does not.
+
+    A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
+    version aside where stale units are kept. `report` is called with a sentence about a stale one.
+    """
+    there = None if study.tune is None else tuning_at(place_at(path))
+    if there is None:
+        return study, arms
+    if there.of != digest_of(study):
+        if not keep_stale or there.of_settings != digest_of(study, settings_key_of):
+            report("the tuning is stale and made again: what it depends on has changed")
+            return study, arms
+        report(
+            "the tuning is stale and kept: its trials are of other code, or of another version of "
+            "Curricle"
+        )
+    tuned = tuned_study(study, there)
+    return tuned, arms_in(tuned, path, keep_stale=keep_stale)
+
+
+def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:
+    """Return the units that are whole, and a sentence about each task with others.
+
+    Damaged units are deleted if asked for; stale ones stay, and are found again if what they depend
+    on is as it was.
+    """
+    damaged = store.damaged_units()
+    remarks = [f"{file} is damaged: its units are trained again" for file in damaged]
+    if remove_damaged:
+        with write_errors(store.path):
+            for file in damaged:
+                file.unlink()
+    done = store.finished(without=damaged)
+    return done, [*remarks, *_stale(arms, done)]
+
+
+def _stale(arms: Arms, done: Done) -> Iterator[str]:
+    places: dict[str, tuple[str, str]] = {}
+    for place, key in arms.keys.items():
+        places.setdefault(key, place)  # of arms that share units, the first
+    depends = {key: arms.dependencies[place] for key, place in places.items()}
+    kept = {key: key for key in places if key in done and key != key_of(depends[key])}
+    stale = replaced_keys(depends, done) | kept
+    for key, place in places.items():
+        if key in stale:
+            units = done[stale[key]]
+            fate = "kept" if key in kept else "trained again"
+            why = "; ".join(changes_of(units, depends[key]))
+            label = f"{': '.join(place)}, {numbered_seeds(sorted(units))}"
+            yield f"{label}, is stale and {fate}: {why}"
+
+
+def different_versions(runs: Iterable[RunRecord], run: RunRecord) -> Iterator[str]:
+    """Yield a sentence for each library that had another version in earlier runs into a folder."""
+    for library, version in run.versions.items():
+        others = {one.versions[library] for one in runs if library in one.versions} - {version}
+        if others and library != "curricle":
+            yield (
+                f"{library} was {' and '.join(sorted(others))} in earlier runs and is {version}: "
+                "their units are used, and may differ from today's in the last bits"
+            )
+
+
+# -- Running a study: its units on any executor, each stored as soon as it is trained --------------
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
 OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib", "optuna")

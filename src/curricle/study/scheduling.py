@@ -15,9 +15,8 @@ from curricle.curriculum.sources import StoredValues, sources_read
 from curricle.errors import LostStoreError
 from curricle.study.arms import Arms
 from curricle.study.engines.engine import Workers
-from curricle.study.failures import Failures
 from curricle.study.packing import Packing, Taken
-from curricle.study.stored_values import StoredSource, stored_values
+from curricle.study.store import Failures, StoredSource, stored_values
 from curricle.study.units import Unit, UnitInput
 
 AHEAD = 2

@@ -1,19 +1,43 @@
 """The results store: a folder with a description of what its results depend on, and whole files."""
 
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
+from filelock import FileLock, Timeout
 
-from curricle.archives import Damaged, as_json, parsed_json, sealed, unsealed
-from curricle.errors import StoreError
+from curricle.archives import (
+    ArrayArchive,
+    Damaged,
+    archive_content,
+    as_json,
+    digest_of,
+    opened_archive,
+    opened_whole,
+    parsed_json,
+    sealed,
+    unsealed,
+)
+from curricle.curriculum.sources import StoredValues
+from curricle.errors import (
+    CurricleError,
+    EngineError,
+    LostStoreError,
+    StoreError,
+    StudyError,
+    in_words,
+    reason,
+)
 from curricle.files import (
     PART,
     Place,
@@ -23,31 +47,207 @@ from curricle.files import (
     remove_folder,
     write_whole,
 )
-from curricle.study.dependencies import Dependencies
-from curricle.study.description import differences, shown
-from curricle.study.folders import (
-    CHECKPOINTS,
-    RUNS,
-    STUDY,
-    UNITS,
-    check_ours,
-    holds_study,
-    locked,
-    read_errors,
-    write_errors,
-)
+from curricle.learning.saved_result import checkpoints_of, values_of
+from curricle.statistics.curves import SCRATCH
+from curricle.study.dependencies import Dependencies, differences, shown
 from curricle.study.record import RunRecord, UnitRecord, plain, read_record
-from curricle.study.serialization import GROUPS, UnitResult, as_parquet, of_seeds
-from curricle.study.unit_file import (
-    ENDING,
-    UnitFile,
-    checked_unit,
-    opened_unit,
-    place_of,
-    unit_content,
+from curricle.study.serialization import (
+    DECISION_SCHEMA,
+    GROUPS,
+    RUN,
+    SNAPSHOTS,
+    VALUES,
+    UnitResult,
+    as_parquet,
+    group_of,
+    of_seeds,
+    read_parquet,
 )
 from curricle.study.units import Unit, seed_ranges, seeds_in
 from curricle.text_tables import counted
+
+# -- Folders of results: what they are called, which ones may be written to, and errors of writing
+
+STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
+UNITS = "units"
+PATIENCE = 0.3
+"""Seconds in which a lock is asked for: whoever looks whether it is held has it for a moment."""
+CHECKPOINTS = ".checkpoints"
+"""Where networks in training are saved, to go on from."""
+
+
+def check_ours(path: Place, resume: bool) -> None:
+    """Raise StoreError if a path is a file, or a folder that holds other things than results."""
+    if path.exists() and not path.is_dir():
+        raise StoreError(f"results need a folder: {path} is a file")
+    ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
+    if not ours and any(one.suffix != PART and one.name != LOCK for one in path.iterdir()):
+        raise StoreError(
+            f"results need an empty folder or one of earlier results: {path} holds other files"
+        )
+
+
+@contextmanager
+def locked(path: Place) -> Iterator[None]:
+    """Lock a folder, made if need be, against other processes; StoreError when one holds it.
+
+    The lock ends with the process, also when it is killed. There is none at a URL: two runs that
+    write there store the same units, so that the last of each stays.
+    """
+    if not isinstance(path, Path):
+        yield
+        return
+    with write_errors(path):
+        path.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path / LOCK)
+        try:
+            lock.acquire(timeout=PATIENCE)
+        except Timeout:
+            raise StoreError(
+                f"only one run at a time can write to a folder: another is at work on {path}"
+            ) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def in_use(path: Place) -> bool | None:
+    """Return whether a run holds a folder's lock; None where that cannot be told, as at a URL."""
+    if not isinstance(path, Path):
+        return None
+    if not (path / LOCK).exists():
+        return False
+    try:
+        with FileLock(path / LOCK).acquire(timeout=0):
+            return False
+    except Timeout:
+        return True
+    except OSError:  # a folder that may only be read
+        return None
+
+
+@contextmanager
+def read_errors(path: Place) -> Iterator[None]:
+    """Turn a failure to read into a StoreError."""
+    try:
+        yield
+    except OSError as error:
+        raise StoreError(f"{path} cannot be read: {reason(error)}") from error
+
+
+def holds_study(path: Place) -> bool:
+    """Return whether a folder, which may not be there, holds a study; StoreError if unreadable."""
+    with read_errors(path):
+        return (path / STUDY).exists()
+
+
+@contextmanager
+def write_errors(path: Place) -> Iterator[None]:
+    """Turn a failure to write into a StoreError that says what is safe."""
+    try:
+        yield
+    except OSError as error:
+        raise StoreError(
+            f"results cannot be written to {path} ({reason(error)}): what was stored before is "
+            "whole, and a run with --resume goes on from there"
+        ) from error
+
+
+@contextmanager
+def lost_errors() -> Iterator[None]:
+    """Turn a failure to read or write, once that has gone well, into a LostStoreError."""
+    try:
+        yield
+    except StoreError as error:
+        if isinstance(error.__cause__, OSError):
+            raise LostStoreError(str(error)) from error.__cause__
+        raise
+
+
+# -- The file of a unit: a sealed archive of its arrays that says what it is of --------------------
+
+ABOUT, DECISIONS = "unit.json", "decisions.parquet"
+"""Members of the archive beside its arrays."""
+ENDING = ".npz"
+LARGEST_ABOUT = 2**26
+"""Bytes of ``unit.json`` at most: one of 100,000 seeds has a hundredth of that."""
+LONGEST_NAME, KEPT = 200, 40
+"""Characters of a unit's name, and those that are kept of a longer one."""
+
+
+def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
+    """Return the content of a unit's file; equal results have equal bytes.
+
+    Snapshots are compressed, other arrays are not.
+    """
+    each = result.arrays.items()
+    ordered = {name: one for group in GROUPS for name, one in each if group_of(name) == group}
+    others = {
+        DECISIONS: as_parquet(result.decisions.combine_chunks()),
+        ABOUT: as_json(plain(about)),
+    }
+    return archive_content(ordered, others, _snapshots_of(ordered))
+
+
+def _snapshots_of(names: Iterable[str]) -> list[str]:
+    return [name for name in names if group_of(name) == SNAPSHOTS]
+
+
+@dataclass(frozen=True)
+class UnitFile:
+    """A unit's file that is open."""
+
+    archive: ArrayArchive
+
+    def about(self) -> UnitRecord:
+        """Return what the unit is; ValueError if the archive does not say."""
+        return read_record(UnitRecord, parsed_json(self.archive.content(ABOUT, LARGEST_ABOUT)))
+
+    def arrays(self, *groups: str, most: int | None = None) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays of some groups, without pickles.
+
+        Snapshots may unpack to `most` bytes, and nothing else is compressed; ValueError otherwise.
+        """
+        names = [name for name in self.archive.names if group_of(name) in groups]
+        return self.archive.read(*names, compressed=_snapshots_of(names), most=most)
+
+    def decisions(self, seeds: int) -> pa.Table:
+        """Return the table of decisions, one a seed and checkpoint; ValueError if it is another."""
+        most = seeds * (1 + checkpoints_of(self.archive.read("steps")))
+        member = self.archive.members.get(DECISIONS)
+        size = 0 if member is None else member.file_size
+        return read_parquet(self.archive.content(DECISIONS, size), DECISION_SCHEMA, most)
+
+
+@contextmanager
+def opened_unit(path: Place) -> Iterator[UnitFile]:
+    """Open a unit's file to read some of it; it raises as :func:`opened_archive`."""
+    with opened_archive(path) as archive:
+        yield UnitFile(archive)
+
+
+def checked_unit(path: Place) -> UnitRecord:
+    """Return what a whole file is of; all of it is read once. It raises as :func:`opened_unit`."""
+    with opened_whole(path) as archive:
+        return UnitFile(archive).about()
+
+
+def place_of(key: str, task: str, seeds: str) -> str:
+    """Return a unit's place among the units, from the words for its seeds.
+
+    Examples
+    --------
+    >>> place_of("0f", "my maze", "0-4")
+    'my_maze-0f/seeds-0-4.npz'
+    """
+    name, words = f"seeds-{seeds}", re.sub(r"[^\w-]+", "_", task)[:KEPT]
+    if len(name) >= LONGEST_NAME:
+        name = f"{name[:KEPT]}_{digest_of(name.encode())}"
+    return f"{words}-{key}/{name}{ENDING}"
+
+
+# -- The results store: a folder with a description of what its results depend on, and whole files
 
 SCHEMA_VERSION = 3
 """Of the folder's layout; a folder of another version is refused."""
@@ -398,3 +598,178 @@ class StudyStore:
         arrays, decisions = read_unit(stored.path, read)
         wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
         return UnitResult(of_seeds(arrays, seeds), decisions.filter(wanted))
+
+
+# -- What seeds learnt in a task, read from a store for the tasks that it is a source of -----------
+
+
+class StoredSource(NamedTuple):
+    """What the seeds of a unit learnt in a source, where it is stored."""
+
+    units: Mapping[int, StoredUnit]
+    """By seed."""
+    read: bool
+    """Whether its values are needed."""
+
+
+def stored_values(
+    arrays_of: Callable[..., Mapping[str, Any]],
+    done: Mapping[int, StoredUnit],
+    seeds: Sequence[int],
+    *,
+    read: bool,
+) -> StoredValues:
+    """Return what seeds learnt in a task, its values only if they are to be `read`.
+
+    Parameters
+    ----------
+    arrays_of : callable
+        As :meth:`StudyStore.arrays`.
+    done : dict of int to StoredUnit
+        The unit that holds each seed.
+    seeds : sequence of int
+    read : bool
+    """
+    units = {done[seed].path: done[seed] for seed in seeds}
+    names = (RUN, VALUES) if read else (RUN,)
+    arrays = {path: arrays_of(stored, *names) for path, stored in units.items()}
+    rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
+    each = [values_of(found, k) for found, k in rows]
+    values: Any = None  # not needed, or not saved: training raises an error then
+    if all(one is not None for one in each):
+        values = np.stack(each) if isinstance(each[0], np.ndarray) else each
+    steps = np.array([found["steps_used"][k] for found, k in rows])
+    scales = [float(found["scale"][k]) for found, k in rows if "scale" in found]
+    return StoredValues(values, steps, scales)
+
+
+# -- Units that failed: the arms that need them are left out, the others are trained and compared --
+
+FAILURES = "failures.json"
+"""The units that failed in the last run, in its folder; there is no such file if none did."""
+Keys = Mapping[tuple[str, str], str]
+"""The key of each arm's tasks, as in :class:`Arms`."""
+
+
+@dataclass
+class Failures:
+    """The units that failed in a run.
+
+    Attributes
+    ----------
+    keys : dict of (str, str) to str
+        As in :class:`Arms`.
+    each : list of (Unit, Exception)
+        In the order in which they failed.
+    executor_failed : bool
+        Whether one of them was never trained, as the executor failed.
+    """
+
+    keys: Keys
+    each: list[tuple[Unit, BaseException]] = field(default_factory=list)
+    executor_failed: bool = False
+    _kept: set[str] = field(default_factory=set, init=False)
+    """The keys that arms without a failure need, once there is one."""
+
+    def __bool__(self) -> bool:
+        return bool(self.each)
+
+    def add(self, unit: Unit, error: Exception) -> None:
+        """Note that a unit failed; a BrokenExecutor's cause is why."""
+        if isinstance(error, BrokenExecutor):
+            self.executor_failed = True
+            self.each.append((unit, error.__cause__ or error))
+        else:
+            self.each.append((unit, error))
+        lost = arms_of(self.keys, {one.key for one, _ in self.each})
+        none = self.executor_failed or SCRATCH in lost
+        self._kept = {key for (arm, _), key in self.keys.items() if not none and arm not in lost}
+
+    def keeps(self, unit: Unit) -> bool:
+        """Return whether an arm without a failure needs a unit; without scratch nothing is kept."""
+        return not self.each or unit.key in self._kept
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return what :func:`failed_arms` reads; it is no arm's fault that an executor failed."""
+        if self.executor_failed:
+            return []
+        return [
+            {
+                "key": unit.key,
+                "seeds": list(unit.seeds),
+                "error": f"{unit.label}: {without_folders(in_words(error))}",
+            }
+            for unit, error in self.each
+        ]
+
+    def error(self) -> StudyError:
+        """Return one error for all; its cause is the first that is not the library's own."""
+        (unit, first), *others = self.each
+        text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
+        for other, error in others:
+            if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
+                text += f"; {other.label} failed too: {in_words(error)}"
+        lost = any(isinstance(error, EngineError) for _, error in self.each)
+        found = EngineError(text) if lost else StudyError(text)
+        foreign = [error for _, error in self.each if not isinstance(error, CurricleError)]
+        found.__cause__ = foreign[0] if foreign else None
+        return found
+
+
+def without_folders(text: str) -> str:
+    """Return an error's text with the names of files only: folders are those of one machine.
+
+    Examples
+    --------
+    >>> without_folders("cannot read '/home/me/thesis 2/maze.txt': 1/2 is there")
+    "cannot read 'maze.txt': 1/2 is there"
+    """
+    quoted = re.sub(r"""(['"])(?:[A-Za-z]:)?[/\\][^'"\n]*[/\\]([^'"\n/\\]+)\1""", r"\1\2\1", text)
+    return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
+
+
+def arms_of(keys: Keys, some: Collection[str]) -> set[str]:
+    """Return the arms that need a unit with one of these keys.
+
+    Examples
+    --------
+    >>> sorted(arms_of({("a", "maze"): "0f", ("b", "maze"): "0f", ("c", "maze"): "1e"}, ["0f"]))
+    ['a', 'b']
+    """
+    return {arm for (arm, _), key in keys.items() if key in some}
+
+
+def read_failures(store: StudyStore) -> list[dict[str, Any]]:
+    """Return the rows of :meth:`Failures.rows` that a folder holds; StoreError if damaged."""
+    found = store.read_json(FAILURES) if store.has(FAILURES) else []
+    try:
+        return [
+            {"key": str(row["key"]), "seeds": [*map(int, row["seeds"])], "error": str(row["error"])}
+            for row in found
+        ]
+    except (TypeError, KeyError, ValueError, OverflowError):
+        raise StoreError(
+            f"{store.path / FAILURES} must list units that failed, each with key, seeds and error: "
+            "delete it, and show leaves out no arm"
+        ) from None
+
+
+def failed_arms(
+    rows: Iterable[Mapping[str, Any]], keys: Keys, stored: Mapping[str, Mapping[int, Any]]
+) -> dict[str, str]:
+    """Return the first error of each arm that needs a unit that failed and is not stored since."""
+    found: dict[str, str] = {}
+    for row in rows:
+        if not set(row["seeds"]) <= set(stored.get(row["key"], ())):
+            for arm in sorted(arms_of(keys, [row["key"]])):
+                found.setdefault(arm, row["error"])
+    return found
+
+
+def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
+    """Write the failures of a run in the place of those of an earlier one."""
+    if rows:
+        store.write_json(FAILURES, rows)
+    else:
+        with write_errors(store.path):
+            (store.path / FAILURES).unlink(missing_ok=True)

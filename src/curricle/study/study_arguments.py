@@ -10,9 +10,9 @@ from curricle.checks import listed
 from curricle.comparison.comparing import compare as compare_curricula
 from curricle.comparison.forecasting import forecast as forecast_curriculum
 from curricle.errors import ConfigError, SettingError
-from curricle.study.config.derived_tables import built
 from curricle.study.config.reading import read_study
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.config.tables import built
 
 Study = StudyConfig | str | PathLike[str]
 """A study, or the path of its file."""

@@ -8,9 +8,9 @@ import numpy as np
 
 import curricle as cr
 from curricle.learning.record import Snapshots
-from curricle.report.page import study_page
 from curricle.study.analysis import analysed
 from curricle.study.recording import curricula_record
+from tests.study_pages import study_page
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $\\frac{a$ </script>"

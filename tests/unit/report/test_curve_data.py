@@ -8,7 +8,7 @@ import pytest
 import curricle as cr
 from curricle.plotting.learning_curves import draw_learning_curves, shown_curve
 from curricle.plotting.styles import arm_styles
-from curricle.report.curve_data import SEEN, curve_data
+from curricle.report.page import SEEN, curve_data
 from curricle.statistics.intervals import mean_interval
 
 from .studies import maze_plan

@@ -1,18 +1,9 @@
-"""The figures and the section of a sweep or a tuning: what they show of given numbers."""
+"""The section of a sweep or a tuning: what it shows of given numbers."""
 
-import xml.etree.ElementTree as ET
-
-import pytest
-
-from curricle.plotting.effects import (
-    draw_main_effects,
-    draw_parallel_coordinates,
-    effect_colours,
-)
-from curricle.report.effects_section import effects_sections
+from curricle.report.sections import effects_sections
 from curricle.report.templates import render
-from curricle.study.effects import SWEEP, TUNING, Effects, Level, Setting, Tried, tuning_effects
-from curricle.study.tuning_record import SpaceRecord, TrialRecord, TunedArm, TuningRecord
+from curricle.study.effects import tuning_effects
+from curricle.study.tuning import SpaceRecord, TrialRecord, TunedArm, TuningRecord
 
 RATE = "learner.learning_rate"
 TUNED = TuningRecord(
@@ -45,65 +36,22 @@ TUNED = TuningRecord(
 )
 
 
-def test_a_line_crosses_each_axis_at_its_value_and_ends_at_its_return():
-    scratch, own = draw_parallel_coordinates(tuning_effects(TUNED), width=9).axes
-    lines = [line.get_ydata() for line in own.lines if len(line.get_xdata()) == 3]
-    best = [0.977, 1.0, 1.0]
-    assert [[round(float(y), 3) for y in one] for one in lines] == [[0.5, 0.0, 0.714], best, best]
-    assert (scratch.get_title("left"), own.get_title("left")) == (
-        "scratch: 2 trials",
-        "a: 2 trials",
-    )
-    assert [one.get_text() for one in own.get_xticklabels()][-1] == "mean return"
-
-
-@pytest.mark.parametrize(("width", "columns"), [(3.4, 1), (8.6, 2)])
-def test_panels_stand_below_each_other_where_it_is_narrow(width, columns):
-    figure = draw_parallel_coordinates(tuning_effects(TUNED), width=width)
-    figure.draw_without_rendering()
-    assert len({round(axes.get_position().x0, 2) for axes in figure.axes}) == columns
-
-
-def test_main_effects_have_each_level_s_mean_and_reach():
-    setting = Setting(RATE, ("0.1", "0.3"), 0.0, 1.0, False, (0.1, 0.3))
-    levels = {
-        ("scratch", RATE): (Level("0.1", 2, -3.0, -4.0, -1.0), Level("0.3", 1, -5.0, -5.5, -4.5))
-    }
-    tried = (Tried("scratch", {RATE: 0.1}, -3.0, True),)
-    (axes,) = draw_main_effects(Effects(SWEEP, (setting,), tried, levels)).axes
-    (bars,) = axes.containers
-    assert bars.lines[0].get_ydata().tolist() == [-3.0, -5.0]
-    reach = [path.vertices[:, 1].tolist() for path in bars.lines[2][0].get_paths()]
-    assert reach == [[-4.0, -1.0], [-5.5, -4.5]]
-    assert [one.get_text() for one in axes.get_xticklabels()] == ["0.1", "0.3"]
-
-
-def test_scratch_is_black_and_arms_have_the_page_s_colours():
-    assert effect_colours(tuning_effects(TUNED)) == {"scratch": "#000000", "a": "#0072B2"}
-
-
 def test_the_section_states_the_steps_of_trials_and_the_best_of_each_arm():
     (section,) = effects_sections([tuning_effects(TUNED)], TUNED)
     assert [(row.arm, row.trials, row.steps, row.score, row.values) for row in section.best] == [
         ("scratch", 3, "3,000", "−3", ("0.5", "–")),
         ("a, b", 2, "2,000", "−2", ("0.9", "<b>minimum</b>")),
     ]
+    assert section.rows == (
+        ("scratch", RATE, "0.01 to 0.0464", "1", "−9", "[−9, −9]"),
+        ("scratch", RATE, "0.215 to 1", "1", "−3", "[−3, −3]"),
+        ("a", RATE, "0.0464 to 0.215", "1", "−4", "[−4, −4]"),
+        ("a", RATE, "0.215 to 1", "1", "−2", "[−2, −2]"),
+        ("a", "aggregate", "mean", "1", "−4", "[−4, −4]"),
+        ("a", "aggregate", "<b>minimum</b>", "1", "−2", "[−2, −2]"),
+    )
     page = render("effects.html", settings_sections=[section])
     assert "the curves are not charged" in page
     assert "<b>minimum</b>" not in page
     assert 'id="tuning"' in page
     assert "7-8" in page
-
-
-def test_figures_are_whole_svg_in_both_widths():
-    (section,) = effects_sections([tuning_effects(TUNED)], TUNED)
-    for drawn in (section.lines, section.main):
-        assert set(drawn) == {"wide", "narrow"}
-        for svg in drawn.values():
-            ET.fromstring(str(svg).replace("xlink:href", "href"))
-
-
-def test_equal_returns_are_drawn():
-    setting = Setting(RATE, ("0.1",), 0.0, 0.0, False, (0.1,))
-    found = Effects(TUNING, (setting,), (Tried("scratch", {RATE: 0.1}, 2.0, True),), {})
-    assert draw_parallel_coordinates(found).axes[0].lines

@@ -5,8 +5,7 @@ import math
 import pytest
 
 import curricle as cr
-from curricle.report.graph import graphs
-from curricle.report.graph_layout import CARD
+from curricle.report.graph import CARD, graphs
 
 from .studies import ODD, Reader, hunt_plan, shown
 

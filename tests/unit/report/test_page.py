@@ -14,9 +14,9 @@ import curricle as cr
 from curricle.comparison.arms import Arm
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
-from curricle.report.page import study_page
 from curricle.report.svg import inline_svg
 from curricle.statistics.curves import Curve
+from tests.study_pages import study_page
 
 from .studies import ODD, Reader, maze_plan, page_of
 
@@ -104,12 +104,6 @@ def test_reasons_of_all_trainings_are_counted(pages):
     assert f"all steps used 5 of 6 {ODD} long, {ODD} short" in words
 
 
-def test_the_sections_stand_in_their_order(page):
-    titles = [id for id in Reader(page).values("id", "section") if id]
-    wanted = ["findings", "curriculum", "curves", "measures", "forecast", "watch", "run"]
-    assert titles == wanted
-
-
 def test_every_control_has_a_label(page):
     found = Reader(page)
     controls = [a for tag, a in found.elements if tag in ("select", "input") and a["id"]]
@@ -137,13 +131,6 @@ def test_both_axes_have_one_scale_and_all_arms(pursuit):
     assert weak_curves["min"].get_ydata() == pytest.approx(
         mean[: len(weak_curves["min"].get_ydata())]
     )
-
-
-def test_captions_name_method_and_seeds(pages):
-    words = Reader(pages["pursuit"]).words
-    assert "mean over 8 seeds; bands: Student’s pointwise 95 % intervals".replace(
-        "95 %", "95\xa0%"
-    ) in words.replace("95 %", "95\xa0%")
 
 
 def test_svg_of_two_figures_share_no_identifier(pursuit):

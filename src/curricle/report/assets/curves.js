@@ -1,8 +1,7 @@
 "use strict";
 // Learning curves that answer: values at a checkpoint, zoom, arms and seeds on and off, pictures.
-// What a reader has switched off, and the view of each panel: a live page draws again and keeps them.
-const turnedOff = new Set(), views = { strong: null, weak: null };
 document.addEventListener("DOMContentLoaded", () => {
+  const views = { strong: null, weak: null };
   const at = (id) => document.getElementById(id);
   const chart = at("chart"), rows = [...at("arms").children];
   const data = JSON.parse(at("curves-data").textContent);
@@ -21,7 +20,7 @@ document.addEventListener("DOMContentLoaded", () => {
   };
   const arms = data.arms.map((arm) => {
     const { weak, strong, seeds } = arm;
-    return { ...arm, shown: !turnedOff.has(arm.name), weak: band(weak), strong: band(strong), seeds: seeds.map(returns) };
+    return { ...arm, shown: true, weak: band(weak), strong: band(strong), seeds: seeds.map(returns) };
   });
   const listed = rows.map((row) => arms.find((arm) => arm.name === row.dataset.arm));
   const shownArms = () => arms.filter((arm) => arm.shown);
@@ -251,7 +250,6 @@ document.addEventListener("DOMContentLoaded", () => {
   // The legend: each arm is a button, with its value beside it.
   const turn = (n, on) => {
     listed[n].shown = on;
-    turnedOff[on ? "delete" : "add"](listed[n].name);
     dress(rows[n].querySelector("button"), { "aria-pressed": on });
     draw();
   };

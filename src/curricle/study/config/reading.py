@@ -12,24 +12,30 @@ from pydantic import ValidationError
 from curricle.checks import unfit_name
 from curricle.errors import ConfigError
 from curricle.statistics.curves import SCRATCH
-from curricle.study.config.families import FamilyTable, wrong_families
 from curricle.study.config.merging import (
+    Positions,
+    Problems,
     Raw,
     assignment,
     complete_curriculum,
     complete_learners,
+    line_numbers,
     merged,
 )
-from curricle.study.config.parsing import parsed, text_of
-from curricle.study.config.positions import Positions, Problems, line_numbers
-from curricle.study.config.study_config import StudyConfig
-from curricle.study.config.study_tables import FileTable, RunTable
-from curricle.study.config.sweeps import wrong_sweep
-from curricle.study.config.tables import KeyPath, shown, unknown
-from curricle.study.config.task_names import NameGraph, table, wrong_names
-from curricle.study.config.tuning_tables import wrong_tuning
-from curricle.study.config.varied_arms import varied_arms, wrong_made
-from curricle.study.folders import holds_study
+from curricle.study.config.study_config import FileTable, RunTable, StudyConfig
+from curricle.study.config.sweeps import varied_arms, wrong_made, wrong_sweep, wrong_tuning
+from curricle.study.config.tables import (
+    KeyPath,
+    NameGraph,
+    parsed,
+    shown,
+    table,
+    text_of,
+    unknown,
+    wrong_names,
+)
+from curricle.study.config.tasks import FamilyTable, wrong_families
+from curricle.study.store import holds_study
 
 ONLY_ARM = "transfer"
 """The name of the arm of a study without arms."""

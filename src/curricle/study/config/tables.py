@@ -1,11 +1,34 @@
-"""The base of all tables of a study file: frozen, without unknown keys, with plain messages."""
+"""What the tables of a study file are made of: text, names, references, seeds, library classes."""
 
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import logging
+import re
+import sys
+import tomllib
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, is_dataclass
 from difflib import get_close_matches
-from functools import reduce
+from functools import cache, reduce
+from graphlib import CycleError, TopologicalSorter
 from operator import or_
-from typing import Annotated, Any, Self
+from pathlib import Path
+from types import ModuleType, NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Self,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from pydantic import (
     AfterValidator,
@@ -21,11 +44,78 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
+    create_model,
     model_validator,
 )
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, unfit_name
+from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, listed, unfit_name
+from curricle.errors import ConfigError, CurricleError
+from curricle.files import read_bounded
+from curricle.interop.encoders import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
+from curricle.learning.schedules import Schedule, exponential, harmonic, linear
+from curricle.learning.seeds import MOST_SEEDS
+
+# -- Text files of a study, and TOML, read without trust: bounded in size and in depth -------------
+
+TEXT = "utf-8-sig"
+"""UTF-8, with or without a byte-order mark."""
+LARGEST_FILE = 10_000_000
+"""Bytes of a study file or a map: the largest example has 3,000."""
+DEEPEST = 50
+"""Tables and lists inside each other: what has more exhausts the stack of those that read it."""
+LONGEST_NUMBER = 4096
+"""Bits of a whole number: Python writes no number of more than 4,300 digits, as in a message."""
+TOO_DEEP = f"tables and lists must be at most {DEEPEST} deep"
+TOO_LONG = f"whole numbers must have at most {LONGEST_NUMBER:,} bits"
+
+
+def text_of(path: Path) -> str:
+    """Return the content of a text file; ValueError says why it cannot be read."""
+    try:
+        return read_bounded(path, LARGEST_FILE).decode(TEXT)
+    except OSError as error:
+        raise ValueError(error.strerror) from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"it is not UTF-8: {error}") from None
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """Return what a TOML text says; ValueError says why it is none.
+
+    Examples
+    --------
+    >>> parsed("a.b = 1")
+    {'a': {'b': 1}}
+    >>> parsed("a = " + "[" * 60 + "]" * 60)
+    Traceback (most recent call last):
+    ValueError: tables and lists must be at most 50 deep
+    """
+    found: dict[str, Any]
+    try:
+        found = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(TOO_DEEP) from None
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError:  # of Python's own limit for numbers in decimals
+        raise ValueError(TOO_LONG) from None
+    layer: list[Any] = [found]
+    for _ in range(DEEPEST):
+        values = [one for node in layer for one in _values(node)]
+        if any(isinstance(one, int) and one.bit_length() > LONGEST_NUMBER for one in values):
+            raise ValueError(TOO_LONG)
+        layer = [one for one in values if isinstance(one, dict | list)]
+    if layer:
+        raise ValueError(TOO_DEEP)
+    return found
+
+
+def _values(node: dict[str, Any] | list[Any]) -> Iterable[Any]:
+    return node.values() if isinstance(node, dict) else node
+
+
+# -- The base of all tables of a study file: frozen, without unknown keys, with plain messages -----
 
 SHOWN = 60
 """Characters of a value that a message repeats."""
@@ -257,3 +347,470 @@ def tagged(
         return by_name[name]
 
     return Choice(tables, choose, simple, simple_type)
+
+
+# -- The names of tasks in a curriculum, checked before anything is built --------------------------
+
+DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")
+"""Types of tasks that a crop may be a part of."""
+
+
+class NameGraph(NamedTuple):
+    """The tasks of a curriculum by name, its crops and its transfers."""
+
+    parts: dict[str, str | None]
+    """The task of which each task is a crop, if it is one."""
+    edges: tuple[tuple[str, str], ...]
+    """Source and target of each transfer."""
+
+    @classmethod
+    def of(cls, plan: dict[str, Any]) -> "NameGraph":
+        """Return the graph of a curriculum as data, of which any part may be malformed."""
+        tasks = {name: table(task).get("of") for name, task in table(plan.get("tasks")).items()}
+        transfers = plan.get("transfers")
+        rows = map(table, transfers if isinstance(transfers, list) else [])
+        edges = [(edge.get("source"), edge.get("target")) for edge in rows]
+        return cls(
+            {name: of if isinstance(of, str) else None for name, of in tasks.items()},
+            tuple((s, t) for s, t in edges if isinstance(s, str) and isinstance(t, str)),
+        )
+
+    @property
+    def learnt(self) -> list[str]:
+        """The tasks that are learnt: all but those that are there only to be cropped."""
+        named = {name for edge in self.edges for name in edge}
+        cropped = set(self.parts.values())
+        return [name for name in self.parts if name in named or name not in cropped]
+
+    @property
+    def targets(self) -> list[str]:
+        """The tasks that are learnt and that no other builds on; a curriculum has one."""
+        sources = {source for source, _ in self.edges}
+        return [name for name in self.learnt if name not in sources]
+
+    def drawings(self, name: str) -> list[str]:
+        """Return the tasks that one is a crop of, itself first."""
+        found = list[str]()
+        part: str | None = name
+        while part is not None and part not in found:
+            found.append(part)
+            part = self.parts.get(part)
+        return found
+
+
+def table(value: Any) -> dict[str, Any]:
+    """Return a table as it is, and an empty one for anything else."""
+    return value if isinstance(value, dict) else {}
+
+
+def wrong_names(plan: dict[str, Any]) -> Iterator[tuple[KeyPath, str]]:
+    """Yield what is wrong with the names in a curriculum, each with its key path.
+
+    Malformed parts are skipped, since they are reported elsewhere.
+    """
+    graph = NameGraph.of(plan)
+    tasks, transfers = table(plan.get("tasks")), plan.get("transfers")
+    for name, task in tasks.items():
+        if why := unfit_name(name):
+            yield ("tasks", name), f"has a name that {why}"
+        of = table(task).get("of")
+        if table(task).get("type") == "crop" and isinstance(of, str):
+            path = ("tasks", name, "of")
+            if of not in graph.parts:
+                yield path, _no_task(of, graph)
+            elif table(tasks[of]).get("type") not in DRAWN:
+                yield path, f"must name a task of type {', '.join(DRAWN)}: got {shown(of)}"
+            elif graph.parts.get(graph.drawings(name)[-1]) is not None:
+                yield (
+                    path,
+                    f"must lead to a whole task: got {' of '.join(graph.drawings(name))} and so on",
+                )
+    whole = True
+    for index, edge in enumerate(transfers if isinstance(transfers, list) else []):
+        for role in ("source", "target"):
+            wanted = table(edge).get(role)
+            known = isinstance(wanted, str) and wanted in graph.parts
+            whole = whole and known
+            if isinstance(wanted, str) and not known:
+                yield ("transfers", index, role), _no_task(wanted, graph)
+    if whole:
+        yield from _whole(graph)
+
+
+def _whole(graph: NameGraph) -> Iterator[tuple[KeyPath, str]]:
+    """Yield what is wrong with a graph all of whose names are known."""
+    before: dict[str, list[str]] = {}
+    for source, target in graph.edges:
+        before.setdefault(target, []).append(source)
+    try:
+        TopologicalSorter(before).prepare()
+    except CycleError as error:
+        yield ("transfers",), f"must have no cycle: got {' -> '.join(error.args[1])}"
+        return
+    if graph.parts and len(graph.targets) != 1:
+        yield (
+            ("tasks",),
+            f"must have one that no other builds on: got {', '.join(graph.targets) or 'none'}",
+        )
+
+
+def _no_task(name: str, graph: NameGraph) -> str:
+    return f"must name a task: got {shown(name)}{suggestion(name, graph.parts)}"
+
+
+# -- Functions that a study file names as ``module:function`` --------------------------------------
+
+IMPORTED = dict[str, tuple[int, int] | None]()
+"""The time and size of each module's file when it was imported."""
+PACKAGES = "curricle_study_"
+"""What the names of packages of studies' own modules begin with."""
+LOGGER = logging.getLogger(__name__)
+"""It names each module of a study before the module is imported."""
+
+
+def load(reference: str, folder: Path) -> Callable[..., Any]:
+    """Return the function that ``module:function`` names.
+
+    A module beside the study file comes before one on ``sys.path``. It belongs to its folder:
+    modules of the same name in two folders stay apart. It imports its neighbours relatively
+    (``from .rules import slip``). ConfigError says that there is no such module or function, or
+    that importing the module failed.
+
+    Examples
+    --------
+    >>> load("math:hypot", Path())(3, 4)
+    5.0
+    """
+    module_name, colon, name = reference.partition(":")
+    words = [*module_name.split("."), name]
+    if not colon or not all(word.isidentifier() for word in words):
+        raise ConfigError(f"a function is named as module:function: got {reference!r}")
+    with users_code(reference):
+        module = _module(module_name, folder)
+    if module is None:
+        raise ConfigError(
+            f"{reference} names no module: {module_name} is neither beside the study file nor on "
+            "Python's path"
+        )
+    function = getattr(module, name, None)
+    if not callable(function):
+        raise ConfigError(
+            f"{reference} names no function: {module_name} has no {name} to call"
+            f"{_others(module, name)}"
+        )
+    return function  # type: ignore[no-any-return]
+
+
+def _others(module: ModuleType, name: str) -> str:
+    """Return what else of a module can be called: the closest name, or all that it defines."""
+    there = {one: of for one, of in vars(module).items() if one[0] != "_" and callable(of)}
+    own = [one for one, of in there.items() if getattr(of, "__module__", "") == module.__name__]
+    return suggestion(name, there) or (f": it has {listed(own)}" if own else "")
+
+
+@contextmanager
+def users_code(reference: str) -> Iterator[None]:
+    """Turn a failure of a user's function into a ConfigError that names it."""
+    try:
+        yield
+    except CurricleError:
+        raise
+    except Exception as error:
+        raise ConfigError(f"{reference} failed: {type(error).__name__}: {error}") from error
+
+
+def _module(name: str, folder: Path) -> ModuleType | None:
+    """Return a module beside the study file or on ``sys.path``; None if there is none."""
+    package = _package(folder)
+    paths = (f"{package}.{name}", name)
+    if not any(path in sys.modules for path in paths):
+        first = name.partition(".")[0]
+        beside = (folder / f"{first}.py").exists() or (folder / first).is_dir()
+        place = "beside the study file" if beside else "from Python's path"
+        LOGGER.info("importing the study's module %s, %s", name, place)
+    found = next((importlib.import_module(path) for path in paths if _exists(path)), None)
+    for module in _modules_in(package):
+        IMPORTED.setdefault(module, _stamp(module))
+    return found
+
+
+def _exists(path: str) -> bool:
+    package = path.rpartition(".")[0]
+    there = not package or package in sys.modules or _exists(package)
+    return there and importlib.util.find_spec(path) is not None
+
+
+def _package(folder: Path) -> str:
+    """Return the name of a package whose modules are those in a folder.
+
+    As its submodules they are found without changing ``sys.path``, and keep apart from others. When
+    a file of them has changed since it was imported, they are imported again.
+    """
+    path = str(folder.resolve())
+    name = f"{PACKAGES}{hashlib.sha256(path.encode()).hexdigest()[:16]}"
+    imported = _modules_in(name)
+    if any(module in IMPORTED and IMPORTED[module] != _stamp(module) for module in imported):
+        for module in imported:  # all, since they import each other
+            del sys.modules[module]
+            IMPORTED.pop(module, None)
+        importlib.invalidate_caches()
+    package = ModuleType(name, f"The modules in {path}.")
+    package.__path__ = [path]
+    sys.modules.setdefault(name, package)
+    return name
+
+
+def _modules_in(package: str) -> list[str]:
+    return [name for name in list(sys.modules) if name.startswith(f"{package}.")]
+
+
+def _stamp(module: str) -> tuple[int, int] | None:
+    """Return the time and size of a module's file now; None if it has none."""
+    file = getattr(sys.modules[module], "__file__", None)
+    try:
+        found = Path(file or "").stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+# -- Seeds as a study file writes them -------------------------------------------------------------
+
+
+def seeds_of(value: Any) -> tuple[int, ...]:
+    """Return what a file says of seeds, such as 30, [0, 1, 7] or "0-9,20-29".
+
+    Examples
+    --------
+    >>> seeds_of(2), seeds_of("0-1,7")
+    ((0, 1), (0, 1, 7))
+    """
+    numbers: Any = _ranges(value) if isinstance(value, str) else value
+    if type(numbers) is int:
+        numbers = range(min(numbers, MOST_SEEDS + 1))
+    listed = isinstance(numbers, list | tuple | range) and 0 < len(numbers) <= MOST_SEEDS
+    whole = listed and all(type(n) is int and 0 <= n < BEYOND_64_BITS for n in numbers)
+    if not whole or len(set(numbers)) < len(numbers):
+        raise wrong(
+            'must be a number of seeds, a list of different ones, or ranges such as "0-9,20-29", '
+            f"{MOST_SEEDS:,} at most: got {shown(value)}"
+        )
+    return tuple(numbers)
+
+
+def _ranges(text: str) -> list[int]:
+    """Return the seeds in ranges such as "0-9,20-29"; none if malformed or far too many."""
+    numbers = list[int]()
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part, re.ASCII)
+        named = range(int(match[1]), int(match[2] or match[1]) + 1) if match else range(0)
+        if not 0 < len(named) <= MOST_SEEDS:
+            return []
+        numbers += named
+    return numbers
+
+
+# -- Tables made from the library's frozen dataclasses and functions: one declaration for both -----
+#
+# A table has the parameters of what it builds, with their defaults, and their descriptions from the
+# numpydoc "Parameters" section; the library itself checks the values when the object is built.
+#
+# Why not ``TypeAdapter(cls)``, which validates a dataclass as it is annotated: in strict mode it
+# refuses a TOML table (a dict is not an instance), in lax mode it accepts "3" and ``true`` for a
+# number. A table must also be written back as TOML, with its ``type`` and its schedules.
+
+
+class ObjectTable(Table):
+    """A table that stands for one object of the library."""
+
+    makes: ClassVar[Any]
+    """The class or function that makes the object."""
+    parameters: ClassVar[tuple[str, ...]] = ()
+    """The parameters of `makes` that the table has."""
+
+    def build(self, folder: Path = Path()) -> Any:
+        """Return the object; the library's own error if the values make no sense.
+
+        The modules of the study's own functions are in `folder`.
+        """
+        return type(self).makes(**self.arguments_in(folder))
+
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments for what makes the object, inner tables built."""
+        return {name: built(getattr(self, name), folder) for name in self.parameters}
+
+
+def built(value: Any, folder: Path) -> Any:
+    """Return the object that a table stands for, and any other value as it is."""
+    return value.build(folder) if isinstance(value, ObjectTable) else value
+
+
+@cache
+def table_of(
+    makes: Any,
+    base: type[ObjectTable] = ObjectTable,
+    *,
+    tag: str | None = None,
+    without: tuple[str, ...] = (),
+    **annotations: Any,
+) -> Any:
+    """Return the table of a dataclass or function of the library.
+
+    Parameters
+    ----------
+    makes : class or function
+    base : type
+        Of the table; its own keys come on top.
+    tag : str, optional
+        Value of the key ``type``, for a table that is one of several.
+    without : tuple of str
+        Parameters that a file cannot give.
+    **annotations
+        Types of parameters that TOML writes in another way than Python.
+
+    Examples
+    --------
+    >>> from curricle import GreedyEvaluation
+    >>> table = table_of(GreedyEvaluation)
+    >>> table.model_validate({"episodes": 10}).build()
+    GreedyEvaluation(method='auto', episodes=10, discounted=None, sampled=False)
+    """
+    hints = get_type_hints(makes)
+    texts = descriptions(makes)
+    parameters = [
+        one for one in inspect.signature(makes).parameters.values() if one.name not in without
+    ]
+    fields: dict[str, Any] = {}
+    if tag is not None:
+        fields["type"] = (Literal[tag], tag)
+    for one in parameters:
+        annotation = annotations.get(one.name) or annotated(hints[one.name])
+        default: Any = ... if one.default is inspect.Parameter.empty else one.default
+        if _is_dataclass(type(default)):
+            kind: Any = type(default)
+            default = table_of(kind)()
+        elif type(default).__name__ == "_HAS_DEFAULT_FACTORY_CLASS":
+            default = {}
+        fields[one.name] = (annotation, Field(default, description=texts[one.name]))
+    table = create_model(tag or makes.__name__, __base__=base, __doc__=summary(makes), **fields)
+    table.makes = makes
+    table.parameters = tuple(one.name for one in parameters)
+    return table
+
+
+def annotated(hint: Any) -> Any:
+    """Return the type that validates what TOML may say for a parameter of this type."""
+    if hint in _PLAIN:
+        return _PLAIN[hint]
+    members = get_args(hint)
+    if get_origin(hint) in (Union, UnionType):
+        if Schedule in members:
+            return Rate | None if NoneType in members else Rate
+        tables = [table_of(one) for one in members if _is_dataclass(one)]
+        if tables and (bool in members or NoneType in members):
+            return flag_or(tables[0], False if bool in members else None)
+        others = [annotated(one) for one in members if not _is_dataclass(one)]
+        return Union[*tables, *others]
+    if get_origin(hint) is tuple:
+        return tuple[*map(annotated, members)]  # type: ignore[misc]
+    return table_of(hint) if _is_dataclass(hint) else hint
+
+
+def _is_dataclass(hint: Any) -> bool:
+    return is_dataclass(hint)
+
+
+def flag_or(table: type[Table], off: Any) -> Any:
+    """Return the type of what is false (`off`), true (a table of defaults) or a table."""
+
+    def flag(value: Any) -> Any:
+        if not isinstance(value, bool):
+            raise wrong(f"must be true, false or a table: got {shown(value)}")
+        return table() if value else off
+
+    return Annotated[Any, Choice((table,), lambda _: table, flag, bool)]
+
+
+def summary(makes: Any) -> str:
+    """Return the first paragraph of a docstring, without markup."""
+    return _plain((inspect.getdoc(makes) or "").partition("\n\n")[0])
+
+
+def descriptions(makes: Callable[..., Any]) -> dict[str, str]:
+    """Return what the numpydoc says of each parameter; the summary where it says nothing.
+
+    Examples
+    --------
+    >>> descriptions(harmonic)["half"]
+    'Steps (updates) after which the value is halfway.'
+    """
+    docs = [inspect.getdoc(one) or "" for one in getattr(makes, "__mro__", (makes,))]
+    found = dict.fromkeys(inspect.signature(makes).parameters, summary(makes))
+    for doc in reversed(docs):
+        section = re.search(r"Parameters\n-+\n(.*?)(\n\n\w[\w ]*\n-+\n|\Z)", doc, re.DOTALL)
+        for entry in re.finditer(
+            r"^(\w[\w, ]*?)(?: : (.*))?\n((?:[ ]+.*\n?|\n)*)",
+            f"{section[1]}\n" if section else "",
+            re.MULTILINE,
+        ):
+            text = _plain(entry[3]) or _plain(entry[2] or "")
+            found |= dict.fromkeys(re.split(r",\s*", entry[1]), text) if text else {}
+    return found
+
+
+def _plain(text: str) -> str:
+    """Return a part of a docstring on one line, without markup."""
+    return " ".join(re.sub(r":\w+:`~?([^`]*)`|`+([^`]*)`+", r"\1\2", text).split())
+
+
+_PLAIN: dict[Any, Any] = {int: Whole, float: Number, bool: Flag, NoneType: None}
+_SCHEDULES = tuple(table_of(one, tag=one.__name__) for one in (linear, exponential, harmonic))
+Rate = Annotated[
+    Any, tagged(*_SCHEDULES, simple=TypeAdapter(Number).validate_python, simple_type=float)
+]
+"""A number, or a table that says how it changes."""
+
+
+# -- Encoders of observations in study files: by name, as a table, or a function of the user's -----
+
+_SIMPLE = (
+    table_of(MiniGridView, tag="MiniGridView"),
+    table_of(MiniGridFullView, tag="MiniGridFullView"),
+    table_of(FlatDict, tag="FlatDict", leave_out=tuple[str, ...]),
+)
+
+
+def _by_name(*tables: Any) -> Any:
+    """Return the choice among tables by their names, or a reference to a function."""
+    known = {str(table.model_fields["type"].default): table for table in tables}
+
+    def simple(value: Any) -> Any:
+        if isinstance(value, str) and ":" in value:
+            return value
+        if not isinstance(value, str) or value not in known:
+            raise wrong(f"{not_one_of(value, known)} (or module:function)")
+        needed = [key for key, one in known[value].model_fields.items() if one.is_required()]
+        if needed:
+            raise wrong(f"must be a table, as {value} needs {' and '.join(needed)}: got {value!r}")
+        return known[value]()
+
+    return Annotated[Any, tagged(*tables, simple=simple, simple_type=str)]
+
+
+class _StackedFramesTable(ObjectTable):
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments, the encoder of each frame made."""
+        given = super().arguments_in(folder)
+        return {**given, "of": encoder(given["of"], folder)}
+
+
+AnyEncoder: Any = _by_name(
+    *_SIMPLE,
+    table_of(StackedFrames, _StackedFramesTable, tag="StackedFrames", of=_by_name(*_SIMPLE) | None),
+)
+"""An encoder: ``"MiniGridView"``, ``{ type = "FlatDict", ... }`` or ``"module:function"``."""
+
+
+def encoder(value: Any, folder: Path) -> Any:
+    """Return the encoder that a value of a study file stands for; None where there is none."""
+    return load(value, folder) if isinstance(value, str) else built(value, folder)

@@ -1,16 +1,206 @@
-"""What trains units: threads, processes, any executor, or an engine on other machines."""
+"""Engines: clusters that train units, what is sent to them, and how they are opened."""
 
-from collections.abc import Callable, Mapping
+import atexit
+import hashlib
+import json
+import pickle
+import platform
+import re
+import shutil
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from importlib import import_module, metadata
+from pathlib import Path
 from socket import create_connection
-from typing import Any, Protocol
+from tempfile import mkdtemp
+from threading import Lock
+from typing import Any, NamedTuple, Protocol, TypeVar
 
-from curricle.errors import EngineError
-from curricle.files import Place, RemotePath
-from curricle.study.engines.sending import SentUnit, train_apart, train_sent
-from curricle.study.stored_values import StoredSource
+from curricle.errors import CurricleError, EngineError, ForeignError, SettingError, in_words
+from curricle.files import Place, RemotePath, remove_folder
+from curricle.study.arms import Arms
+from curricle.study.config.tables import PACKAGES
+from curricle.study.dependencies import own_files
+from curricle.study.serialization import UnitResult
+from curricle.study.store import (
+    StoredSource,
+    StoredUnit,
+    arrays_in,
+    lost_errors,
+    stored_values,
+    written_unit,
+)
 from curricle.study.units import UnitInput, train_unit
+
+# -- What a worker on another machine does: take the study's own modules, and train a unit ---------
+
+FOLDERS = dict[str, Path]()
+"""The folders of modules that this process has written, by a digest of their files."""
+WRITING, LIVE = Lock(), Lock()
+Result = TypeVar("Result")
+
+
+class SentUnit(NamedTuple):
+    """A unit with all that a worker needs which has no folder of the study."""
+
+    given: UnitInput
+    files: Mapping[str, bytes]
+    """The study's own modules, by path in its folder."""
+    versions: Mapping[str, str]
+    """Of the run: a worker that came later is compared with them too."""
+    live: bool
+    """Whether units must not run side by side in one process."""
+    stored: Mapping[str, StoredSource] = {}
+    """The sources that the worker reads itself."""
+    place: Place | None = None
+    """The study's folder, where the worker writes the result itself."""
+
+
+def called(function: Callable[[Any], Result], argument: Any) -> Result:
+    """Return what a function returns; what it raises can be read in another process.
+
+    Errors of classes in the study's own modules, and those that do not survive pickling, become a
+    ForeignError in the same words. A note has the traceback.
+
+    Examples
+    --------
+    >>> class Slipped(Exception):
+    ...     __module__ = "curricle_study_0f.rules"
+    >>> def slip(place):
+    ...     raise Slipped(f"off the map at {place}")
+    >>> try:
+    ...     called(slip, (3, 4))
+    ... except ForeignError as error:
+    ...     print(error)
+    Slipped: off the map at (3, 4)
+    """
+    try:
+        return function(argument)
+    except Exception as error:
+        found = _sendable(error)
+    raise found  # out here it has no context, which some engines send too
+
+
+def _sendable(error: Exception) -> Exception:
+    """Return an error, or one in the same words that can be sent, without the errors before it."""
+    told = "".join(traceback.format_exception(error))
+    error.__cause__ = error.__context__ = error.__traceback__ = None
+    if not _survives(error):
+        kind: type[Exception] = ForeignError
+        if isinstance(error, CurricleError):  # its class is the user's own, below one of ours
+            ours = CurricleError.__module__
+            kind = next(each for each in type(error).__mro__ if each.__module__ == ours)
+        error = kind(in_words(error))
+    error.add_note(told)
+    return error
+
+
+def _survives(error: Exception) -> bool:
+    """Return whether a process without the study's own modules reads an error as it is."""
+    try:
+        content = pickle.dumps(error)
+        again = pickle.loads(content)
+    except Exception:  # whatever a class's own methods raise
+        return False
+    same = type(again) is type(error) and str(again) == str(error)
+    return same and PACKAGES.encode() not in content
+
+
+def train_apart(given: UnitInput) -> UnitResult:
+    """Return what a unit's seeds learn; what it raises can be sent from this process."""
+    return called(train_unit, given)
+
+
+def train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
+    """Return what a unit's seeds learn, or the file that it is written to.
+
+    EngineError where versions differ from those of the run; LostStoreError where sources cannot be
+    read at the study's URL, or the result cannot be written there.
+    """
+    return called(_train_sent, sent)
+
+
+def _train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
+    if differ := difference(sent.versions, versions_here()):
+        raise EngineError(f"worker {platform.node()} has {differ}")
+    folder = written(sent.files)
+    unit = sent.given.unit
+    with lost_errors():
+        read = {
+            name: stored_values(arrays_in, one.units, unit.seeds, read=one.read)
+            for name, one in sent.stored.items()
+        }
+    given = sent.given._replace(folder=str(folder), sources={**sent.given.sources, **read})
+    with LIVE if sent.live else nullcontext():
+        result = train_unit(given)
+    if sent.place is None:
+        return result
+    with lost_errors():
+        stored = written_unit(sent.place, unit, result)
+    if given.checkpoints is not None:
+        remove_folder(given.checkpoints)
+    return stored
+
+
+def versions_here() -> dict[str, str]:
+    """Return the versions that must be equal everywhere.
+
+    Of Python these are the first two numbers: the third changes no result.
+
+    Examples
+    --------
+    >>> sorted(versions_here())
+    ['Python', 'curricle', 'numba']
+    """
+    found = {name: metadata.version(name) for name in ("curricle", "numba")}
+    return {**found, "Python": ".".join(platform.python_version_tuple()[:2])}
+
+
+def difference(here: Mapping[str, str], there: Mapping[str, str]) -> str:
+    """Return how versions differ, in words; nothing if they are equal.
+
+    Examples
+    --------
+    >>> difference({"numba": "0.68.1"}, {"numba": "0.67.0"})
+    'numba 0.67.0 and the run has 0.68.1'
+    """
+    each = [
+        f"{k} {there.get(k)} and the run has {here[k]}" for k in here if there.get(k) != here[k]
+    ]
+    return ", ".join(each)
+
+
+def written(files: Mapping[str, bytes]) -> Path:
+    """Return a folder with these files, written once in a process and removed when it ends.
+
+    It has a name of its own: in one that others could guess they could put code.
+
+    Examples
+    --------
+    >>> folder = written({"rules/own.py": b"LONG = 3"})
+    >>> (folder / "rules" / "own.py").read_text()
+    'LONG = 3'
+    >>> written({"rules/own.py": b"LONG = 3"}) == folder
+    True
+    """
+    named = {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
+    digest = hashlib.sha256(json.dumps(named).encode()).hexdigest()
+    with WRITING:
+        if digest not in FOLDERS:
+            folder = Path(mkdtemp(prefix="curricle-"))
+            atexit.register(shutil.rmtree, folder, ignore_errors=True)
+            for name, content in files.items():
+                place = folder / name
+                place.parent.mkdir(parents=True, exist_ok=True)
+                place.write_bytes(content)
+            FOLDERS[digest] = folder
+        return FOLDERS[digest]
+
+
+# -- What trains units: threads, processes, any executor, or an engine on other machines -----------
 
 ANSWERS_IN = 10
 """Seconds in which a scheduler or a head must take a connection."""
@@ -208,3 +398,110 @@ def failed(error: Exception) -> "Future[Any]":
     found = Future[Any]()
     found.set_exception(error)
     return found
+
+
+# -- Opening the engine that a word names, and comparing its workers with this machine -------------
+
+WORD = re.compile(r"(dask|ray)(?:://([^\s/:]+|\[[0-9a-fA-F:]+\]):(\d{1,5}))?")
+ENGINE_PACKAGES = {"dask": "distributed", "ray": "ray"}
+
+
+def parsed(on: str) -> tuple[str, str | None]:
+    """Return the engine of a word and the address in it, host:port; SettingError if it has none.
+
+    Examples
+    --------
+    >>> parsed("dask"), parsed("ray://head:10001")
+    (('dask', None), ('ray', 'head:10001'))
+    >>> parsed("dask://me:secret@head:8786")
+    Traceback (most recent call last):
+    curricle.errors.SettingError: on is an address without a user or a password: got one before @
+    """
+    match = WORD.fullmatch(on) if isinstance(on, str) else None
+    if isinstance(on, str) and "@" in on:
+        raise SettingError("on is an address without a user or a password: got one before @")
+    if match is None:
+        raise SettingError(
+            f"on is dask or ray, or one of them at an address, such as dask://host:8786: got {on!r}"
+        )
+    return match[1], match[2] and f"{match[2]}:{match[3]}"
+
+
+@contextmanager
+def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
+    """Give the engine that a word names, its workers compared with this machine; close it then.
+
+    Parameters
+    ----------
+    on : str
+    workers : int, optional
+        Of an engine that is started here.
+
+    Raises
+    ------
+    SettingError
+        When the word names none, its package is not installed, nothing answers at the address, or
+        a worker has other versions.
+    """
+    name, address = parsed(on)
+    if address is not None and workers is not None:
+        raise SettingError(f"{on} has workers of its own: workers={workers} is for dask or ray")
+    try:
+        import_module(ENGINE_PACKAGES[name])
+    except ImportError:
+        raise SettingError(
+            f'{on} needs a package that is not installed: pip install "curricle[{name}]"'
+        ) from None
+    module = import_module(f"curricle.study.engines.{name}_engine")
+    try:
+        engine: Engine = module.connected(address, workers)
+    except CurricleError:
+        raise
+    except Exception as error:  # each engine has its own
+        first, *others = str(error).strip().splitlines() or [""]
+        reason = " ".join([first, *others[-1:]])  # a trace's last line says what it is
+        raise SettingError(
+            f"{on} cannot be reached or started: {type(error).__name__}: {reason}"
+        ) from None
+    whole = True
+    try:
+        check_versions(on, engine.each(versions_here))
+        yield engine
+    except BaseException as error:
+        whole = isinstance(error, Exception)  # and no interrupt
+        raise
+    finally:
+        engine.close(whole)
+
+
+def check_versions(on: str, found: Mapping[str, Any]) -> None:
+    """Raise SettingError, which names the worker, unless all have the versions that are here.
+
+    Examples
+    --------
+    >>> check_versions("dask", {"tcp://a:1": versions_here()})
+    """
+    for worker, versions in sorted(found.items()):
+        if isinstance(versions, BaseException):
+            raise SettingError(
+                f"each worker of {on} must have Curricle: {worker} answered "
+                f"{type(versions).__name__}: {versions}"
+            )
+        if differ := difference(versions_here(), versions):
+            raise SettingError(
+                f"each worker of {on} must have the versions of the run: {worker} has {differ}"
+            )
+
+
+def workers_of(engine: Engine, on: str, each: Sequence[Arms], folder: Path) -> EngineWorkers:
+    """Return the workers of an engine for all arms of a study whose own modules are in a folder.
+
+    Modules elsewhere on Python's path are not sent: workers import their own, which must be the
+    same (:func:`arms_from_json`).
+    """
+    found = own_files([list(arms.dependencies.values()) for arms in each], folder)
+    root = folder.resolve()
+    files = {
+        name: file.read_bytes() for name, file in found.items() if root / name == file.resolve()
+    }
+    return EngineWorkers(engine, on, files, versions_here(), any(arms.live for arms in each))

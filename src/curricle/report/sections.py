@@ -1,16 +1,26 @@
-"""The findings of a comparison in words: sentences for each arm, and a table of all measures."""
+"""The sections of a page in words and numbers: findings, forecast, and what was swept or tuned."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.verdicts import not_asked
-from curricle.plotting.scales import rounded, without_seeds
+from curricle.learning.result import LearningResult
+from curricle.plotting.scales import minus, rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
+from curricle.study.config.sweeps import value_text
+from curricle.study.effects import Effects, Level, short
+from curricle.study.record import Analysis, CurriculaRecord, ForecastRecord, SectionRecord
+from curricle.study.tuning import TuningRecord
+from curricle.study.units import numbered_seeds
 from curricle.text_tables import counted
+
+# -- The findings of a comparison in words: sentences for each arm, and a table of all measures ----
 
 MEASURES = {
     "strong_gain": ("gain", "mean return over all steps, above that of scratch"),
@@ -285,3 +295,174 @@ def _count(found: list[str], own: list[str]) -> str:
     if len(found) == len(own) == 2:
         return "both curricula"
     return f"all {len(own)} curricula" if len(found) == len(own) else f"{len(found)} of {len(own)}"
+
+
+# -- The forecast of each curriculum next to what was measured, and whether its shaping is safe ----
+
+
+@dataclass(frozen=True)
+class ForecastSection:
+    """The forecast and certificates of arms with the same graph."""
+
+    record: SectionRecord
+    used: Mapping[str, tuple[str, ...]]  # name of a forecast row -> the arms with that potential
+    measured: Mapping[str, float | None]
+    """Arm -> greedy return at the first target step, mean over seeds; None where a guard begins
+    without the potential."""
+    other_sources: tuple[str, ...] = ()
+    """Arms that train their sources differently: the forecast does not apply to them."""
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """The arms, which have the same graph."""
+        return self.record.arms
+
+    @property
+    def same_sources(self) -> tuple[str, ...]:
+        """The arms that train their sources as the forecast assumes."""
+        return tuple(arm for arm in self.arms if arm not in self.other_sources)
+
+    def starts(self, potential: str) -> str:
+        """Return the measured starts of the arms with a potential, in words."""
+        arms = self.used.get(potential, ())
+        words = [
+            "guarded" if (start := self.measured[arm]) is None else rounded(start) for arm in arms
+        ]
+        return ", ".join(dict.fromkeys(words) if {*words} == {"guarded"} else words)
+
+    @property
+    def forecast(self) -> ForecastRecord | None:
+        """The forecast; None where it was left out."""
+        return self.record.forecast
+
+
+def forecast_sections(
+    analysis: Analysis,
+    curricula: CurriculaRecord,
+    learnt: Mapping[str, Mapping[str, LearningResult]],
+) -> tuple[ForecastSection, ...]:
+    """Return the sections of an analysis, with what was measured.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    curricula : CurriculaRecord
+    learnt : dict of str to dict of str to LearningResult
+        Arm -> task -> its training.
+    """
+    known = [one for one in analysis.sections if set(one.arms) <= curricula.arms.keys()]
+    return tuple(_section(one, curricula, learnt) for one in known)
+
+
+def _section(
+    record: SectionRecord,
+    curricula: CurriculaRecord,
+    learnt: Mapping[str, Mapping[str, LearningResult]],
+) -> ForecastSection:
+    names = [] if record.forecast is None else [one.name for one in record.forecast.rows]
+    used: dict[str, tuple[str, ...]] = {}
+    measured: dict[str, float | None] = {}
+    other_sources = tuple(
+        arm for arm in record.arms if not _sources_alike(arm, record.arms[0], curricula)
+    )
+    for arm in record.arms:
+        potential = curricula.arms[arm].potential
+        if potential in names and arm not in other_sources:
+            used[potential] = (*used.get(potential, ()), arm)
+        *_, target = learnt[arm].values()
+        guarded = np.isfinite(target.guard_share[:, 0]).any()
+        measured[arm] = None if guarded else float(target.greedy_return[:, 0].mean())
+    return ForecastSection(record, used, measured, other_sources)
+
+
+def _sources_alike(arm: str, other: str, curricula: CurriculaRecord) -> bool:
+    """Return whether two arms with the same tasks train their sources alike."""
+    *sources, _ = curricula.arms[arm].nodes.items()
+    there = curricula.arms[other].nodes
+    return all(
+        (node.key, node.settings) == (there[name].key, there[name].settings)
+        for name, node in sources
+    )
+
+
+# -- The section of a page on a sweep or a tuning: what was tried, what was best, main effects -----
+
+NONE = "–"
+
+
+@dataclass(frozen=True)
+class BestRow:
+    """The best settings that were found for an arm."""
+
+    arm: str
+    trials: int
+    steps: str
+    score: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class EffectsSection:
+    """What a sweep or a tuning shows."""
+
+    effects: Effects
+    rows: tuple[tuple[str, ...], ...]
+    """Main effects: arm, setting, value, number of trials or arms, mean return, and its bounds."""
+    best: tuple[BestRow, ...]  # of a tuning
+    words: str  # on the tuning's seeds and steps
+
+
+def effects_sections(
+    found: Sequence[Effects], tuning: TuningRecord | None
+) -> tuple[EffectsSection, ...]:
+    """Return the sections of a page on a sweep and on a tuning, those that there are."""
+    return tuple(
+        EffectsSection(
+            one,
+            tuple(
+                (arm, key, minus(level.text), f"{level.number}", *_mean(level))
+                for arm, key, level in one.rows
+            ),
+            () if one.kind == "sweep" or tuning is None else _best(tuning),
+            "" if one.kind == "sweep" or tuning is None else _words(tuning),
+        )
+        for one in found
+    )
+
+
+def _best(tuning: TuningRecord) -> tuple[BestRow, ...]:
+    rows = []
+    for name, arm in tuning.arms.items():
+        values = (arm.best.values.get(key) for key in tuning.space)
+        rows.append(
+            BestRow(
+                name,
+                len(arm.trials),
+                f"{tuning.steps(name):,}",
+                NONE if arm.best.score is None else minus(short(arm.best.score)),
+                tuple(_value(value) for value in values),
+            )
+        )
+    return tuple(rows)
+
+
+def _mean(level: Level) -> tuple[str, str]:
+    low, mean, high = (minus(short(number)) for number in (level.low, level.mean, level.high))
+    return mean, f"[{low}, {high}]"
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return NONE
+    if isinstance(value, int) and not isinstance(value, bool):
+        return minus(f"{value:,}")
+    return minus(short(value) if isinstance(value, float) else value_text(value))
+
+
+def _words(tuning: TuningRecord) -> str:
+    return (
+        f"Each trial was trained on {numbered_seeds(tuning.seeds)}, apart from those of the "
+        f"study, for {tuning.total:,} steps a seed, sources included. Learning from scratch "
+        "was tuned as every arm. These steps are stated here; the curves are not charged "
+        "with them."
+    )

@@ -1,0 +1,321 @@
+"""What the commands print: tables as wide as the terminal, what their words mean, and results."""
+
+import io
+import re
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from shutil import get_terminal_size
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+
+from curricle.array_types import FloatArray
+from curricle.checks import one_of
+from curricle.errors import StoreError
+from curricle.statistics.curves import ROUNDING, SCRATCH
+from curricle.study.config.sweeps import value_text
+from curricle.study.cost import total_words
+from curricle.study.effects import TUNING, Effects, effects_of
+from curricle.study.results import StudyResults
+from curricle.study.tuning import TuningRecord, read_tuning, tuning_words
+from curricle.study.units import numbered_seeds
+from curricle.text_tables import UNBOUNDED, counted, text_table
+
+# -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----
+
+LINE = 80
+"""Characters of a line of text where there is no terminal, and at most where there is one."""
+
+
+def table_width() -> int:
+    """Return the columns that a table may have."""
+    return get_terminal_size().columns if sys.stdout.isatty() else UNBOUNDED
+
+
+def line_width() -> int:
+    """Return the characters that a line of text may have."""
+    return min(LINE, table_width())
+
+
+def print_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], *, words: bool = False
+) -> None:
+    """Print a table of names and numbers to standard output.
+
+    Examples
+    --------
+    >>> print_table(("", "seeds", "steps"), [("scratch: maze", "20", "1,000")])
+                   seeds  steps
+    scratch: maze     20  1,000
+    """
+    for line in text_table(heads, rows, table_width(), words=words):
+        print(line)
+
+
+def print_text(text: str, indent: int = 0) -> None:
+    """Print a paragraph, its lines after the first indented by two more."""
+    print(wrapped(text, indent))
+
+
+def wrapped(text: str, indent: int = 0) -> str:
+    """Return a paragraph as lines that fit."""
+    first, later = " " * indent, " " * (indent + 2)
+    return fill(
+        text, line_width(), initial_indent=first, subsequent_indent=later, break_on_hyphens=False
+    )
+
+
+# -- What the words under ``curricle check``, ``show`` and ``compare`` mean; the one place of it ---
+
+INTERVAL = "[low, high]"
+EXPLANATIONS = {
+    "arm": "one of the ways to learn the target that the study compares",
+    "scratch": "the arm that learns the target without any source",
+    "aggregate": "how the values of several sources become one potential",
+    "greedy return": "the mean return of an episode in which the best known action is always taken",
+    "charged": "steps in sources count as steps of the arm, which starts that much later",
+    "evaluations are free": "steps of episodes that only measure the policy are not counted",
+    "steps to threshold": "steps until the greedy return, smoothed, reaches the threshold, "
+    'sources included; "> 1,000 (2 never)": 2 seeds do not get there, so the mean is more',
+    "threshold": "the return that counts as learnt; by default nine tenths of the way from the "
+    "random policy's to the optimum",
+    "mean return": "the mean height of the learning curve: its area, divided by all steps",
+    "IQM": "interquartile mean: the mean of the middle half of the seeds",
+    INTERVAL: "after a number: its interval of 95 % confidence over seeds",
+    "strong gain": "mean return above that of scratch, source steps charged (strong transfer)",
+    "weak gain": "the same with the source steps free (weak transfer)",
+    "verdict": "whether the arm gains more than learning from scratch, by a test over the seeds",
+    "p =": "the probability of such a difference by chance, corrected for the number of arms",
+    "whole checkpoints": "budgets are rounded up to a multiple of the steps between evaluations",
+    "phi": "the potential: what the sources say of each state and action of the target",
+    "gain": "strong gain in a trial, the comparison played in the model beforehand",
+    "start": "greedy return of phi alone, before the first step of learning",
+    "phi > Q*": "share of state-action pairs that phi holds for better than they can be",
+    "excess": "the mean of phi - Q*; above 0 phi is optimistic",
+    "rank": "rank correlation of phi and Q*: 1 is the right order everywhere, 0 none",
+    "scale": "what phi would be multiplied with to fit the returns of its own greedy policy; "
+    '"none" if nothing fits',
+    "mapped": "pairs of the target that have a counterpart in the source",
+    "unmapped": "pairs of which the source knows nothing",
+    "learnt": "how far a source came from the random policy's return to its optimum",
+}
+"""Words, and what each means."""
+HINT = "(--explain says what the words mean)"
+
+
+class _Copied(io.TextIOBase):
+    """Standard output, of which a copy is kept."""
+
+    def __init__(self, out: Any):
+        self.out, self.copy = out, io.StringIO()
+
+    def write(self, text: str) -> int:
+        """Write a text to both."""
+        self.copy.write(text)
+        return int(self.out.write(text))
+
+    def flush(self) -> None:
+        """Flush standard output."""
+        self.out.flush()
+
+    def isatty(self) -> bool:
+        """Return whether standard output is a terminal."""
+        return bool(self.out.isatty())
+
+
+@contextmanager
+def explained(wanted: bool) -> Iterator[None]:
+    """Print under what is printed what its words mean if that is `wanted`.
+
+    If not, a terminal is told that it can be.
+    """
+    out = sys.stdout
+    if not wanted:
+        yield
+        if out.isatty():
+            print(HINT)
+        return
+    copied: Any = _Copied(out)
+    sys.stdout = copied
+    try:
+        yield
+    finally:
+        sys.stdout = out
+    print()
+    for word, meaning in used(copied.copy.getvalue()).items():
+        print_text(f"{word}: {meaning}")
+
+
+def used(text: str) -> dict[str, str]:
+    """Return the words that a text has, and what each means.
+
+    Examples
+    --------
+    >>> list(used("maze  strong gain  0.1 [0.05, 0.15]"))
+    ['[low, high]', 'strong gain']
+    >>> list(used("transfer gains more"))
+    []
+    """
+    left, found = " ".join(text.split()), set[str]()
+    for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
+        left, times = _pattern(word).subn(" ", left)
+        if times:
+            found.add(word)
+    return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in found}
+
+
+def _pattern(word: str) -> re.Pattern[str]:
+    """Return what finds a word, and not a part of another."""
+    if word == INTERVAL:
+        return re.compile(r"\[[-+]?\d")
+    plural = "" if word == "gain" else "s?"  # an arm that "gains more" is no column of gains
+    return re.compile(rf"(?<!\w){re.escape(word)}" + rf"{plural}(?!\w)" * word[-1].isalpha())
+
+
+# -- What ``curricle show`` prints of a sweep or a tuning ------------------------------------------
+
+NONE = "–"
+
+
+def print_effects(results: StudyResults) -> None:
+    """Print the best trial of each arm and the main effects, of a study that has finished seeds."""
+    tuning = read_tuning(results.store)
+    if tuning is not None:
+        print_tuning(tuning)
+    for found in effects_of(results.comparison, results.record, tuning):
+        _print_levels(found)
+
+
+def print_tuning(tuning: TuningRecord) -> None:
+    """Print how every arm was tuned, what that took, and its best trial."""
+    print()
+    print_text(
+        f"tuned on {numbered_seeds(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
+        "sources included; these steps are shown here and not charged to the curves"
+    )
+    rows = list[tuple[str, ...]]()
+    for name, arm in tuning.arms.items():
+        best = arm.best
+        words = ", ".join(f"{key} = {_number(value)}" for key, value in best.values.items())
+        score = NONE if best.score is None else f"{best.score:.4g}"
+        number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
+        rows.append((f"{name}: {words or 'nothing to tune'}", number, steps, score))
+    print_table(("best trial", "of", "tuning steps", "mean return"), rows)
+
+
+def _print_levels(found: Effects) -> None:
+    """Print the main effect of each setting on each arm."""
+    tuned = found.kind == TUNING
+    over = "trials, from the lowest to the highest" if tuned else "arms, 95 % intervals over seeds"
+    print()
+    print_text(f"main effects: mean return, sources charged, over all {over}")
+    rows = [
+        (
+            f"{arm}: {key} = {level.text}",
+            f"{level.number}",
+            f"{level.mean:.4g}",
+            f"[{level.low:.4g}, {level.high:.4g}]",
+        )
+        for arm, key, level in found.rows
+    ]
+    print_table(("", "trials" if tuned else "arms", "mean return", ""), rows)
+
+
+def _number(value: object) -> str:
+    """Return a value that was tried, numbers in four significant digits."""
+    if value is None:
+        return NONE
+    return f"{value:.4g}" if isinstance(value, float) else value_text(value)
+
+
+# -- The tables and sentences of ``curricle show`` -------------------------------------------------
+
+
+def print_results(results: StudyResults, arm: str | None, task: str | None) -> None:
+    """Print a study's progress, what each task learnt, and the comparison if there is one."""
+    _check(results, arm, task)
+    record = results.record
+    arms = "every arm" + " that has not failed" * bool(results.failed)
+    total = counted(len(record.seeds), "seed")
+    print_text(f"{record.name}: {len(results.seeds)} of {total} finished in {arms}")
+    if yet_to_tune := tuning_words(results.store):
+        print_text(yet_to_tune)
+    rows = list[tuple[str, ...]]()
+    for name, found in results.results.items():
+        for node, learnt in found.items():
+            if arm in (None, name) and task in (None, node):
+                rows.append(
+                    (
+                        f"{name}: {node}",
+                        f"{len(learnt.seeds)}",
+                        f"{learnt.steps_used.mean():,.0f}",
+                        f"{learnt.episodes_used.mean():,.0f}",
+                        _mean_and_deviation(learnt.greedy_return[:, -1]),
+                    )
+                )
+    if rows:
+        print_table(("", "seeds", "steps", "episodes", "greedy return"), rows)
+        print_text(
+            "(means over seeds; evaluations are free; the greedy return with its standard "
+            "deviation)"
+        )
+    else:
+        print_text("no unit is stored yet")
+    # Of a study that is yet to be tuned the total is not known: budgets may be searched for.
+    budget = None if yet_to_tune else record.budget
+    if budget is not None and record.total not in (None, budget):
+        steps = budget, record.total, record.eval_freq
+        sources = any(one.transfers for one in record.arms.values())
+        print_text(total_words(record.target, *steps, sources=sources))
+    compared = record.total is not None and SCRATCH in {*record.arms} - {*results.failed}
+    if compared and results.seeds:
+        print(f"\n{results.comparison.text(table_width())}")
+        print_effects(results)
+    else:
+        for name, error in results.failed.items():
+            print_text(f"{name} failed: {error}")
+
+
+def decision_lines(
+    results: StudyResults, arm: str | None, task: str | None, seed: int | None
+) -> list[str]:
+    """Return why tasks went on or stopped: all decisions of one seed, or the last of each seed."""
+    _check(results, arm, task)
+    lines = [
+        f"{name}: {node}, seed {number}: {reason}"
+        for name, node in results.record.keys
+        if arm in (None, name) and task in (None, node)
+        for number, reasons in results.decisions(name, node).items()
+        if seed in (None, number)
+        for reason in (reasons[-1:] if seed is None else reasons)
+    ]
+    if not lines:
+        raise StoreError(
+            f"{results.store.path} holds no decision of arm {arm or 'any'}, task {task or 'any'}, "
+            f"seed {'any' if seed is None else seed}"
+        )
+    return lines
+
+
+def _check(results: StudyResults, arm: str | None, task: str | None) -> None:
+    """Raise StoreError unless the study has the arm and the task asked for."""
+    if arm is not None:
+        one_of("an arm", arm, results.record.arms, StoreError)
+    if task is not None:
+        tasks = [name for _, name in results.record.keys]
+        one_of("a task", task, dict.fromkeys(tasks), StoreError)
+
+
+def _mean_and_deviation(returns: FloatArray) -> str:
+    """Return mean and deviation, 0 where seeds differ by rounding alone; a dash for no number.
+
+    One seed has no deviation.
+    """
+    mean, deviation = float(np.mean(returns)), float(np.std(returns))
+    if np.isnan(mean):
+        return "-"
+    if len(returns) == 1:
+        return f"{mean:.4g}"
+    return f"{mean:.4g} ± {deviation if deviation > ROUNDING * abs(mean) else 0.0:.2g}"
