@@ -335,7 +335,7 @@ MUTATIONS = [
     ),
     Mutation(
         "visits of steps after the time limit",
-        "planning/visits.py",
+        "planning/solution.py",
         "    for _ in range(horizon):",
         "    for _ in range(horizon + 1):",
         ("tests/property/test_start_states.py::test_visits_are_those_of_every_step_added_up",),

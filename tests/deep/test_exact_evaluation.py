@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle.deep import exact_evaluation
 from curricle.errors import SettingError
-from curricle.planning.visits import expected_return
+from curricle.planning.solution import expected_return
 from curricle.study import StudyResults, read_study, run_study
 from curricle.transfer.observation_rollouts import target_of
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from curricle import evaluate
 from curricle.errors import TaskError
 from curricle.planning import visit_distribution
-from curricle.planning.visits import expected_return
+from curricle.planning.solution import expected_return
 from curricle.tasks import GoalDistance, goal_distance, with_start
 from curricle.tasks.start_states import goal_states
 from tests.tasks import mdps

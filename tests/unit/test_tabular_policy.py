@@ -74,7 +74,7 @@ def test_episodes_have_the_return_that_evaluation_expects():
     policy = TabularPolicy(task, np.zeros((task.states.size, task.actions.size)))
     returns = [policy.episode(seed=seed).rewards.sum() for seed in range(400)]
     chances = np.full((task.states.size, task.actions.size), 1 / task.actions.size)
-    wanted = cr.planning.visits.expected_return(task, chances, discount=1.0, horizon=15)
+    wanted = cr.planning.solution.expected_return(task, chances, discount=1.0, horizon=15)
     error = np.std(returns) / np.sqrt(len(returns))
     assert abs(np.mean(returns) - wanted) < 4 * error
 

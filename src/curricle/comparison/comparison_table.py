@@ -7,8 +7,7 @@ import numpy as np
 from curricle.display import COLOURS, OWN_COLOURS, block, curves, shortened, table
 from curricle.errors import in_words
 from curricle.statistics.curves import SCRATCH
-from curricle.statistics.intervals import Interval
-from curricle.statistics.seed_lines import seed_line
+from curricle.statistics.intervals import Interval, seed_line
 from curricle.text_tables import counted, folded, or_dash, text_table
 
 HEADS = ("", "steps to threshold", "mean return (IQM)", "strong gain", "weak gain", "verdict")

@@ -11,7 +11,7 @@ from curricle.interop.tabulation.tabulate import tabulate
 from curricle.interop.tabulation.tabulated_task import TabulatedTask
 from curricle.interop.tabulation.world import core_and_views
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.visits import expected_return
+from curricle.planning.solution import expected_return
 from curricle.tasks.observation_task import ObservationTask
 
 MOST_STATES = 100_000

@@ -13,7 +13,7 @@ from curricle.errors import CurricleError, SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
 from curricle.planning.episode import Episode, played
 from curricle.tasks.observation_task import ObservationTask, space_text
-from curricle.tasks.rendering import frame_of, with_pictures
+from curricle.tasks.scene import frame_of, with_pictures
 
 TOO_LARGE_SEED = 2**32
 """The first seed that NumPy's generator, which Stable-Baselines3 seeds, does not take."""

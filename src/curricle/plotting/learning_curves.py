@@ -15,8 +15,7 @@ from curricle.learning.result import LearningResult, shown_returns
 from curricle.plotting.scales import minus, return_scale, steps_scale
 from curricle.plotting.styles import COLOURS, STYLE, ArmStyle, arm_styles, new_figure
 from curricle.statistics.curves import Curve, smooth
-from curricle.statistics.intervals import CONFIDENCE, mean_interval
-from curricle.statistics.seed_lines import seed_line
+from curricle.statistics.intervals import CONFIDENCE, mean_interval, seed_line
 
 ALL = 10**9
 """More checkpoints than a curve has."""

@@ -74,7 +74,7 @@ class Curve(Frozen):
     __repr__ = brief_repr
 
     def _repr_html_(self) -> str:
-        from curricle.statistics.seed_lines import seed_line
+        from curricle.statistics.intervals import seed_line
 
         line = seed_line("", self.steps, self.filled())
         title = f"Curve of {counted(len(self.values), 'seed')}"

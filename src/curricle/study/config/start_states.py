@@ -4,8 +4,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, JsonValue, model_validator
 
-from curricle.planning.solution import solve
-from curricle.planning.visits import visit_distribution
+from curricle.planning.solution import solve, visit_distribution
 from curricle.study.config.tables import Choice, Table, shown, suggestion, whole_number, wrong
 from curricle.tasks.start_states import GoalDistance, with_start
 
