@@ -349,7 +349,7 @@ MUTATIONS = [
     ),
     Mutation(
         "visits of steps after the time limit",
-        "planning/visits.py",
+        "planning/solution.py",
         "is None else mdp.time_limit):",
         "is None else mdp.time_limit + 1):",
         ("tests/property/test_start_states.py::test_visits_are_those_of_every_step_added_up",),

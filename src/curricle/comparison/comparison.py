@@ -13,13 +13,14 @@ from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
 from curricle.comparison.verdicts import ONE_LOOK, Reason, Verdict, not_asked, verdicts_of
 from curricle.display import COLOURS, OWN_COLOURS, block, brief_repr, curves, shortened, table
 from curricle.errors import CurriculumError, in_words
-from curricle.statistics.curves import SCRATCH, Curve, seed_line
+from curricle.statistics.curves import SCRATCH, Curve
 from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
     interquartile_interval,
     mean_interval,
     paired_difference,
+    seed_line,
 )
 from curricle.statistics.metrics import asymptotic_performance, jumpstart, mean_return
 from curricle.statistics.sequential import Looks

@@ -16,7 +16,7 @@ from curricle.files import local_file, write_whole
 from curricle.planning.episode import Episode, played
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
-from curricle.tasks.rendering import frame_of, with_pictures
+from curricle.tasks.scene import frame_of, with_pictures
 from curricle.transfer.observation_rollouts import (
     Environments,
     ObservationTarget,

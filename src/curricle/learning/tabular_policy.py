@@ -174,8 +174,7 @@ class TabularPolicy(Frozen):
         return Values(self.values)
 
     def _live_episode(self, task: LiveMDP, seed: int, limit: int) -> Episode:
-        from curricle.tasks.rendering import draws_pictures, frame_of, with_pictures
-        from curricle.tasks.scene import scene_of
+        from curricle.tasks.scene import draws_pictures, frame_of, scene_of, with_pictures
 
         number, scene, rng = numbering(task), scene_of(task), np.random.default_rng(seed)
 

@@ -7,6 +7,6 @@ from .solution import (
     evaluate as evaluate,
     greedy_policy as greedy_policy,
     solve as solve,
+    visit_distribution as visit_distribution,
 )
 from .target import Target as Target
-from .visits import visit_distribution as visit_distribution

@@ -7,16 +7,15 @@ reaching a threshold; everywhere else the seed's first measured value is used.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.display import Line, block, brief_repr, curves
+from curricle.display import block, brief_repr, curves
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.statistics.intervals import CONFIDENCE, mean_interval
 from curricle.text_tables import counted
 
 SCRATCH = "scratch"
@@ -75,8 +74,6 @@ class Curve(Frozen):
     __repr__ = brief_repr
 
     def _repr_html_(self) -> str:
-        from curricle.statistics.curves import seed_line
-
         line = seed_line("", self.steps, self.filled())
         title = f"Curve of {counted(len(self.values), 'seed')}"
         return block(title, curves([line], "target steps", "return"))
@@ -269,24 +266,3 @@ def _check_measured(values: FloatArray) -> None:
             "values may be NaN only before a seed's first measurement:"
             f" seed {seed}, checkpoint {place} is NaN"
         )
-
-
-def seed_line(
-    name: str,
-    steps: Any,
-    values: FloatArray,
-    colour: str = "currentColor",
-    *,
-    dashed: bool = False,
-    confidence: float = CONFIDENCE,
-) -> Line:
-    """Return the mean over seeds of curves, (K, T) at steps (T,), with Student's interval.
-
-    Examples
-    --------
-    >>> seed_line("maze", np.array([0, 50]), np.array([[0.0, 1.0], [1.0, 3.0]])).values
-    array([0.5, 2. ])
-    """
-    found = mean_interval(np.asarray(values, np.float64), confidence=confidence)
-    mean, low, high = (np.asarray(one) for one in (found.estimate, found.low, found.high))
-    return Line(name, steps, mean, low, high, colour, dashed)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +22,7 @@ from scipy.special import stdtrit
 from curricle import frozen_arrays
 from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import number, numbers
-from curricle.display import brief_repr, printed
+from curricle.display import Line, brief_repr, printed
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen
 from curricle.text_tables import counted
@@ -304,3 +305,27 @@ def _triple(numbers: FloatArray) -> str:
         if low != high or not numbers[1] < numbers[2]:
             break
     return estimate if np.isnan(numbers[1:]).all() else f"{estimate} [{low}, {high}]"
+
+
+# -- bands over seeds ------------------------------------------------------------------------------
+
+
+def seed_line(
+    name: str,
+    steps: Any,
+    values: FloatArray,
+    colour: str = "currentColor",
+    *,
+    dashed: bool = False,
+    confidence: float = CONFIDENCE,
+) -> Line:
+    """Return the mean over seeds of curves, (K, T) at steps (T,), with Student's interval.
+
+    Examples
+    --------
+    >>> seed_line("maze", np.array([0, 50]), np.array([[0.0, 1.0], [1.0, 3.0]])).values
+    array([0.5, 2. ])
+    """
+    found = mean_interval(np.asarray(values, np.float64), confidence=confidence)
+    mean, low, high = (np.asarray(one) for one in (found.estimate, found.low, found.high))
+    return Line(name, steps, mean, low, high, colour, dashed)
