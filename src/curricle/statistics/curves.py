@@ -16,6 +16,7 @@ from curricle.array_types import FloatArray, IntArray
 from curricle.display import block, brief_repr, curves
 from curricle.errors import SettingError
 from curricle.frozen_arrays import Frozen, frozen
+from curricle.statistics.intervals import seed_line
 from curricle.text_tables import counted
 
 SCRATCH = "scratch"
