@@ -13,29 +13,28 @@ For source tasks a map may lack one of them: without locks the episode ends when
 and a lock without keys on the map is opened by an agent that holds none.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.grid_layout import (
+from curricle.frozen_arrays import frozen
+from curricle.tasks.domain import (
     MOVES,
     Cell,
-    GridLayout,
+    MapDomain,
+    check_starts,
     cut,
-    landing,
-    read_cells,
-    read_map,
-    read_origin,
+    landing_or_staying,
+    read_start,
+    tables_of,
 )
+from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
 from curricle.tasks.spaces import MISSING, Component, Space, whole
@@ -60,7 +59,7 @@ ROOM = "\n".join(_room(8))
 
 
 @dataclass(frozen=True)
-class KeyLockPit(Frozen):
+class KeyLockPit(MapDomain):
     """Keys, locks and pits in a room drawn as a text map.
 
     Parameters
@@ -112,19 +111,13 @@ class KeyLockPit(Frozen):
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "map", read_map(self.map, CHARACTERS))
-        if not any(what in line for line in self.map for what in "KL"):
-            raise TaskError("a map needs a key K or a lock L: there is none")
-        object.__setattr__(self, "origin", read_origin(self.origin))
+        self._read_map(self.map, CHARACTERS, "KL", "a map needs a key K or a lock L")
         check_numbers(self, ("key_reward", "lock_reward", "pit_reward", "step_reward"))
         instance("keys_held", self.keys_held, bool, TaskError)
         check_horizon(self)
         if not isinstance(self.needs, str) or self.needs != "all":
             object.__setattr__(self, "needs", self._read_needs())
-        if not isinstance(self.start, str):
-            object.__setattr__(self, "start", read_cells(self.start, "'map', 'uniform'"))
-        elif self.start not in ("map", "uniform"):
-            raise TaskError(f"start must be 'map', 'uniform' or cells: got {self.start!r}")
+        read_start(self)
         things = self._count("key") + self._count("lock")
         if 2**things * len(self.cells) > LARGEST_SPACE:
             raise TaskError(
@@ -155,16 +148,8 @@ class KeyLockPit(Frozen):
 
     # -- variants ------------------------------------------------------------------------------
 
-    def with_start(self, start: Literal["map", "uniform"] | Iterable[Cell]) -> Self:
-        """Return the same task with another start: ``"map"``, ``"uniform"`` or cells."""
-        return replace(self, start=start)
-
     def crop(
-        self,
-        *,
-        rows: tuple[int, int],
-        columns: tuple[int, int],
-        start: Literal["map", "uniform"] | Iterable[Cell] = "uniform",
+        self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in this map's coordinates.
 
@@ -223,11 +208,6 @@ class KeyLockPit(Frozen):
         return Space([Component("move", len(ACTIONS), labels=ACTIONS)])
 
     @cached_property
-    def cells(self) -> IntArray:
-        """Row and column of each cell that is not a wall, (n, 2), in reading order."""
-        return frozen(np.argwhere(self._grid != "#") + np.array(self.origin))
-
-    @cached_property
     def layout(self) -> GridLayout:
         """Where the states lie, for pictures."""
         objects = [
@@ -238,22 +218,11 @@ class KeyLockPit(Frozen):
         return GridLayout(
             cells=frozen(self.states.points[:, :2].copy()),
             components=("row", "column"),
-            shape=(len(self.map), len(self.map[0])),
+            shape=self._grid.shape,
             origin=self.origin,
             objects=tuple(objects),
             walls=frozen(np.argwhere(self._grid == "#") + np.array(self.origin)),
         )
-
-    @cached_property
-    def _grid(self) -> npt.NDArray[np.str_]:
-        return np.array([list(line) for line in self.map])
-
-    @cached_property
-    def _cell_space(self) -> Space:
-        height, width = self._grid.shape
-        row, column = self.origin
-        axes = [Component("row", height, row), Component("column", width, column)]
-        return Space(axes, self.cells)
 
     def _at(self, name: str) -> IntArray:
         """Return row and column of each object of a kind, (n, 2), in reading order."""
@@ -294,32 +263,25 @@ class KeyLockPit(Frozen):
     def mdp(self) -> FiniteMDP:
         """The task as tables: a row for entering each state by a move, one for using its object."""
         states, n_states = self.states, self.states.size
-        to = landing(self._cell_space)
         values, here = states.decode(), np.arange(n_states)
         cell = self._cell_space.encode(row=values["row"], column=values["column"])
-        after = np.where(to == MISSING, np.arange(len(to))[:, None], to)[cell]
+        after = landing_or_staying(self._cell_space)[cell]
         others = {name: values[name][:, None] for name in states.names[2:]}
         row, column = self.cells[after].transpose(2, 0, 1)
         entered = states.encode(row=row, column=column, **others)
         entered = np.where(entered == MISSING, here[:, None], entered)  # of states that ended
         used, paid = here.copy(), np.full(n_states, self.step_reward)
         picked, opened = self._use(used, paid)
-        fallen = self._fallen
-        move_reward = np.where(fallen, self.pit_reward, self.step_reward)
-        start, starting = np.zeros(n_states), self._start_states()
-        start[starting] = 1 / len(starting)
         use = [np.where(does, n_states + here, here)[:, None] for does in (picked, opened)]
-        return FiniteMDP(
-            states=states,
-            actions=self.actions,
-            outcome_row=np.concatenate([entered, *use], axis=1),
-            probability=np.ones((2 * n_states, 1)),
-            next_state=np.concatenate([here, used])[:, None],
-            reward=np.concatenate([move_reward, paid])[:, None],
+        move_reward = np.where(self._fallen, self.pit_reward, self.step_reward)
+        return tables_of(
+            self,
+            np.ones((2 * n_states, 1)),
+            np.concatenate([here, used])[:, None],
+            np.concatenate([move_reward, paid])[:, None],
             terminal=self._ended,
-            start=start,
-            discount=self.discount,
-            time_limit=self.time_limit,
+            starting=self._start_states(),
+            outcome_row=np.concatenate([entered, *use], axis=1),
         )
 
     def _use(self, used: IntArray, paid: Any) -> tuple[BoolArray, BoolArray]:
@@ -375,13 +337,8 @@ class KeyLockPit(Frozen):
         status = dict.fromkeys(self._names("key"), int(self.keys_held))
         status |= dict.fromkeys(self._names("lock"), 0)
         states = self.states.encode(row=cells[:, 0], column=cells[:, 1], **status)
-        bad = np.flatnonzero((states == MISSING) | ~going_on[states])
-        if bad.size:
-            raise TaskError(
-                "an episode starts in a free cell of the map and does not end there: got "
-                f"{tuple(cells[bad[0]].tolist())}"
-            )
-        return states
+        rule = "an episode starts in a free cell of the map and does not end there"
+        return check_starts(states, going_on, cells, rule)
 
     def _read_needs(self) -> tuple[tuple[int, ...], ...]:
         """Return the keys of each lock, sorted; TaskError if they make no sense."""

@@ -19,7 +19,8 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from curricle.array_types import IntArray
 from curricle.errors import SettingError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.grid_layout import LETTERS, MOVES, GridLayout, layout_of
+from curricle.tasks.domain import MOVES
+from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
 from curricle.tasks.grid_view import GridView
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observation_task import EnvironmentMaker

@@ -55,7 +55,7 @@ from curricle.tasks.families.built_in import BUILT_IN
 from curricle.tasks.families.family import FamilyMember, Parameter, TaskFamily
 from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.frozen_lake import FrozenLake
-from curricle.tasks.grid_layout import MOVES
+from curricle.tasks.domain import MOVES
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.observation_task import EnvironmentMaker
