@@ -336,8 +336,8 @@ MUTATIONS = [
     Mutation(
         "a taxi that drives through walls",
         "tasks/taxi.py",
-        "blocked = (right != 0) & walls",
-        "blocked = (right < 0) & walls",
+        "right != 0 for",
+        "right < 0 for",
         ("tests/unit/test_toy_text_tasks.py::test_the_taxi_is_that_of_gymnasium",),
     ),
     Mutation(
