@@ -52,6 +52,15 @@ class GridLayout:
         for name, *_ in self.objects:
             one_of("an object of a layout", name, tuple(LETTERS), TaskError)
 
+    @property
+    def wall_cells(self) -> IntArray:
+        """Row and column of each wall, (m, 2)."""
+        if self.walls is not None:
+            return self.walls
+        free = np.zeros(self.shape, bool)
+        free[tuple((self.cells - self.origin).T)] = True
+        return np.argwhere(~free) + self.origin
+
 
 def layout_of(task: Any) -> GridLayout | None:
     """Return where the states of a task lie: as it says, or by components called row and column.

@@ -5,7 +5,7 @@ colour-blind readers can tell them apart.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from functools import cache
 from inspect import signature
@@ -109,7 +109,6 @@ PREY = Figure(
         (OVAL, (0.43, 0.66, 0.57, 0.77), "#7a4f00"),
     )
 )
-OBJECTS = {"#": WALL, "P": PIT, "F": FIRE, "T": TREASURE}
 ASIDE = Figure(
     tuple(
         (method, tuple(0.44 + 0.56 * v for v in at), colour) for method, at, colour in AGENT.shapes
@@ -144,7 +143,7 @@ def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDA
     return frozen(pixels[..., :3] * opaque), frozen(1 - opaque)
 
 
-Pixels = npt.NDArray[np.uint8]
+Pixels, Letters = npt.NDArray[np.uint8], npt.NDArray[np.str_]
 SIDE = 640
 """Pixels along the longer side of a grid, unless its cells would be too large or too small."""
 LARGEST_CELL, SMALLEST_CELL = 64, 4
@@ -213,44 +212,6 @@ def _paste(image: Pixels, corner: tuple[int, int], figure: Figure, side: int) ->
     region[:] = region * through + colours
 
 
-class MazeScene:
-    """A maze with its walls, fires, pits and treasures, and the agent.
-
-    Cells beside a fire glow if entering them costs extra; a ring marks where episodes start.
-    """
-
-    def __init__(self, maze: GridWorld):
-        self._map = maze.map
-        self._places: list[list[int]] = (maze.cells - maze.origin).tolist()
-        self._canvas = Canvas(len(maze.map), len(maze.map[0]))
-        drawn = dict(np.ndenumerate([list(line) for line in maze.map]))
-        if maze.rewards.near_fire:
-            for (row, column), what in drawn.items():
-                beside = [drawn.get((row + down, column + right)) for down, right in MOVES.values()]
-                if what != "#" and "F" in beside:
-                    self._canvas.paint(row, column, GLOW)
-        if maze.start != "uniform":
-            for state in maze.mdp.start_states:
-                row, column = self._places[state]
-                self._canvas.put(row, column, START)
-        for (row, column), what in drawn.items():
-            if what in OBJECTS:
-                self._canvas.put(row, column, OBJECTS[what])
-
-    def image(self, state: int) -> Pixels:
-        """Return the maze from above, (height, width, 3) uint8."""
-        row, column = self._places[state]
-        figure = ASIDE if self._map[row][column] in OBJECTS else AGENT
-        return self._canvas.with_figures([(row, column, figure)])
-
-    def text(self, state: int) -> str:
-        """Return the map, with ``@`` where the agent is."""
-        row, column = self._places[state]
-        lines = list(self._map)
-        lines[row] = f"{lines[row][:column]}@{lines[row][column + 1 :]}"
-        return "\n".join(lines)
-
-
 class PursuitScene:
     """The prey and the numbered predators of a pursuit; a dark frame where the grid is walled."""
 
@@ -288,7 +249,7 @@ MOST_CELLS = 40_000
 WIDTH, LINE, LETTER = 480, 28, 9
 """A picture of text: its width, the height of a line, and the width of a letter, in pixels."""
 MOST_LINES, LONGEST_LINE = 14, 48
-FIGURES = {**OBJECTS, "G": OBJECTS["T"]}
+FIGURES = {"#": WALL, "P": PIT, "F": FIRE, "T": TREASURE, "G": TREASURE}
 """What lies in cells, by its letter; a goal looks like a treasure."""
 
 
@@ -301,8 +262,6 @@ def scene_of(task: Any) -> Scene:
     >>> print(scene_of(GridWorld(["S#T", "..."])).text(3))
     S#T
     .@.
-    >>> scene_of(Pursuit(3, 2)).image(0).shape
-    (200, 200, 3)
     >>> scene_of(Pursuit(3, 1).mdp).text(5)
     'prey=(0,0) predator=(1,2)'
     """
@@ -323,14 +282,33 @@ def tile(letter: str, colour: str) -> Figure:
     return Figure(((BLOCK, (0.08, 0.08, 0.92, 0.92), colour),), letter)
 
 
-def canvas_of(grid: npt.NDArray[np.str_]) -> Canvas:
+def agent_on(letter: str) -> Figure:
+    """Return the agent, small where the cell has an object."""
+    return AGENT if letter == "." else ASIDE
+
+
+def put_letters(canvas: Canvas, grid: Letters) -> Canvas:
     """Return a canvas with the walls and objects of a map of letters, (rows, columns)."""
-    canvas = Canvas(*grid.shape)
     for (row, column), letter in np.ndenumerate(grid):
         if letter != ".":
-            figure = WALL if letter == "#" else FIGURES.get(letter, tile(letter, COATS[1]))
-            canvas.put(row, column, figure)
+            canvas.put(row, column, FIGURES.get(letter, tile(letter, COATS[1])))
     return canvas
+
+
+def letters_of(view: GridLayout | GridView, walls: IntArray) -> Letters:
+    """Return the map of a layout or a view: walls, and the letters of what lies in cells."""
+    grid = np.full(view.shape, ".")
+    grid[tuple((walls - view.origin).T)] = "#"
+    for name, row, column, _ in view.objects:
+        grid[row - view.origin[0], column - view.origin[1]] = LETTERS[name]
+    return grid
+
+
+def lines_of(states: Space, state: int, names: Collection[str]) -> list[str]:
+    """Return the values of these components of a state, a line each."""
+    values = values_of(states, state)
+    parts = [part for part in states.components if part.name in names]
+    return [f"{part.name} = {part.label(values[part.name])}" for part in parts]
 
 
 class LayoutScene:
@@ -342,43 +320,66 @@ class LayoutScene:
         self._moving = {
             str(i + 1): cells - origin for i, cells in enumerate(layout.markers.values())
         }
-        drawn = {*layout.components, *layout.markers}
-        self._others = [part for part in states.components if part.name not in drawn]
-        self._map = np.full(layout.shape, "#" if layout.walls is None else ".")
-        self._map[tuple(self._cells.T)] = "."
-        if layout.walls is not None:
-            self._map[tuple((layout.walls - origin).T)] = "#"
-        for name, row, column, _ in layout.objects:
-            self._map[row - origin[0], column - origin[1]] = LETTERS[name]
-        self._canvas = canvas_of(self._map)
+        self._others = set(states.names) - {*layout.components, *layout.markers}
+        self._map = letters_of(layout, layout.wall_cells)
+        self._canvas = put_letters(self._background(), self._map)
+
+    def _background(self) -> Canvas:
+        return Canvas(*self._map.shape)
 
     def image(self, state: int) -> Pixels:
         """Return the grid from above and lines of text below it, (height, width, 3) uint8."""
         row, column = self._cells[state].tolist()
-        figure = AGENT if self._map[row, column] == "." else ASIDE
         moving = [(*at[state].tolist(), tile(n, COATS[2])) for n, at in self._moving.items()]
-        grid = self._canvas.with_figures([*moving, (row, column, figure)])
+        agent = row, column, agent_on(self._map[row, column])
+        grid = self._canvas.with_figures([*moving, agent])
         if not self._others:
             return grid
         below = Image.new("RGB", (grid.shape[1], LINE * len(self._others)), FLOOR)
         draw, font = ImageDraw.Draw(below), ImageFont.load_default(18)
         most = max(4, below.width // LETTER)
-        for i, words in enumerate(self._words(state)):
-            said = shorten(words, most, placeholder=" …")
-            draw.text((LINE // 4, LINE * i + LINE // 2), said, INK, font, anchor="lm")
+        for i, line in enumerate(lines_of(self._states, state, self._others)):
+            short = shorten(line, most, placeholder=" …")
+            draw.text((LINE // 4, LINE * i + LINE // 2), short, INK, font, anchor="lm")
         return np.concatenate([grid, np.array(below)])
 
     def text(self, state: int) -> str:
         """Return the map, with ``@`` for the agent and numbers for what else moves."""
-        drawn = self._map.copy()
+        drawn = self._letters().copy()
         for letter, cells in self._moving.items():
             drawn[tuple(cells[state])] = letter
         drawn[tuple(self._cells[state])] = "@"
-        return "\n".join(["".join(line) for line in drawn.tolist()] + self._words(state))
+        lines = ["".join(line) for line in drawn.tolist()]
+        return "\n".join(lines + lines_of(self._states, state, self._others))
 
-    def _words(self, state: int) -> list[str]:
-        values = values_of(self._states, state)
-        return [f"{part.name} = {part.label(values[part.name])}" for part in self._others]
+    def _letters(self) -> Letters:
+        return self._map
+
+
+class MazeScene(LayoutScene):
+    """A maze with its walls, fires, pits and treasures, and the agent.
+
+    Cells beside a fire glow if entering them costs extra; a ring marks where episodes start.
+    """
+
+    def __init__(self, maze: GridWorld):
+        self._maze = maze
+        super().__init__(maze.states, maze.layout)
+
+    def _background(self) -> Canvas:
+        canvas, maze = super()._background(), self._maze
+        if maze.rewards.near_fire:
+            burning = np.pad(self._map == "F", 1)
+            beside = np.any([np.roll(burning, way, (0, 1)) for way in MOVES.values()], axis=0)
+            for row, column in np.argwhere(beside[1:-1, 1:-1] & (self._map != "#")):
+                canvas.paint(row, column, GLOW)
+        if maze.start != "uniform":
+            for row, column in self._cells[maze.mdp.start_states]:
+                canvas.put(row, column, START)
+        return canvas
+
+    def _letters(self) -> Letters:
+        return np.array([list(line) for line in self._maze.map])
 
 
 class LabelScene:
@@ -406,8 +407,7 @@ class LabelScene:
         first, *others = space.components
         if space.is_box and first.low == 0 and first.labels is None and not others:
             return []
-        values = values_of(space, state)
-        lines = [f"{c.name} = {c.label(values[c.name])}" for c in space.components]
+        lines = lines_of(space, state, space.names)
         if len(lines) > MOST_LINES:
             lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
         return [shorten(line, LONGEST_LINE, placeholder=" …") for line in lines]
@@ -427,10 +427,6 @@ INKS = dict(zip(("blue", "green", "vermillion", "purple", "black"), COATS[:5], s
 class ViewScene:
     """A grid view with its markers in given cells.
 
-    Parameters
-    ----------
-    view : GridView
-
     Examples
     --------
     >>> from curricle import GridWorld
@@ -442,11 +438,8 @@ class ViewScene:
 
     def __init__(self, view: GridView):
         self._markers, (_, self._columns) = view.markers, view.shape
-        self._map = np.full(view.shape, ".")
-        self._map[tuple((view.walls - view.origin).T)] = "#"
-        for name, row, column, _ in view.objects:
-            self._map[row - view.origin[0], column - view.origin[1]] = LETTERS[name]
-        self._canvas = canvas_of(self._map)
+        self._map = letters_of(view, view.walls)
+        self._canvas = put_letters(Canvas(*view.shape), self._map)
 
     def image(self, cells: IntArray) -> Pixels:
         """Return the grid from above, (height, width, 3) uint8.
@@ -455,7 +448,7 @@ class ViewScene:
         """
         places = [divmod(int(cell), self._columns) for cell in cells]
         if len(places) == 1:
-            figure = AGENT if self._map[places[0]] == "." else ASIDE
+            figure = agent_on(self._map[places[0]])
             return self._canvas.with_figures([(*places[0], figure)])
         return self._canvas.with_figures(
             (*place, tile(marker.letter, INKS[marker.colour]))
