@@ -26,13 +26,7 @@ Cell = tuple[int, int]
 
 
 def read_map(given: Any, characters: str) -> tuple[str, ...]:
-    """Return the lines of a map, given as text or as a list of lines; TaskError if it is none.
-
-    Examples
-    --------
-    >>> read_map(["S.", ".T"], "ST.")
-    ('S.', '.T')
-    """
+    """Return the lines of a map, given as text or as a list of lines; TaskError if it is none."""
     if not isinstance(given, str | list | tuple) or not all(isinstance(one, str) for one in given):
         raise TaskError(f"a map must be text or a list of lines: got {given!r}")
     if isinstance(given, str):
@@ -62,13 +56,7 @@ def read_origin(given: Any) -> Cell:
 
 
 def cut(lines: tuple[str, ...], origin: Cell, rows: Any, columns: Any) -> list[str]:
-    """Return the lines of the part of a map in half-open ranges of its rows and columns.
-
-    Examples
-    --------
-    >>> cut(("S..", "..T"), (0, 5), (0, 2), (6, 8))
-    ['..', '.T']
-    """
+    """Return the lines of the part of a map in half-open ranges of its rows and columns."""
     check_part("rows", rows, origin[0], len(lines))
     check_part("columns", columns, origin[1], len(lines[0]))
     part = lines[rows[0] - origin[0] : rows[1] - origin[0]]
@@ -90,14 +78,6 @@ def landing(cells: Space, moves: Mapping[str, Cell] = MOVES) -> IntArray:
     """Return the cell that each move leads to from each, (n, moves) int64; MISSING where none is.
 
     `cells` has the components ``row`` and ``column``.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> landing(GridWorld("S.T").states)
-    array([[-1,  1, -1, -1],
-           [-1,  2, -1,  0],
-           [-1, -1, -1,  1]])
     """
     where = cells.decode()
     steps = np.array(list(moves.values()))

@@ -41,7 +41,8 @@ MAPS: dict[str, tuple[str, ...]] = {
 """Gymnasium's maps: S start, F frozen, H hole, G goal."""
 MOVES = {"west": (0, -1), "south": (1, 0), "east": (0, 1), "north": (-1, 0)}
 CHARACTERS = "SFHG"
-LARGEST_LAKE, LEAST_FROZEN = 100, 0.6
+LARGEST_LAKE = 100
+LEAST_FROZEN = 0.6  # large lakes with a way to the goal are too rare below
 Start = Literal["map", "uniform"] | Iterable[Cell]
 
 
@@ -176,20 +177,6 @@ def random_lake(size: int = 8, frozen_share: float = 0.8, seed: int = 0) -> tupl
     """Return the map of a random lake that has a way to the goal, as Gymnasium draws it.
 
     It is ``gymnasium.envs.toy_text.frozen_lake.generate_random_map(size, frozen_share, seed)``.
-
-    Parameters
-    ----------
-    size : int
-        Cells per side, 2 to 100.
-    frozen_share : float
-        Probability that a cell is frozen, 0.6 to 1: large lakes with a way are too rare below.
-    seed : int
-        At least 0.
-
-    Examples
-    --------
-    >>> random_lake(size=4, seed=1)
-    ('SHFH', 'FFHF', 'FFFF', 'FFFG')
     """
     from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 

@@ -66,14 +66,6 @@ def layout_of(task: Any) -> GridLayout | None:
     """Return where the states of a task lie: as it says, or by components called row and column.
 
     None for a task that has neither.
-
-    Examples
-    --------
-    >>> from curricle import from_gymnasium
-    >>> drawn = layout_of(from_gymnasium("Taxi-v4", discount=0.9))
-    >>> drawn.components, drawn.shape, drawn.cells[:21:20]
-    (('row', 'column'), (5, 5), array([[0, 0],
-           [0, 1]]))
     """
     own = getattr(task, "layout", None)
     if isinstance(own, GridLayout):

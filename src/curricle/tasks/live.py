@@ -225,15 +225,7 @@ def is_live(task: Any) -> bool:
 
 
 def reset_state(task: LiveMDP) -> int:
-    """Return the state that a new environment is in after a reset with seed 0.
-
-    Examples
-    --------
-    >>> from curricle import from_gymnasium
-    >>> lake = from_gymnasium("FrozenLake-v1", discount=0.9, live=True)
-    >>> reset_state(lake)
-    0
-    """
+    """Return the state that a new environment is in after a reset with seed 0."""
     with closing(task.make()) as environment:
         return numbering(task)(_observed(environment.reset(seed=0)))
 
@@ -241,18 +233,9 @@ def reset_state(task: LiveMDP) -> int:
 def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
     """Return a context with the model of a task for the loops of one run; a live one while open.
 
-    Parameters
-    ----------
-    task : GenerativeModel
-    start : int
-        Where the run's random stream starts; environments are seeded from it.
-
-    Raises
-    ------
-    BaseException
-        At the end, what an environment raised meanwhile, an interrupt from the keyboard included.
-    TaskError
-        At the end, when a function of a computed task returned what makes no sense.
+    Environments are seeded from `start`, where the run's random stream starts. At the end the
+    context raises what an environment raised meanwhile, an interrupt from the keyboard included, or
+    a TaskError where a function of a computed task returned what makes no sense.
     """
     if is_live(task):
         return _Opened(task, start)

@@ -35,14 +35,7 @@ from curricle.text_tables import counted
 
 
 def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
-    """Return which states the `allowed` actions can reach from the start, (S,) bool.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> reachable_states(GridWorld(["S#.", ".#T"]).mdp)  # the east lies behind a wall
-    array([ True, False,  True, False])
-    """
+    """Return which states the `allowed` actions can reach from the start, (S,) bool."""
     # Imported here: every task is checked by this module, and the import takes a third of a second.
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order
@@ -72,12 +65,6 @@ def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
     This is the largest set of states each of which has an allowed action whose every outcome stays
     in the set. It is empty exactly if every allowed policy is proper, which is to end with
     probability 1 (Bertsekas, Tsitsiklis 1991).
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> improper_states(GridWorld("S.T").mdp)
-    array([0, 1])
     """
     staying = ~mdp.terminal
     impossible = mdp.probability == 0

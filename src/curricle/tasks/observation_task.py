@@ -29,16 +29,6 @@ class EnvironmentMaker:
         Of ``gymnasium.make`` or the function, by name; each environment gets a copy.
     encode : callable, optional
         An encoder: from the environment to the same with other observations.
-
-    Raises
-    ------
-    TaskError
-        When `encode` cannot be called, fails, or returns no environment.
-
-    Examples
-    --------
-    >>> EnvironmentMaker("MountainCar-v0")().observation_space.shape
-    (2,)
     """
 
     what: Any = field(hash=False)
@@ -266,14 +256,7 @@ def stack(space: gymnasium.Space[Any], observations: Sequence[Any]) -> Any:
 
 
 def batch_size(observations: Any) -> int:
-    """Return how many observations are stacked, n; arrays (n, ...), or dicts or tuples of them.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> batch_size({"image": np.zeros((5, 7, 7)), "mission": np.zeros(5)})
-    5
-    """
+    """Return how many observations are stacked, n; arrays (n, ...), or dicts or tuples of them."""
     while isinstance(observations, (tuple, Mapping)):
         parts = observations.values() if isinstance(observations, Mapping) else observations
         observations = next(iter(parts))

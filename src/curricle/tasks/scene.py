@@ -425,16 +425,7 @@ INKS = dict(zip(("blue", "green", "vermillion", "purple", "black"), COATS[:5], s
 
 
 class ViewScene:
-    """A grid view with its markers in given cells.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> scene = ViewScene(GridView.for_replay(GridWorld(["S#T", "..."])))
-    >>> print(scene.text(np.array([4])))
-    .#T
-    .@.
-    """
+    """A grid view with its markers in given cells."""
 
     def __init__(self, view: GridView):
         self._markers, (_, self._columns) = view.markers, view.shape

@@ -390,14 +390,7 @@ def action_name(space: Space, action: int) -> str:
 
 
 def values_of(space: Space, point: int) -> dict[str, int]:
-    """Return a point's components by name.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> values_of(GridWorld(["S.", ".T"]).states, 2)
-    {'row': 1, 'column': 0}
-    """
+    """Return a point's components by name."""
     return {name: int(value) for name, value in space.decode(point).items()}
 
 

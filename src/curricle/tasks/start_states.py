@@ -64,16 +64,10 @@ class TaskWithStart(Frozen):
     """A task whose episodes start elsewhere; made by :func:`with_start`.
 
     It has the states, actions and tables of the task, and its layout if it has one.
-
-    Parameters
-    ----------
-    task : Task
-    start : (S,) float64
-        Probability of starting in each state; 0 in terminal states.
     """
 
     task: Any
-    start: FloatArray
+    start: FloatArray  # (S,) the probability of starting in each state
 
     def __post_init__(self) -> None:
         numbers("start", self.start, TaskError)

@@ -55,23 +55,9 @@ def part_of_lake(
     seed: int = 0,
     **rules: Any,
 ) -> FrozenLake:
-    """Return one of Gymnasium's frozen lakes, or the part of it around the goal.
+    """Return one of Gymnasium's frozen lakes, or the `part` around the goal, that many rows square.
 
-    Parameters
-    ----------
-    map : {"4x4", "8x8", "random"}
-    part : int, optional
-        Rows and columns around the goal, 2 or more and fewer than the lake has; all by default. The
-        part keeps the lake's coordinates.
-    size, frozen_share, seed : int, float, int
-        Of a random lake, as in :func:`random_lake`.
-    **rules
-        As in :class:`FrozenLake`. A part starts on any cell of ice.
-
-    Examples
-    --------
-    >>> part_of_lake("8x8", part=3).map
-    ('FHF', 'FHF', 'FFG')
+    A part keeps the lake's coordinates and starts on any cell of ice.
     """
     lake = FrozenLake(random_lake(size, frozen_share, seed) if map == "random" else map, **rules)
     if part is None:
@@ -273,11 +259,6 @@ def _pursuit_mappings(target: FamilyMember, source: FamilyMember) -> list[Any]:
     and the predators of the group stay the same where they fit: a window of the source's size is
     laid over all of them, and is the nearer to an edge the nearer they are to it. Distances that do
     not fit become the largest that do.
-
-    Raises
-    ------
-    TaskError
-        When the source has more predators than the target.
     """
     if source["predators"] > target["predators"]:
         raise TaskError(
@@ -397,22 +378,9 @@ PARTS: dict[int, tuple[int, ...]] = {
 def part_of_level(
     level: Literal[1, 2, 3] = 1, columns: int | None = None, **rules: Any
 ) -> BlockDude:
-    """Return one of BURLAP's levels, or the part of it around the exit.
+    """Return one of BURLAP's levels, or the part that has these columns from the exit on.
 
-    Parameters
-    ----------
-    level : {1, 2, 3}
-    columns : int, optional
-        From the exit on; all 25 by default. Where the agent's column is not among them, it begins
-        in the last one, on top of what is there.
-    **rules
-        As in :class:`BlockDude`. Some parts have no way to the exit, as blocks lie outside;
-        :data:`block_dude_family` refuses these, and those without any block.
-
-    Examples
-    --------
-    >>> part_of_level(1, columns=10).level[2:]
-    ('...#.....>', 'E..#...#.B')
+    Where the agent's column is not among them, it begins in the last one, on top of what is there.
     """
     whole = BlockDude(level, **rules)
     if columns is None:
