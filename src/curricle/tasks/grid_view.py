@@ -4,7 +4,7 @@
 """
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import cycle
 from typing import Any
@@ -102,10 +102,7 @@ class GridView:
     @property
     def stacked_letters(self) -> dict[tuple[int, int], str]:
         """The letters on the grid, (row, column) -> those that share a cell."""
-        together: dict[tuple[int, int], str] = {}
-        for letter, row, column in self.letters:
-            together[row, column] = together.get((row, column), "") + letter
-        return together
+        return stacked(self.letters)
 
     @property
     def walls(self) -> IntArray:
@@ -114,6 +111,14 @@ class GridView:
         grid.flat[self.air] = False
         grid[tuple((self.cells - self.origin).T)] = False
         return np.asarray(np.argwhere(grid) + self.origin)
+
+
+def stacked(letters: Iterable[tuple[str, int, int]]) -> dict[tuple[int, int], str]:
+    """Return the letters of each cell, (row, column) -> those that share it."""
+    together: dict[tuple[int, int], str] = {}
+    for letter, row, column in letters:
+        together[row, column] = together.get((row, column), "") + letter
+    return together
 
 
 def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) -> dict[str, Any]:

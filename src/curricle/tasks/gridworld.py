@@ -8,15 +8,14 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of
-from curricle.errors import TaskError, reason
+from curricle.errors import TaskError
 from curricle.tasks.domain import MOVES, Cell, CellDomain, MapDomain, landing, read_start, tables_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
@@ -132,19 +131,6 @@ class GridWorld(MapDomain, CellDomain):
         check_horizon(self)
         read_start(self)
         self._start_states()
-
-    @classmethod
-    def from_file(cls, path: str | Path, **rules: Any) -> Self:
-        """Return the maze drawn in a text file; `rules` are the other parameters of the class."""
-        if not isinstance(path, str | Path):
-            raise TaskError(f"a map's file must be a path: got {path!r}")
-        try:
-            drawn = Path(path).read_text(encoding="utf-8")
-        except UnicodeDecodeError:
-            raise TaskError(f"a map must be text in UTF-8: {path} is none") from None
-        except OSError as error:
-            raise TaskError(f"a map cannot be read from {path}: {reason(error)}") from None
-        return cls(drawn, **rules)
 
     # -- spaces --------------------------------------------------------------------------------
 

@@ -24,11 +24,10 @@ from curricle.tasks.generative_models import (
     transitions,
     truncations,
 )
-from curricle.tasks.mdp import check_parts
+from curricle.tasks.mdp import check_parts, described
 from curricle.tasks.outcomes import LARGEST_REWARD, REWARD_RULE
 from curricle.tasks.overloads import inlined
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
-from curricle.text_tables import counted
 
 RESET = -1
 """Sent instead of an action to start an episode."""
@@ -212,11 +211,7 @@ class LiveMDP:
         return Unopened(self)
 
     def __repr__(self) -> str:
-        limit = "no time limit" if self.time_limit is None else f"time limit {self.time_limit}"
-        return (
-            f"LiveMDP({counted(self.states.size, 'state')}, "
-            f"{counted(self.actions.size, 'action')}, discount {self.discount:g}, {limit})"
-        )
+        return described(self)
 
 
 def is_live(task: Any) -> bool:

@@ -367,12 +367,15 @@ class FiniteMDP(Frozen):
         return frozen(np.flatnonzero(self.start))
 
     def __repr__(self) -> str:
-        limit = "no time limit" if self.time_limit is None else f"time limit {self.time_limit}"
-        return (
-            f"FiniteMDP({counted(self.states.size, 'state')}, "
-            f"{counted(self.actions.size, 'action')}, "
-            f"{int(self.terminal.sum())} terminal, discount {self.discount:g}, {limit})"
-        )
+        return described(self, f"{int(self.terminal.sum())} terminal")
+
+
+def described(task: Any, *parts: str) -> str:
+    """Return a task as text: its kind, its sizes, further parts and its horizon."""
+    sizes = counted(task.states.size, "state"), counted(task.actions.size, "action")
+    limit = "no time limit" if task.time_limit is None else f"time limit {task.time_limit}"
+    known = ", ".join((*sizes, *parts, f"discount {task.discount:g}", limit))
+    return f"{type(task).__name__}({known})"
 
 
 def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:

@@ -5,7 +5,7 @@ colour-blind readers can tell them apart.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from inspect import signature
@@ -21,11 +21,11 @@ from curricle.errors import SettingError
 from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import MOVES
 from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
-from curricle.tasks.grid_view import GridView
+from curricle.tasks.grid_view import GridView, stacked
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
-from curricle.tasks.spaces import Space, values_of
+from curricle.tasks.spaces import Space, parts_of
 from curricle.tasks.start_states import TaskWithStart
 from curricle.tasks.task import generative_model
 
@@ -212,6 +212,15 @@ def _paste(image: Pixels, corner: tuple[int, int], figure: Figure, side: int) ->
     region[:] = region * through + colours
 
 
+def text_of(grid: Letters, there: Mapping[tuple[int, int], str], gap: str) -> str:
+    """Return a map of letters with others in some cells, as wide as the widest of them."""
+    wide = max(map(len, there.values()))
+    cells = {place: there.get(place, letter).ljust(wide) for place, letter in np.ndenumerate(grid)}
+    rows, columns = grid.shape
+    lines = (gap.join(cells[row, column] for column in range(columns)) for row in range(rows))
+    return "\n".join(line.rstrip() for line in lines)
+
+
 class PursuitScene:
     """The prey and the numbered predators of a pursuit; a dark frame where the grid is walled."""
 
@@ -230,12 +239,11 @@ class PursuitScene:
 
     def text(self, state: int) -> str:
         """Return the grid with ``P`` for the prey and each predator's number."""
-        there = [""] * self._size**2
-        for cell, figure in zip(self._cells(state), self._figures, strict=True):
-            there[cell] += figure.number or "P"
-        width = max(map(len, there))
-        rows = np.reshape([(letters or ".").ljust(width) for letters in there], (-1, self._size))
-        return "\n".join(" ".join(row).rstrip() for row in rows)
+        there = [
+            (figure.number or "P", *divmod(cell, self._size))
+            for cell, figure in zip(self._cells(state), self._figures, strict=True)
+        ]
+        return text_of(np.full((self._size, self._size), "."), stacked(there), " ")
 
     def _cells(self, state: int) -> list[int]:
         return [int(cell) for cell in self._states.decode(state).values()]
@@ -306,9 +314,7 @@ def letters_of(view: GridLayout | GridView, walls: IntArray) -> Letters:
 
 def lines_of(states: Space, state: int, names: Collection[str]) -> list[str]:
     """Return the values of these components of a state, a line each."""
-    values = values_of(states, state)
-    parts = [part for part in states.components if part.name in names]
-    return [f"{part.name} = {part.label(values[part.name])}" for part in parts]
+    return [f"{name} = {label}" for name, label in parts_of(states, state) if name in names]
 
 
 class LayoutScene:
@@ -448,18 +454,12 @@ class ViewScene:
 
     def text(self, cells: IntArray) -> str:
         """Return the map with each marker's letter, or ``@`` for the only one."""
-        there = self._map.astype("<U9")
-        taken = dict[tuple[int, int], str]()
-        for cell, marker in zip(cells.tolist(), self._markers, strict=True):
-            place = divmod(cell, self._columns)
-            letter = marker.letter if len(self._markers) > 1 else "@"
-            taken[place] = taken.get(place, "") + letter
-        for place, letters in taken.items():
-            there[place] = letters
-        wide = max(map(len, taken.values()), default=1)
-        gap = " " if len(self._markers) > 1 else ""
-        lines = (gap.join(one.ljust(wide) for one in row) for row in there.tolist())
-        return "\n".join(line.rstrip() for line in lines)
+        places = [divmod(cell, self._columns) for cell in cells.tolist()]
+        if len(places) == 1:
+            return text_of(self._map, {places[0]: "@"}, "")
+        letters = (marker.letter for marker in self._markers)
+        there = stacked((letter, *place) for letter, place in zip(letters, places, strict=True))
+        return text_of(self._map, there, " ")
 
 
 # -- pictures of environments ----------------------------------------------------------------------
