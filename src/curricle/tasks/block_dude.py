@@ -30,7 +30,15 @@ from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.domain import Cell, Domain, cut, read_map, read_origin, tables_of
+from curricle.tasks.domain import (
+    Cell,
+    Domain,
+    cut,
+    numbered_names,
+    read_map,
+    read_origin,
+    tables_of,
+)
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
@@ -331,9 +339,7 @@ class BlockDude(Domain):
 
     @property
     def _block_names(self) -> tuple[str, ...]:
-        """``block`` if there is one, else ``block_1``, ``block_2``, ..."""
-        k = len(self._first.blocks)
-        return ("block",) if k == 1 else tuple(f"block_{i + 1}" for i in range(k))
+        return numbered_names("block", len(self._first.blocks))
 
     @cached_property
     def layout(self) -> GridLayout:

@@ -16,7 +16,6 @@ bsuite draws for each cell which of the actions 0 and 1 is right. That is ``mapp
 it, as with ``randomize_actions=False`` there, 1 is right everywhere and the moves have names.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -27,11 +26,11 @@ from curricle.array_types import BoolArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.domain import Domain, check_sizes, tables_of
+from curricle.tasks.domain import Domain, check_sizes, read_start, tables_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import Component, Space, whole
+from curricle.tasks.spaces import Component, Space
 
 LARGEST_SIZE = 1000
 """Rows of a sea at most: half a million states."""
@@ -97,10 +96,15 @@ class DeepSea(Domain):
         if self.mapping_seed is not None:
             check_sizes(self, mapping_seed=(0, LARGEST_SEED))
         check_horizon(self)
+        read_start(self, ("surface", "uniform"), "[(2, 1)]")
         if not isinstance(self.start, str):
-            object.__setattr__(self, "start", self._read_cells())
-        elif self.start not in ("surface", "uniform"):
-            raise TaskError(f"start must be 'surface', 'uniform' or cells: got {self.start!r}")
+            top, end = self.origin, self.origin + self.size
+            for row, column in self.start:
+                if not top <= column <= row < end:
+                    raise TaskError(
+                        f"a dive starts in a row {top}..{end - 1}, in a column {top}..row: got "
+                        f"({row}, {column})"
+                    )
 
     # -- variants ------------------------------------------------------------------------------
 
@@ -220,19 +224,3 @@ class DeepSea(Domain):
             return np.flatnonzero(~ended)
         row, column = np.array(self.start).T
         return self.states.encode(row=row, column=column)
-
-    def _read_cells(self) -> tuple[tuple[int, int], ...]:
-        """Return the start cells, sorted; TaskError if a dive cannot be in one of them."""
-        given = whole(list(self.start) if isinstance(self.start, Iterable) else [], "start")
-        top, end = self.origin, self.origin + self.size
-        if given.ndim != 2 or given.shape[1] != 2 or not len(given):
-            raise TaskError(
-                f"start must be 'surface', 'uniform' or cells such as [(2, 1)]: got {self.start!r}"
-            )
-        for row, column in given.tolist():
-            if not top <= column <= row < end:
-                raise TaskError(
-                    f"a dive starts in a row {top}..{end - 1}, in a column {top}..row: got "
-                    f"({row}, {column})"
-                )
-        return tuple(sorted({(row, column) for row, column in given.tolist()}))

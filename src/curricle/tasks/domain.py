@@ -165,6 +165,11 @@ def check_starts(states: IntArray, allowed: BoolArray, cells: Any, rule: str) ->
     return states
 
 
+def numbered_names(kind: str, count: int) -> tuple[str, ...]:
+    """Return ``key`` if there is one, else ``key_1``, ``key_2``, ..."""
+    return (kind,) if count == 1 else tuple(f"{kind}_{i + 1}" for i in range(count))
+
+
 class Domain(Frozen):
     """A task that is a frozen dataclass of its rules, one of them its `start`."""
 
@@ -244,6 +249,10 @@ class MapDomain(Domain):
         row, column = self.origin
         axes = [Component("row", height, row), Component("column", width, column)]
         return Space(axes, None if len(self.cells) == height * width else self.cells)
+
+    def _at(self, character: str) -> IntArray:
+        """Return row and column of each cell drawn with a character, (n, 2), in reading order."""
+        return frozen(np.argwhere(self._grid == character) + self.origin)
 
     @cached_property
     def _grid(self) -> npt.NDArray[np.str_]:

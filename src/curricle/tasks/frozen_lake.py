@@ -7,10 +7,9 @@ side with half of the rest. A move off the map stays where it is. Episodes end a
 holes.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +42,6 @@ MOVES = {"west": (0, -1), "south": (1, 0), "east": (0, 1), "north": (-1, 0)}
 CHARACTERS = "SFHG"
 LARGEST_LAKE = 100
 LEAST_FROZEN = 0.6  # large lakes with a way to the goal are too rare below
-Start = Literal["map", "uniform"] | Iterable[Cell]
 
 
 @dataclass(frozen=True)

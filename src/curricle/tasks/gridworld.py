@@ -25,8 +25,6 @@ from curricle.tasks.spaces import MISSING, Component, Space
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
 CHARACTERS = "STFP#."
 
-Start = Literal["map", "uniform"] | tuple[Cell, ...]
-
 
 @dataclass(frozen=True)
 class Rewards:

@@ -13,6 +13,7 @@ For source tasks a map may lack one of them: without locks the episode ends when
 and a lock without keys on the map is opened by an agent that holds none.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -31,6 +32,7 @@ from curricle.tasks.domain import (
     check_starts,
     cut,
     landing_or_staying,
+    numbered_names,
     read_start,
     tables_of,
 )
@@ -118,7 +120,7 @@ class KeyLockPit(MapDomain):
         if not isinstance(self.needs, str) or self.needs != "all":
             object.__setattr__(self, "needs", self._read_needs())
         read_start(self)
-        things = self._count("key") + self._count("lock")
+        things = len(self._keys) + len(self._locks)
         if 2**things * len(self.cells) > LARGEST_SPACE:
             raise TaskError(
                 f"a map may have at most {LARGEST_SPACE:,} states: {len(self.cells):,} cells and "
@@ -167,18 +169,15 @@ class KeyLockPit(MapDomain):
         """
         part = cut(self.map, self.origin, rows, columns)
 
-        def kept(name: str) -> list[int]:
-            return [
-                number
-                for number, (row, column) in enumerate(self._at(name).tolist())
-                if rows[0] <= row < rows[1] and columns[0] <= column < columns[1]
-            ]
+        def kept(cells: IntArray) -> list[int]:
+            inside = (cells >= (rows[0], columns[0])) & (cells < (rows[1], columns[1]))
+            return np.flatnonzero(inside.all(axis=1)).tolist()
 
-        keys, needs = kept("key"), self.needs
+        keys, needs = kept(self._keys), self.needs
         if needs != "all":
             needs = tuple(
                 tuple(keys.index(key - 1) + 1 for key in needs[lock] if key - 1 in keys)
-                for lock in kept("lock")
+                for lock in kept(self._locks)
             )
         return replace(self, map=part, needs=needs, start=start, origin=(rows[0], columns[0]))
 
@@ -191,14 +190,13 @@ class KeyLockPit(MapDomain):
         An open lock's keys are held, and when the last lock is open the agent is at a lock.
         """
         axes = [*self._cell_space.components]
-        axes += [Component(name, 2, labels=("lying", "held")) for name in self._names("key")]
-        axes += [Component(name, 2, labels=("locked", "open")) for name in self._names("lock")]
+        axes += [Component(name, 2, labels=("lying", "held")) for name in self._key_names]
+        axes += [Component(name, 2, labels=("locked", "open")) for name in self._lock_names]
+        last = self._locks if len(self._locks) else self._keys
         points = [
             np.column_stack([cells, np.tile(status, (len(cells), 1))])
             for status in self._statuses
-            for cells in [
-                self._at("lock" if self._count("lock") else "key") if all(status) else self.cells
-            ]
+            for cells in [last if all(status) else self.cells]
         ]
         return Space(axes, np.concatenate(points))
 
@@ -212,8 +210,8 @@ class KeyLockPit(MapDomain):
         """Where the states lie, for pictures."""
         objects = [
             (name, row, column, name == "pit")
-            for name in OBJECTS.values()
-            for row, column in self._at(name).tolist()
+            for character, name in OBJECTS.items()
+            for row, column in self._at(character).tolist()
         ]
         return GridLayout(
             cells=frozen(self.states.points[:, :2].copy()),
@@ -221,36 +219,39 @@ class KeyLockPit(MapDomain):
             shape=self._grid.shape,
             origin=self.origin,
             objects=tuple(objects),
-            walls=frozen(np.argwhere(self._grid == "#") + np.array(self.origin)),
+            walls=self._at("#"),
         )
 
-    def _at(self, name: str) -> IntArray:
-        """Return row and column of each object of a kind, (n, 2), in reading order."""
-        (drawn,) = (character for character, kind in OBJECTS.items() if kind == name)
-        return np.asarray(np.argwhere(self._grid == drawn) + np.array(self.origin))
+    @cached_property
+    def _keys(self) -> IntArray:
+        return self._at("K")
 
-    def _count(self, name: str) -> int:
-        return len(self._at(name))
+    @cached_property
+    def _locks(self) -> IntArray:
+        return self._at("L")
 
-    def _names(self, kind: str) -> tuple[str, ...]:
-        """Return ``key`` if there is one, else ``key_1``, ``key_2``, ...; so for locks."""
-        count = self._count(kind)
-        return (kind,) if count == 1 else tuple(f"{kind}_{i + 1}" for i in range(count))
+    @property
+    def _key_names(self) -> tuple[str, ...]:
+        return numbered_names("key", len(self._keys))
+
+    @property
+    def _lock_names(self) -> tuple[str, ...]:
+        return numbered_names("lock", len(self._locks))
 
     @property
     def _keys_of(self) -> list[set[int]]:
         """The keys of each lock, numbered from 0."""
         if self.needs == "all":
-            return [set(range(self._count("key")))] * self._count("lock")
+            return [set(range(len(self._keys)))] * len(self._locks)
         return [{key - 1 for key in keys} for keys in self.needs]
 
     @cached_property
     def _statuses(self) -> tuple[tuple[int, ...], ...]:
         """Which keys are held (1) and which locks open, where open locks have their keys held."""
-        keys = self._count("key")
+        keys = len(self._keys)
         return tuple(
             status
-            for status in product((0, 1), repeat=keys + self._count("lock"))
+            for status in product((0, 1), repeat=keys + len(self._locks))
             if all(
                 not opened or all(status[key] for key in needed)
                 for opened, needed in zip(status[keys:], self._keys_of, strict=True)
@@ -289,21 +290,23 @@ class KeyLockPit(MapDomain):
 
         The first array says where a key is picked up, the second where a lock is opened, (S,).
         """
-        values, does = self.states.decode(), list[BoolArray]()
-        for kind, pays in (("key", self.key_reward), ("lock", self.lock_reward)):
-            done = np.zeros(len(used), bool)
-            cells = self._at(kind).tolist()
-            for i, (name, (row, column)) in enumerate(zip(self._names(kind), cells, strict=True)):
-                can = (values["row"] == row) & (values["column"] == column) & (values[name] == 0)
-                keys = self._keys_of[i] if kind == "lock" else ()
-                for key in keys:
-                    can &= values[self._names("key")[key]] == 1
-                changed = {**values, name: np.ones_like(values[name])}
-                used[can] = self.states.encode(**{n: v[can] for n, v in changed.items()})
-                paid[can] = pays
-                done |= can
-            does.append(done)
-        return does[0], does[1]
+        values = self.states.decode()
+        picked, opened = np.zeros(len(used), bool), np.zeros(len(used), bool)
+
+        def use(name: str, cell: IntArray, keys: Iterable[int], pays: float) -> BoolArray:
+            can = (values["row"] == cell[0]) & (values["column"] == cell[1]) & (values[name] == 0)
+            for key in keys:
+                can &= values[self._key_names[key]] == 1
+            changed = {**values, name: np.ones_like(values[name])}
+            used[can] = self.states.encode(**{n: v[can] for n, v in changed.items()})
+            paid[can] = pays
+            return can
+
+        for name, cell in zip(self._key_names, self._keys, strict=True):
+            picked |= use(name, cell, (), self.key_reward)
+        for name, cell, keys in zip(self._lock_names, self._locks, self._keys_of, strict=True):
+            opened |= use(name, cell, keys, self.lock_reward)
+        return picked, opened
 
     @property
     def _fallen(self) -> BoolArray:
@@ -314,12 +317,12 @@ class KeyLockPit(MapDomain):
     @property
     def _ended(self) -> BoolArray:
         """In a pit, or with all locks open (all keys held where there is no lock), (S,) bool."""
-        first = 2 + (self._count("key") if self._count("lock") else 0)
+        first = 2 + (len(self._keys) if len(self._locks) else 0)
         return np.asarray(self._fallen | self.states.points[:, first:].all(axis=1))
 
     def _start_states(self) -> IntArray:
         """Return the states in which episodes start; TaskError where there are none."""
-        keys = self._count("key")
+        keys = len(self._keys)
         held = self.states.points[:, 2 : 2 + keys]
         going_on = ~self._ended
         if self.keys_held:
@@ -329,20 +332,20 @@ class KeyLockPit(MapDomain):
             if not found.size:
                 raise TaskError("start='uniform' needs a state that does not end the episode")
             return found
-        cells = np.argwhere(self._grid == "S") + np.array(self.origin)
+        cells = self._at("S")
         if self.start != "map":
             cells = np.array(self.start)
         elif not len(cells):
             raise TaskError("start='map' needs an S on the map: there is none")
-        status = dict.fromkeys(self._names("key"), int(self.keys_held))
-        status |= dict.fromkeys(self._names("lock"), 0)
+        status = dict.fromkeys(self._key_names, int(self.keys_held))
+        status |= dict.fromkeys(self._lock_names, 0)
         states = self.states.encode(row=cells[:, 0], column=cells[:, 1], **status)
         rule = "an episode starts in a free cell of the map and does not end there"
         return check_starts(states, going_on, cells, rule)
 
     def _read_needs(self) -> tuple[tuple[int, ...], ...]:
         """Return the keys of each lock, sorted; TaskError if they make no sense."""
-        keys, locks = self._count("key"), self._count("lock")
+        keys, locks = len(self._keys), len(self._locks)
         given: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else [None]
         if len(given) != locks or not all(isinstance(one, list | tuple) for one in given):
             raise TaskError(

@@ -12,7 +12,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import check_memory, instance, numbers, one_of
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted, frozen
-from curricle.tasks.domain import check_sizes
+from curricle.tasks.domain import check_sizes, numbered_names
 from curricle.tasks.draws import splitmix64, uniform
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
 from curricle.tasks.generative_models import cumulated, first_states, transitions
@@ -121,9 +121,7 @@ class Pursuit(Frozen):
     @cached_property
     def predator_names(self) -> tuple[str, ...]:
         """``predator`` if there is one, else ``predator_1``, ``predator_2``, ..."""
-        if self.predators == 1:
-            return ("predator",)
-        return tuple(f"predator_{i}" for i in range(1, self.predators + 1))
+        return numbered_names("predator", self.predators)
 
     @cached_property
     def states(self) -> Space:

@@ -125,6 +125,12 @@ class Parameter:
         """Whether members must give it."""
         return self.default is ...
 
+    @property
+    def _known(self) -> tuple[Any, ...] | None:
+        """All values in order, None where they are a range."""
+        known: tuple[Any, ...] | None = (False, True) if self.kind is bool else self.values
+        return known
+
     def checked(self, value: Any, family: str) -> Any:
         """Return a value as the family's members hold it, or raise TaskError."""
         name = f"{self.name} of {family}"
@@ -157,10 +163,8 @@ class Parameter:
 
     def choices(self, family: str) -> tuple[Any, ...]:
         """Return all values in order; TaskError where they are too many to be listed."""
-        if self.values is not None:
-            found = self.values
-        elif self.kind is bool:
-            found = (False, True)
+        if self._known is not None:
+            found = self._known
         elif (
             self.kind is int
             and self.low is not None
@@ -190,9 +194,8 @@ class Parameter:
         most = self.difficulty(value)
         if most is None:
             return ()
-        if self.values is not None or self.kind is bool:
-            known = (False, True) if self.values is None else self.values
-            return tuple(one for one in known if (self.difficulty(one) or 0.0) < most)
+        if self._known is not None:
+            return tuple(one for one in self._known if (self.difficulty(one) or 0.0) < most)
         up = self.harder == "larger"
         first, last = (self.low, self.high) if up else (self.high, self.low)
         end = value if value is not None else None if last is None else last + (1 if up else -1)
