@@ -20,6 +20,7 @@ from curricle.tasks.domain import (
     MOVES,
     Cell,
     CellDomain,
+    cell_space,
     check_sizes,
     check_starts,
     landing_or_staying,
@@ -97,10 +98,7 @@ class CliffWalking(CellDomain):
     @cached_property
     def states(self) -> Space:
         """One state for each cell, the cliff's too, where nobody ever stands."""
-        row, column = self.origin
-        return Space(
-            [Component("row", self.rows, low=row), Component("column", self.columns, low=column)]
-        )
+        return cell_space(self.rows, self.columns, self.origin)
 
     @cached_property
     def actions(self) -> Space:

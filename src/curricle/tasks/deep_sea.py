@@ -26,7 +26,7 @@ from curricle.array_types import BoolArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.domain import Domain, check_sizes, read_start, tables_of
+from curricle.tasks.domain import Domain, cell_space, check_sizes, read_start, tables_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
@@ -138,10 +138,10 @@ class DeepSea(Domain):
     def states(self) -> Space:
         """The cells that a dive from the top left can reach, and those of the ground below."""
         n = self.size
-        axes = [Component("row", n + 1, self.origin), Component("column", n, self.origin)]
         row, column = np.indices((n + 1, n)).reshape(2, -1)
         reached = (column <= row) | (row == n)
-        return Space(axes, np.stack([row, column], axis=1)[reached] + self.origin)
+        cells = np.stack([row, column], axis=1)[reached] + self.origin
+        return cell_space(n + 1, n, (self.origin, self.origin), cells)
 
     @cached_property
     def actions(self) -> Space:

@@ -74,6 +74,14 @@ def check_part(name: str, given: Any, first: int, size: int) -> None:
         )
 
 
+def cell_space(
+    rows: int, columns: int, origin: Cell = (0, 0), cells: IntArray | None = None
+) -> Space:
+    """Return the space of a grid's cells: all of them, or only these, (n, 2)."""
+    row, column = origin
+    return Space([Component("row", rows, row), Component("column", columns, column)], cells)
+
+
 def landing(cells: Space, moves: Mapping[str, Cell] = MOVES) -> IntArray:
     """Return the cell that each move leads to from each, (n, moves) int64; MISSING where none is.
 
@@ -245,10 +253,9 @@ class MapDomain(Domain):
 
     @cached_property
     def _cell_space(self) -> Space:
-        height, width = self._grid.shape
-        row, column = self.origin
-        axes = [Component("row", height, row), Component("column", width, column)]
-        return Space(axes, None if len(self.cells) == height * width else self.cells)
+        rows, columns = self._grid.shape
+        walled = len(self.cells) < rows * columns
+        return cell_space(rows, columns, self.origin, self.cells if walled else None)
 
     def _at(self, character: str) -> IntArray:
         """Return row and column of each cell drawn with a character, (n, 2), in reading order."""

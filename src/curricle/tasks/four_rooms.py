@@ -38,6 +38,7 @@ from curricle.tasks.domain import (
     MOVES,
     Cell,
     Domain,
+    cell_space,
     check_part,
     check_sizes,
     check_starts,
@@ -185,14 +186,13 @@ class FourRooms(Domain):
     def states(self) -> Space:
         """One state for each cell that is not a wall."""
         (top, bottom), (left, right) = self._part
-        axes = [Component("row", bottom - top, top), Component("column", right - left, left)]
         free = np.argwhere(self._free[top:bottom, left:right]) + np.array([top, left])
         if not len(free):
             raise TaskError(
                 f"a crop needs a free cell: rows {top}..{bottom} and columns {left}..{right} have "
                 "none"
             )
-        return Space(axes, free)
+        return cell_space(bottom - top, right - left, (top, left), free)
 
     @cached_property
     def actions(self) -> Space:

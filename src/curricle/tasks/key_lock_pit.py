@@ -294,7 +294,8 @@ class KeyLockPit(MapDomain):
         picked, opened = np.zeros(len(used), bool), np.zeros(len(used), bool)
 
         def use(name: str, cell: IntArray, keys: Iterable[int], pays: float) -> BoolArray:
-            can = (values["row"] == cell[0]) & (values["column"] == cell[1]) & (values[name] == 0)
+            here = (values["row"] == cell[0]) & (values["column"] == cell[1])
+            can: BoolArray = here & (values[name] == 0)
             for key in keys:
                 can &= values[self._key_names[key]] == 1
             changed = {**values, name: np.ones_like(values[name])}

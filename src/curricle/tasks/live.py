@@ -289,8 +289,15 @@ def _player(
                     observation, reward, terminated, truncated, _ = followed
                 except (TypeError, ValueError):
                     raise TaskError(_wrong_parts("step", followed)) from None
-                if not _is_reward(reward):
-                    raise TaskError(_wrong_reward(task, state, action, reward))
+                try:
+                    fits = bool(-LARGEST_REWARD <= reward <= LARGEST_REWARD)
+                except (TypeError, ValueError):  # no number
+                    fits = False
+                if not fits:
+                    raise TaskError(
+                        f"{REWARD_RULE}: the environment returned {reward!r} for action "
+                        f"{action_name(task.actions, action)} in {state_name(task.states, state)}"
+                    )
                 state = number(observation)
                 action = yield state, reward, terminated, truncated
             begun = reset()
@@ -311,23 +318,8 @@ def _observed(begun: Any) -> Any:
     return observation
 
 
-def _is_reward(reward: Any) -> bool:
-    """Return whether a reward is a number of a size that learning can add up."""
-    try:
-        return bool(-LARGEST_REWARD <= reward <= LARGEST_REWARD)
-    except (TypeError, ValueError):
-        return False
-
-
 def _wrong_parts(what: str, found: Any) -> str:
     return f"a {what} of an environment must return ({', '.join(RETURNED[what])}): got {found!r}"
-
-
-def _wrong_reward(task: LiveMDP, state: int, action: int, reward: Any) -> str:
-    return (
-        f"{REWARD_RULE}: the environment returned {reward!r} for action "
-        f"{action_name(task.actions, action)} in {state_name(task.states, state)}"
-    )
 
 
 def numbering(task: LiveMDP) -> Callable[[Any], int]:

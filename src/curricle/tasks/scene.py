@@ -143,7 +143,8 @@ def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDA
     return frozen(pixels[..., :3] * opaque), frozen(1 - opaque)
 
 
-Pixels, Letters = npt.NDArray[np.uint8], npt.NDArray[np.str_]
+Pixels = npt.NDArray[np.uint8]
+Letters = npt.NDArray[np.str_]
 SIDE = 640
 """Pixels along the longer side of a grid, unless its cells would be too large or too small."""
 LARGEST_CELL, SMALLEST_CELL = 64, 4

@@ -240,7 +240,9 @@ def _given_goal(mdp: FiniteMDP, goal: Any) -> BoolArray:
         values = mdp.states.decode()
         for name, given in goal.items():
             component = mdp.states.component(name)
-            found &= np.isin(values[name], [_value(component, one) for one in _listed(given)])
+            several = isinstance(given, Iterable) and not isinstance(given, str)
+            wanted = [_value(component, value) for value in (given if several else [given])]
+            found &= np.isin(values[name], wanted)
         return found
     array = np.asarray(goal)
     if array.dtype == np.bool_:
@@ -250,10 +252,6 @@ def _given_goal(mdp: FiniteMDP, goal: Any) -> BoolArray:
     found = np.zeros(n_states, dtype=bool)
     found[indices("the states of a goal", goal, n_states, TaskError)] = True
     return found
-
-
-def _listed(given: Any) -> list[Any]:
-    return [given] if isinstance(given, str) or not isinstance(given, Iterable) else list(given)
 
 
 def _value(component: Component, given: Any) -> int:

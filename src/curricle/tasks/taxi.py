@@ -17,7 +17,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.domain import check_sizes, landing_or_staying, tables_of
+from curricle.tasks.domain import cell_space, check_sizes, landing_or_staying, tables_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
@@ -133,8 +133,7 @@ class Taxi(Frozen):
     def landing(self) -> IntArray:
         """The cell that each move leads to from each cell, (size^2, 4) int64."""
         here = np.arange(self.size**2)[:, None]
-        axes = [Component("row", self.size), Component("column", self.size)]
-        to = landing_or_staying(Space(axes), MOVES)
+        to = landing_or_staying(cell_space(self.size, self.size), MOVES)
         sideways = np.array([right != 0 for _, right in MOVES.values()])
         # A wall stands to the east of the more western of the two cells.
         blocked = sideways & self.wall_cells.ravel()[np.minimum(here, to)]

@@ -262,7 +262,12 @@ def complete_parameters(
                 "int, float, bool, str or Literal[...]"
             )
     found += [one for name, one in by_name.items() if name not in signature]
-    return tuple(one if one.required else _with_checked_default(one, family) for one in found)
+    return tuple(
+        one
+        if one.required
+        else replace(one, default=one.checked(one.default, f"{family}, its default,"))
+        for one in found
+    )
 
 
 def _complete(declared: Parameter | None, name: str, hint: Any, default: Any) -> Parameter | None:
@@ -284,12 +289,6 @@ def _complete(declared: Parameter | None, name: str, hint: Any, default: Any) ->
     if len(members) == 1 and get_origin(members[0]) is Literal:
         return replace(given, values=get_args(members[0]))
     return None
-
-
-def _with_checked_default(parameter: Parameter, family: str) -> Parameter:
-    """Return the parameter with its default as members hold it."""
-    default = parameter.checked(parameter.default, f"{family}, its default,")
-    return replace(parameter, default=default)
 
 
 # -- mappings as data ------------------------------------------------------------------------------
