@@ -17,7 +17,6 @@ from curricle.checks import instance
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import (
-    MOVES,
     Cell,
     CellDomain,
     cell_space,
@@ -31,7 +30,7 @@ from curricle.tasks.frozen_lake import slipping
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import Component, Space
+from curricle.tasks.spaces import Space
 
 ROWS, COLUMNS = 4, 12
 """Of Gymnasium's cliff."""
@@ -99,11 +98,6 @@ class CliffWalking(CellDomain):
     def states(self) -> Space:
         """One state for each cell, the cliff's too, where nobody ever stands."""
         return cell_space(self.rows, self.columns, self.origin)
-
-    @cached_property
-    def actions(self) -> Space:
-        """The moves north, east, south and west, in Gymnasium's order."""
-        return Space([Component("move", 4, labels=tuple(MOVES))])
 
     @property
     def goal_states(self) -> BoolArray:

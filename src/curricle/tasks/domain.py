@@ -181,6 +181,11 @@ def numbered_names(kind: str, count: int) -> tuple[str, ...]:
 class Domain(Frozen):
     """A task that is a frozen dataclass of its rules, one of them its `start`."""
 
+    @cached_property
+    def actions(self) -> Space:
+        """The moves north, east, south and west."""
+        return Space([Component("move", len(MOVES), labels=tuple(MOVES))])
+
     def with_start(self, start: Any) -> Self:
         """Return the same task with another start, which is what the class takes as `start`.
 
@@ -256,6 +261,14 @@ class MapDomain(Domain):
         rows, columns = self._grid.shape
         walled = len(self.cells) < rows * columns
         return cell_space(rows, columns, self.origin, self.cells if walled else None)
+
+    def _objects(self, names: Mapping[str, str]) -> list[tuple[str, int, int]]:
+        """Return name, row and column of what is drawn with these characters, in reading order."""
+        return [
+            (names[character], row, column)
+            for character, (row, column) in zip(self._contents, self.cells.tolist(), strict=True)
+            if character in names
+        ]
 
     def _at(self, character: str) -> IntArray:
         """Return row and column of each cell drawn with a character, (n, 2), in reading order."""

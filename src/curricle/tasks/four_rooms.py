@@ -49,7 +49,7 @@ from curricle.tasks.domain import (
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import MISSING, Component, Space, whole
+from curricle.tasks.spaces import MISSING, Space, whole
 
 SMALLEST_SIZE, LARGEST_SIZE = 7, 1000
 """Cells per side, walls included."""
@@ -193,11 +193,6 @@ class FourRooms(Domain):
                 "none"
             )
         return cell_space(bottom - top, right - left, (top, left), free)
-
-    @cached_property
-    def actions(self) -> Space:
-        """The moves north, east, south and west."""
-        return Space([Component("move", len(MOVES), labels=tuple(MOVES))])
 
     @cached_property
     def layout(self) -> GridLayout:

@@ -120,19 +120,13 @@ class FrozenLake(MapDomain, CellDomain):
     @cached_property
     def layout(self) -> GridLayout:
         """Where the states lie, for pictures."""
-        names = {"G": "goal", "H": "pit"}
+        drawn = self._objects({"G": "goal", "H": "pit"})
         return GridLayout(
             cells=self.cells,
             components=("row", "column"),
             shape=self._grid.shape,
             origin=self.origin,
-            objects=tuple(
-                (names[character], row, column, True)
-                for character, (row, column) in zip(
-                    self._contents, self.cells.tolist(), strict=True
-                )
-                if character in names
-            ),
+            objects=tuple((*one, True) for one in drawn),
         )
 
     # -- tables --------------------------------------------------------------------------------

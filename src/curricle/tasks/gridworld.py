@@ -16,7 +16,7 @@ import numpy.typing as npt
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
-from curricle.tasks.domain import MOVES, Cell, CellDomain, MapDomain, landing, read_start, tables_of
+from curricle.tasks.domain import Cell, CellDomain, MapDomain, landing, read_start, tables_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import LARGEST_REWARD
@@ -135,11 +135,7 @@ class GridWorld(MapDomain, CellDomain):
     @cached_property
     def objects(self) -> tuple[tuple[str, int, int], ...]:
         """Every object as (class, row, column), in reading order."""
-        return tuple(
-            (OBJECTS[character], row, column)
-            for character, (row, column) in zip(self._contents, self.cells.tolist(), strict=True)
-            if character in OBJECTS
-        )
+        return tuple(self._objects(OBJECTS))
 
     @cached_property
     def layout(self) -> GridLayout:
@@ -147,7 +143,7 @@ class GridWorld(MapDomain, CellDomain):
         return GridLayout(
             cells=self.cells,
             components=self.states.names,
-            shape=(len(self.map), len(self.map[0])),
+            shape=self._grid.shape,
             origin=self.origin,
             objects=tuple((*one, one[0] in self.ends) for one in self.objects),
         )
@@ -158,11 +154,6 @@ class GridWorld(MapDomain, CellDomain):
         if self.representation == "relative":
             return self._relative_states()
         return self._cell_space
-
-    @cached_property
-    def actions(self) -> Space:
-        """The moves north, east, south and west."""
-        return Space([Component("move", len(MOVES), labels=tuple(MOVES))])
 
     def _relative_states(self) -> Space:
         height, width = self._grid.shape
