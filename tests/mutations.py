@@ -342,9 +342,9 @@ MUTATIONS = [
     ),
     Mutation(
         "ways to the goal through terminal states",
-        "tasks/start_states.py",
+        "tasks/mdp.py",
         "    pairs = np.repeat(~mdp.terminal[:, None]",
-        "    pairs = np.repeat(~(mdp.terminal & wanted)[:, None]",
+        "    pairs = np.repeat((mdp.start > -1)[:, None]",
         ("tests/property/test_start_states.py::test_distances_are_those_of_breadth_first_search",),
     ),
     Mutation(

@@ -34,29 +34,37 @@ from curricle.tasks.spaces import Component, Space, whole_by_type
 from curricle.text_tables import counted
 
 
+def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntArray]:
+    """Return where the edges of a graph of S states and Y outcome rows begin and end.
+
+    A state leads to the rows of its `allowed` actions, none where it is terminal, and a row, whose
+    node is S plus its number, to the states of its outcomes.
+    """
+    pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
+    if allowed is not None:
+        pairs &= allowed
+    state, _ = np.nonzero(pairs)
+    row, outcome = np.nonzero(mdp.probability > 0)
+    n_states = len(mdp.terminal)
+    source = np.concatenate([state, n_states + row])
+    return source, np.concatenate([n_states + mdp.outcome_row[pairs], mdp.next_state[row, outcome]])
+
+
 def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
     """Return which states the `allowed` actions can reach from the start, (S,) bool."""
     # Imported here: every task is checked by this module, and the import takes a third of a second.
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order
 
-    n_states, n_rows = len(mdp.terminal), len(mdp.probability)
-    pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
-    if allowed is not None:
-        pairs &= allowed
-    state, _ = np.nonzero(pairs)
-    row, outcome = np.nonzero(mdp.probability > 0)
-    first = np.flatnonzero(mdp.start > 0)
-    # A graph of the states, then the outcome rows, then one node that leads to all first states.
-    root = n_states + n_rows
-    source = np.concatenate([state, n_states + row, np.full(len(first), root)])
-    after = mdp.next_state[row, outcome]
-    target = np.concatenate([n_states + mdp.outcome_row[pairs], after, first])
+    # One more node leads to all first states.
+    root, first = len(mdp.terminal) + len(mdp.probability), np.flatnonzero(mdp.start > 0)
+    source, target = edges_of(mdp, allowed)
+    source, target = np.append(source, np.full(len(first), root)), np.append(target, first)
     edges = np.ones(len(source), np.bool_), (source, target)
     graph = csr_array(edges, shape=(root + 1, root + 1))
     met = np.zeros(root + 1, dtype=bool)
     met[breadth_first_order(graph, root, return_predecessors=False)] = True
-    return met[:n_states]
+    return met[: len(mdp.terminal)]
 
 
 def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:

@@ -16,7 +16,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted
-from curricle.tasks.mdp import FiniteMDP, reachable_states
+from curricle.tasks.mdp import FiniteMDP, edges_of, reachable_states
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import tables
 from curricle.text_tables import counted
@@ -193,18 +193,12 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
 
     mdp = tables(task)
     wanted = goal_states(mdp, goal)
-    n_states, n_rows = len(mdp.terminal), len(mdp.probability)
-    pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
-    state, _ = np.nonzero(pairs)
-    row, outcome = np.nonzero(mdp.probability > 0)
-    # Edges backwards: from states to the outcome rows before them, from rows to the states of pairs
-    # that have them.
-    source = np.concatenate([mdp.next_state[row, outcome], n_states + mdp.outcome_row[pairs]])
-    target = np.concatenate([n_states + row, state])
-    nodes = n_states + n_rows
-    graph = csr_array((np.ones(len(source), np.bool_), (source, target)), shape=(nodes, nodes))
+    nodes = len(mdp.terminal) + len(mdp.probability)
+    source, target = edges_of(mdp)
+    backwards = np.ones(len(source), np.bool_), (target, source)
+    graph = csr_array(backwards, shape=(nodes, nodes))
     found = dijkstra(graph, indices=np.flatnonzero(wanted), unweighted=True, min_only=True)
-    far = found[:n_states] / 2  # a step is an edge to a row and one from it
+    far = found[: len(mdp.terminal)] / 2  # a step is an edge to a row and one from it
     return np.where(np.isfinite(far), far, -1).astype(np.int64)
 
 
