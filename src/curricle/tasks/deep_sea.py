@@ -108,12 +108,7 @@ class DeepSea(Domain):
 
     # -- variants ------------------------------------------------------------------------------
 
-    def bottom(
-        self,
-        rows: int,
-        *,
-        start: Any = "uniform",
-    ) -> Self:
+    def bottom(self, rows: int, *, start: Any = "uniform") -> Self:
         """Return the lowest rows of the sea, with as many of the last columns; moves cost as there.
 
         Examples

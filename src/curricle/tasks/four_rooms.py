@@ -137,11 +137,7 @@ class FourRooms(Domain):
     # -- variants ------------------------------------------------------------------------------
 
     def crop(
-        self,
-        *,
-        rows: tuple[int, int],
-        columns: tuple[int, int],
-        start: Any = "uniform",
+        self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in the same coordinates.
 

@@ -101,12 +101,7 @@ class RiverSwim(Domain):
 
     # -- variants ------------------------------------------------------------------------------
 
-    def crop(
-        self,
-        *,
-        positions: tuple[int, int],
-        start: Any = "uniform",
-    ) -> Self:
+    def crop(self, *, positions: tuple[int, int], start: Any = "uniform") -> Self:
         """Return the part of the river in a half-open range of its positions.
 
         Its first and last positions are banks; the reward of a bank that is not part of it is 0.

@@ -145,20 +145,21 @@ class Taxi(Frozen):
         values, stands = self.states.decode(), self.stand_cells
         cell = values["row"] * self.size + values["column"]
         passenger, destination = values["passenger"], values["destination"]
-        others = len(cell) // self.size**2  # states for each cell
-        width = 3 if self.rainy else 1
-        after = np.empty((len(cell), 6, width), dtype=np.int64)
-        reward = np.full(after.shape, -1.0)
-        after[:, :4] = self._driven[cell] * others + (np.arange(len(cell)) % others)[:, None, None]
-        for action, outcome in ((4, self._picked_up), (5, self._dropped_off)):
-            after[:, action, 0], reward[:, action, 0] = outcome(cell, passenger, destination)
-            after[:, action], reward[:, action] = after[:, action, :1], reward[:, action, :1]
+        moved = self._state(
+            self._driven[cell], passenger[:, None, None], destination[:, None, None]
+        )
+        picked, picked_reward = self._picked_up(cell, passenger, destination)
+        dropped, dropped_reward = self._dropped_off(cell, passenger, destination)
+        used = np.broadcast_to(
+            np.stack([picked, dropped], axis=1)[:, :, None], (len(cell), 2, moved.shape[2])
+        )
+        reward = [np.full(len(cell), -1.0)] * 4 + [picked_reward, dropped_reward]
         begins = (passenger < self.stands) & (passenger != destination)
         return tables_of(
             self,
             self._probability,
-            after,
-            reward,
+            np.concatenate([moved, used], axis=1),
+            np.stack(reward, axis=1)[:, :, None],
             terminal=(passenger == destination) & (cell == stands[destination]),
             starting=np.flatnonzero(begins),
         )
