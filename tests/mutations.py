@@ -315,8 +315,8 @@ MUTATIONS = [
     Mutation(
         "a lock that opens with any key",
         "tasks/key_lock_pit.py",
-        "                for key in keys:\n",
-        "                for key in list(keys)[:0]:\n",
+        "            for key in keys:\n",
+        "            for key in list(keys)[:0]:\n",
         ("tests/unit/test_key_lock_pit.py::test_a_lock_needs_its_keys",),
     ),
     Mutation(
