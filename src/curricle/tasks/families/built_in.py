@@ -95,7 +95,6 @@ frozen_lake_family = TaskFamily(
             ),
         ),
     ),
-    mapping=ComponentsByName(),
     constraint=_parts_of_maps,
 )
 """Frozen lakes: a `map` of Gymnasium, or a random one, or its `part` around the goal.

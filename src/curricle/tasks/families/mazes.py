@@ -8,7 +8,7 @@ from typing import Any, Literal
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.draws import STRIDE, splitmix64, stream_start, uniform
-from curricle.tasks.families.family import ComponentsByName, Parameter, TaskFamily
+from curricle.tasks.families.family import Parameter, TaskFamily
 from curricle.tasks.gridworld import GridWorld, Rewards
 
 LARGEST_MAZE = 200
@@ -197,7 +197,6 @@ maze_family = TaskFamily(
         Parameter("time_limit", low=1),
         Parameter("discount", low=0, high=1),
     ),
-    mapping=ComponentsByName(),
     constraint=_chances_sum,
 )
 """Random mazes (:func:`random_maze`); members map cell by cell, counted from the treasure."""
