@@ -315,8 +315,8 @@ MUTATIONS = [
     Mutation(
         "a lock that opens with any key",
         "tasks/key_lock_pit.py",
-        "                for key in keys:\n",
-        "                for key in list(keys)[:0]:\n",
+        "            for key in keys:\n",
+        "            for key in list(keys)[:0]:\n",
         ("tests/unit/test_key_lock_pit.py::test_a_lock_needs_its_keys",),
     ),
     Mutation(
@@ -329,22 +329,22 @@ MUTATIONS = [
     Mutation(
         "random mazes with cells that have no way to the treasure",
         "tasks/families/mazes.py",
-        "return bool(free) and joined == free",
+        "return bool(free) and joined.keys() == free",
         "return bool(free) and bool(joined)",
         ("tests/property/test_random_mazes.py::test_every_free_cell_has_a_way_to_the_treasure",),
     ),
     Mutation(
         "a taxi that drives through walls",
         "tasks/taxi.py",
-        "blocked = (right != 0) & walls",
-        "blocked = (right < 0) & walls",
+        "right != 0 for",
+        "right < 0 for",
         ("tests/unit/test_toy_text_tasks.py::test_the_taxi_is_that_of_gymnasium",),
     ),
     Mutation(
         "ways to the goal through terminal states",
-        "tasks/start_states.py",
+        "tasks/mdp.py",
         "    pairs = np.repeat(~mdp.terminal[:, None]",
-        "    pairs = np.repeat(~(mdp.terminal & wanted)[:, None]",
+        "    pairs = np.repeat((mdp.start > -1)[:, None]",
         ("tests/property/test_start_states.py::test_distances_are_those_of_breadth_first_search",),
     ),
     Mutation(

@@ -24,7 +24,7 @@ from curricle.tasks import (
     river_swim_family,
     taxi_family,
 )
-from curricle.tasks.families.built_in import BUILT_IN, PARTS, part_of_lake, part_of_level
+from curricle.tasks.families.built_in import BUILT_IN, PARTS, part_of_level
 from curricle.tasks.frozen_lake import random_lake
 from curricle.tasks.task import generative_model
 from curricle.transfer import ENDED, family_mappings, same_position
@@ -234,10 +234,6 @@ def test_a_smaller_walk_pays():
             lambda: frozen_lake_family(map="9x9"),
             "map of frozen_lake must be one of 4x4, 8x8, random",
         ),
-        (lambda: part_of_lake("9x9"), "map of a lake must be one of 4x4, 8x8, random: got '9x9'"),
-        (lambda: part_of_lake(part=4), r"part of a lake must lie in \[2, 3\]: got 4"),
-        (lambda: part_of_lake(part=1), "part of a lake must be a whole number, at least 2"),
-        (lambda: part_of_lake(start="there"), "start of a lake must be one of map, uniform"),
         (
             lambda: river_swim_family(forward=0.7, back=0.5),
             "forward and back of river_swim must be at most 1 together: got river_swim",
@@ -245,10 +241,6 @@ def test_a_smaller_walk_pays():
         (
             lambda: block_dude_family(columns=7),
             "columns of level 1 of block_dude must be one of 10, 11, .* no way to the exit: got",
-        ),
-        (
-            lambda: part_of_level(1, columns=1),
-            "columns of a level must be a whole number, at lea",
         ),
         (lambda: taxi_family(stands=1), "stands of taxi must be a whole number, at least 2: got 1"),
         (lambda: cliff_walking_family(columns=2), "columns of cliff_walking must be a whole"),

@@ -178,24 +178,6 @@ def test_a_map_may_be_drawn_indented_or_as_lines():
     assert hash(drawn) == hash(GridWorld(["S.", ".T"]))
 
 
-def test_a_map_is_read_from_a_file(tmp_path):
-    path = tmp_path / "maze.txt"
-    path.write_text("S.\n.T\n", encoding="utf-8")
-    assert GridWorld.from_file(path, discount=0.5) == GridWorld(["S.", ".T"], discount=0.5)
-
-
-def test_a_file_without_a_map_is_one_sentence(tmp_path):
-    (tmp_path / "picture").write_bytes(b"\xff\xd8")
-    for path, words in (
-        (tmp_path / "none", "a map cannot be read from .*none: No such file or directory"),
-        (tmp_path, "a map cannot be read from .*: Is a directory"),
-        (tmp_path / "picture", "a map must be text in UTF-8: .*picture is none"),
-        (3, "a map's file must be a path: got 3"),
-    ):
-        with pytest.raises(TaskError, match=words):
-            GridWorld.from_file(path)
-
-
 def test_values_of_a_corridor_by_hand():
     assert solve(GridWorld("S..T", discount=0.5)).values.tolist() == pytest.approx(
         [-1 - 0.5 + 0.25 * 199, -1 + 0.5 * 199, 199, 0]

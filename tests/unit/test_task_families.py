@@ -88,7 +88,7 @@ def test_members_are_values():
 
 @pytest.mark.parametrize(
     "family",
-    [corridor, corridor.with_defaults(wet=True), *BUILT_IN.values()],
+    [corridor, *BUILT_IN.values()],
     ids=lambda family: repr(family)[:40],
 )
 def test_families_and_members_are_pickled(family):
@@ -103,16 +103,6 @@ def test_a_pickled_member_takes_no_task_with_it():
     before = len(pickle.dumps(member))
     assert member.task.states.size > 100
     assert len(pickle.dumps(member)) == before
-
-
-def test_other_defaults_make_the_same_members():
-    rings = pursuit_family.with_defaults(torus=True, size=6)
-    assert rings() == pursuit_family(torus=True, size=6)
-    assert rings(torus=False) == pursuit_family(size=6)
-    assert rings.with_defaults(size=3)() == pursuit_family(torus=True, size=3)
-    assert [one["torus"] for one in rings.members(size=[2, 3])] == [True, True]
-    assert rings != pursuit_family
-    assert "torus=True" in repr(rings)
 
 
 def test_easier_members_are_nowhere_harder():
@@ -166,7 +156,6 @@ def test_members_that_the_constraint_refuses_are_left_out():
             "must be one of length, .*: got 'lenght', did you mean 'length'",
         ),
         (lambda: corridor(length=9, slope="steep"), "a long corridor must be flat: got corridor"),
-        (lambda: corridor.with_defaults(wet=2), "wet of corridor must be True or False: got 2"),
         (lambda: list(corridor.members(length=[3, 99])), r"must lie in \[2, 9\]: got 99"),
         (lambda: list(corridor.members(size=3)), "a parameter of corridor must be one of"),
         (lambda: corridor(length=3)["size"], "a parameter of corridor must be one of"),
@@ -212,7 +201,6 @@ def one_word(word: str = "a") -> GridWorld:
         (lambda: Parameter("a", values=("x", "y"), harder="larger"), "must be 'later'"),
         (lambda: TaskFamily("f", one_word, [Parameter("word", harder="later")]), "needs values"),
         (lambda: TaskFamily("f", one_word, 3), "the parameters of f must be a list of Parameter"),
-        (lambda: TaskFamily("f", one_word, settings=3), "the settings of f must be a dict of"),
         (lambda: TaskFamily("f", 3), "the factory of f must be a function: got 3"),
         (
             lambda: TaskFamily("f", one_word, mapping=3),
@@ -271,10 +259,10 @@ def test_what_is_no_task_is_refused_when_it_is_built():
 
 
 def test_a_family_prints_its_parameters():
-    said = str(corridor.with_defaults(wet=True)).splitlines()
+    said = str(corridor).splitlines()
     assert said[0] == "corridor, a family of tasks"
     assert said[1] == "  length: 2..9; must be given, larger is harder"
-    assert "  wet: True, False; True by default" in said
+    assert "  wet: True, False; False by default" in said
 
 
 def test_the_pursuit_family_has_what_a_pursuit_has():

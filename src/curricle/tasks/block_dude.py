@@ -29,8 +29,17 @@ import numpy as np
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.grid_layout import Cell, GridLayout, cut, read_map, read_origin
+from curricle.frozen_arrays import frozen
+from curricle.tasks.domain import (
+    Cell,
+    Domain,
+    cut,
+    numbered_names,
+    read_map,
+    read_origin,
+    tables_of,
+)
+from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
 from curricle.tasks.spaces import Component, Space
@@ -82,7 +91,7 @@ class _State(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BlockDude(Frozen):
+class BlockDude(Domain):
     """An agent that carries blocks to climb to an exit.
 
     Parameters
@@ -153,10 +162,6 @@ class BlockDude(Frozen):
                 )
 
     # -- variants ------------------------------------------------------------------------------
-
-    def with_start(self, start: Literal["map", "uniform"]) -> Self:
-        """Return the same level with another start: ``"map"`` or ``"uniform"``."""
-        return replace(self, start=start)
 
     def crop(
         self,
@@ -334,9 +339,7 @@ class BlockDude(Frozen):
 
     @property
     def _block_names(self) -> tuple[str, ...]:
-        """``block`` if there is one, else ``block_1``, ``block_2``, ..."""
-        k = len(self._first.blocks)
-        return ("block",) if k == 1 else tuple(f"block_{i + 1}" for i in range(k))
+        return numbered_names("block", len(self._first.blocks))
 
     @cached_property
     def layout(self) -> GridLayout:
@@ -362,19 +365,12 @@ class BlockDude(Frozen):
         """The level as tables: a row for entering each state, O = 1."""
         states, after = self._reached
         ended = np.array([state[:2] == self._exit for state in states])
-        start = np.zeros(len(states))
-        start[0] = 1.0
-        if self.start == "uniform":
-            start = ~ended / np.count_nonzero(~ended)
-        return FiniteMDP(
-            states=self.states,
-            actions=self.actions,
-            outcome_row=after,
-            probability=np.ones((len(states), 1)),
-            next_state=np.arange(len(states))[:, None],
-            reward=np.where(ended, self.exit_reward, self.step_reward)[:, None],
+        return tables_of(
+            self,
+            np.ones((len(states), 1)),
+            np.arange(len(states))[:, None],
+            np.where(ended, self.exit_reward, self.step_reward)[:, None],
             terminal=ended,
-            start=start,
-            discount=self.discount,
-            time_limit=self.time_limit,
+            starting=np.flatnonzero(~ended) if self.start == "uniform" else np.array([0]),
+            outcome_row=after,
         )

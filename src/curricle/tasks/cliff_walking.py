@@ -6,23 +6,31 @@ start; the episode goes on. On slippery ground a move goes where it was meant to
 1/3, and to either side with probability 1/3 each.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.array_types import BoolArray, IntArray
-from curricle.checks import indices, instance, number, whole_number
+from curricle.checks import instance
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.frozen_lake import moves_in_a_box, slipping
-from curricle.tasks.grid_layout import MOVES, Cell, GridLayout, read_cells
+from curricle.frozen_arrays import frozen
+from curricle.tasks.domain import (
+    Cell,
+    CellDomain,
+    cell_space,
+    check_sizes,
+    check_starts,
+    landing_or_staying,
+    read_start,
+    tables_of,
+)
+from curricle.tasks.frozen_lake import slipping
+from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import Component, Space
+from curricle.tasks.spaces import Space
 
 ROWS, COLUMNS = 4, 12
 """Of Gymnasium's cliff."""
@@ -30,7 +38,7 @@ LARGEST_SIDE = 1000
 
 
 @dataclass(frozen=True)
-class CliffWalking(Frozen):
+class CliffWalking(CellDomain):
     """A walk along a cliff; the goal lies at (3, 11) in walks of every size, as in Gymnasium's.
 
     Parameters
@@ -72,26 +80,12 @@ class CliffWalking(Frozen):
     time_limit: int | None = None
 
     def __post_init__(self) -> None:
-        for name, least in (("rows", 2), ("columns", 3)):
-            value = whole_number(name, getattr(self, name), least, TaskError)
-            value = int(number(name, value, TaskError, least, LARGEST_SIDE))
-            object.__setattr__(self, name, value)
+        check_sizes(self, rows=(2, LARGEST_SIDE), columns=(3, LARGEST_SIDE))
         instance("slippery", self.slippery, bool, TaskError)
         check_numbers(self, ("step_reward", "cliff_reward"))
         check_horizon(self)
-        if not isinstance(self.start, str):
-            cells = read_cells(self.start, "'map', 'uniform'", "[(2, 11)]")
-            object.__setattr__(self, "start", cells)
+        read_start(self, example="[(2, 11)]")
         self._start_states()
-
-    def with_start(self, start: Literal["map", "uniform"] | Iterable[Cell]) -> Self:
-        """Return the same walk with another start: ``"map"``, ``"uniform"`` or cells."""
-        return replace(self, start=start)
-
-    def start_in(self, states: npt.ArrayLike) -> Self:
-        """Return the same walk with starts in these states, by number, equally likely."""
-        cells = self.layout.cells[indices("start states", states, self.states.size, TaskError)]
-        return self.with_start([(int(row), int(column)) for row, column in cells])
 
     # -- spaces --------------------------------------------------------------------------------
 
@@ -103,15 +97,7 @@ class CliffWalking(Frozen):
     @cached_property
     def states(self) -> Space:
         """One state for each cell, the cliff's too, where nobody ever stands."""
-        row, column = self.origin
-        return Space(
-            [Component("row", self.rows, low=row), Component("column", self.columns, low=column)]
-        )
-
-    @cached_property
-    def actions(self) -> Space:
-        """The moves north, east, south and west, in Gymnasium's order."""
-        return Space([Component("move", 4, labels=tuple(MOVES))])
+        return cell_space(self.rows, self.columns, self.origin)
 
     @property
     def goal_states(self) -> BoolArray:
@@ -142,36 +128,28 @@ class CliffWalking(Frozen):
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The walk as tables: on slippery ground O = to the one side, ahead, to the other side."""
-        landing = moves_in_a_box(self.rows, self.columns, list(MOVES.values()))
-        after = slipping(landing) if self.slippery else landing[:, :, None]
-        fallen, first = self._cliff[after], (self.rows - 1) * self.columns
-        reward = np.where(fallen, self.cliff_reward, self.step_reward)
-        width, pairs = after.shape[2], landing.size
-        start = np.zeros(self.states.size)
-        start[self._start_states()] = 1 / len(self._start_states())
-        return FiniteMDP(
-            states=self.states,
-            actions=self.actions,
-            outcome_row=np.arange(pairs).reshape(landing.shape),
-            probability=np.full((pairs, width), 1 / width),
-            next_state=np.where(fallen, first, after).reshape(pairs, width),
-            reward=reward.reshape(pairs, width),
+        to = landing_or_staying(self.states)
+        after = slipping(to) if self.slippery else to[:, :, None]
+        fallen = self._cliff[after]
+        return tables_of(
+            self,
+            1 / after.shape[2],
+            np.where(fallen, self._first, after),
+            np.where(fallen, self.cliff_reward, self.step_reward),
             terminal=self.goal_states,
-            start=start,
-            discount=self.discount,
-            time_limit=self.time_limit,
+            starting=self._start_states(),
         )
+
+    @property
+    def _first(self) -> int:
+        """The state at the bottom left."""
+        return (self.rows - 1) * self.columns
 
     def _start_states(self) -> IntArray:
         standing = ~(self._cliff | self.goal_states)
         if isinstance(self.start, str):
-            if self.start not in ("map", "uniform"):
-                raise TaskError(f"start must be 'map', 'uniform' or cells: got {self.start!r}")
-            first = np.array([(self.rows - 1) * self.columns])
-            return first if self.start == "map" else np.flatnonzero(standing)
+            return np.array([self._first]) if self.start == "map" else np.flatnonzero(standing)
         row, column = np.array(self.start).T
-        found = self.states.encode(row=row, column=column)
-        for cell, state in zip(self.start, found, strict=True):
-            if state < 0 or not standing[state]:
-                raise TaskError(f"a start must be a cell beside the cliff and the goal: got {cell}")
-        return found
+        states = self.states.encode(row=row, column=column)
+        rule = "a start must be a cell beside the cliff and the goal"
+        return check_starts(states, standing, self.start, rule)

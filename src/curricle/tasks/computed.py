@@ -149,13 +149,7 @@ def _check_type(name: str, wanted: str, found: types.Type, fits: bool) -> None:
 
 @contextmanager
 def opened(task: ComputedMDP) -> Iterator[Functions]:
-    """Return a context with a model that loops can run on.
-
-    Raises
-    ------
-    TaskError
-        At the end, when a function of the task returned what makes no sense meanwhile.
-    """
+    """Return a context with a model that loops can run on, which checks the answers at its end."""
     model = task.model
     yield model
     check_answers(task, model)

@@ -16,21 +16,21 @@ bsuite draws for each cell which of the actions 0 and 1 is right. That is ``mapp
 it, as with ``randomize_actions=False`` there, 1 is right everywhere and the moves have names.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.array_types import BoolArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
+from curricle.frozen_arrays import frozen
+from curricle.tasks.domain import Domain, cell_space, check_sizes, read_start, tables_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import Component, Space, whole
+from curricle.tasks.spaces import Component, Space
 
 LARGEST_SIZE = 1000
 """Rows of a sea at most: half a million states."""
@@ -38,7 +38,7 @@ LARGEST_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True)
-class DeepSea(Frozen):
+class DeepSea(Domain):
     """A dive of `size` steps to the left or right; only always right finds the treasure.
 
     Parameters
@@ -91,38 +91,24 @@ class DeepSea(Frozen):
     time_limit: int | None = None
 
     def __post_init__(self) -> None:
-        for name, least, most in (("size", 1, LARGEST_SIZE), ("origin", 0, LARGEST_SIZE)):
-            value = whole_number(name, getattr(self, name), least, TaskError)
-            object.__setattr__(self, name, int(number(name, value, TaskError, least, most)))
+        check_sizes(self, size=(1, LARGEST_SIZE), origin=(0, LARGEST_SIZE))
         check_numbers(self, ("move_cost", "treasure", "noise"), ("slip",))
         if self.mapping_seed is not None:
-            seed = whole_number("mapping_seed", self.mapping_seed, 0, TaskError)
-            seed = int(number("mapping_seed", seed, TaskError, 0, LARGEST_SEED))
-            object.__setattr__(self, "mapping_seed", seed)
+            check_sizes(self, mapping_seed=(0, LARGEST_SEED))
         check_horizon(self)
+        read_start(self, ("surface", "uniform"), "[(2, 1)]")
         if not isinstance(self.start, str):
-            object.__setattr__(self, "start", self._read_cells())
-        elif self.start not in ("surface", "uniform"):
-            raise TaskError(f"start must be 'surface', 'uniform' or cells: got {self.start!r}")
+            top, end = self.origin, self.origin + self.size
+            for row, column in self.start:
+                if not top <= column <= row < end:
+                    raise TaskError(
+                        f"a dive starts in a row {top}..{end - 1}, in a column {top}..row: got "
+                        f"({row}, {column})"
+                    )
 
     # -- variants ------------------------------------------------------------------------------
 
-    def with_start(self, start: Literal["surface", "uniform"] | Iterable[tuple[int, int]]) -> Self:
-        """Return the same sea with another start: ``"surface"``, ``"uniform"`` or cells.
-
-        Examples
-        --------
-        >>> DeepSea(size=2).with_start("uniform").mdp.start.round(2)
-        array([0.33, 0.33, 0.33, 0.  , 0.  ])
-        """
-        return replace(self, start=start)
-
-    def bottom(
-        self,
-        rows: int,
-        *,
-        start: Literal["surface", "uniform"] | Iterable[tuple[int, int]] = "uniform",
-    ) -> Self:
+    def bottom(self, rows: int, *, start: Any = "uniform") -> Self:
         """Return the lowest rows of the sea, with as many of the last columns; moves cost as there.
 
         Examples
@@ -147,10 +133,10 @@ class DeepSea(Frozen):
     def states(self) -> Space:
         """The cells that a dive from the top left can reach, and those of the ground below."""
         n = self.size
-        axes = [Component("row", n + 1, self.origin), Component("column", n, self.origin)]
         row, column = np.indices((n + 1, n)).reshape(2, -1)
         reached = (column <= row) | (row == n)
-        return Space(axes, np.stack([row, column], axis=1)[reached] + self.origin)
+        cells = np.stack([row, column], axis=1)[reached] + self.origin
+        return cell_space(n + 1, n, (self.origin, self.origin), cells)
 
     @cached_property
     def actions(self) -> Space:
@@ -210,17 +196,13 @@ class DeepSea(Frozen):
             next_state = [one for one in next_state for _ in range(2)]
             reward = [paid + noise, paid - noise] * 2
         kept = slice(None) if self.slip else slice(len(chance) // 2)
-        return FiniteMDP(
-            states=self.states,
-            actions=self.actions,
-            outcome_row=np.arange(2 * len(row)).reshape(-1, 2),
-            probability=_table(chance[kept]),
-            next_state=_table(next_state[kept]),
-            reward=_table(reward[kept]),
+        return tables_of(
+            self,
+            np.stack(chance[kept], axis=-1),
+            np.stack(next_state[kept], axis=-1),
+            np.stack(reward[kept], axis=-1),
             terminal=ended,
-            start=self._start(ended),
-            discount=self.discount,
-            time_limit=self.time_limit,
+            starting=self._starting(ended),
         )
 
     @property
@@ -229,37 +211,11 @@ class DeepSea(Frozen):
         row, column = (self.states.points - self.origin).T
         return row, column
 
-    def _start(self, ended: BoolArray) -> FloatArray:
-        """Return the start distribution, (S,) float64."""
+    def _starting(self, ended: BoolArray) -> IntArray:
+        """Return the states that episodes start in."""
         if self.start == "surface":
-            starting = np.array([0])
-        elif self.start == "uniform":
-            starting = np.flatnonzero(~ended)
-        else:
-            starting = self.states.encode(
-                row=[row for row, _ in self.start], column=[column for _, column in self.start]
-            )
-        start = np.zeros(len(ended))
-        start[starting] = 1 / len(starting)
-        return start
-
-    def _read_cells(self) -> tuple[tuple[int, int], ...]:
-        """Return the start cells, sorted; TaskError if a dive cannot be in one of them."""
-        given = whole(list(self.start) if isinstance(self.start, Iterable) else [], "start")
-        top, end = self.origin, self.origin + self.size
-        if given.ndim != 2 or given.shape[1] != 2 or not len(given):
-            raise TaskError(
-                f"start must be 'surface', 'uniform' or cells such as [(2, 1)]: got {self.start!r}"
-            )
-        for row, column in given.tolist():
-            if not top <= column <= row < end:
-                raise TaskError(
-                    f"a dive starts in a row {top}..{end - 1}, in a column {top}..row: got "
-                    f"({row}, {column})"
-                )
-        return tuple(sorted({(row, column) for row, column in given.tolist()}))
-
-
-def _table(columns: list[Any]) -> Any:
-    """Return (S, A) arrays of each outcome as one table, (S * A, O)."""
-    return np.stack([np.asarray(one) for one in columns], axis=-1).reshape(-1, len(columns))
+            return np.array([0])
+        if self.start == "uniform":
+            return np.flatnonzero(~ended)
+        row, column = np.array(self.start).T
+        return self.states.encode(row=row, column=column)

@@ -24,34 +24,13 @@ class FactoredModel(NamedTuple):
     action (a_1 M + a_2) ... predator i makes move a_i, of M. Reward and termination depend on how
     many predators are on the prey's cell after the step. Episodes start uniformly in the states
     that are not terminal.
-
-    Attributes
-    ----------
-    landing : (C, M) int32
-        The cell that each move leads to from each cell.
-    prey_policy : (C, M) float64
-        The probability of each move of the prey, by its own cell.
-    predators : int
-        k, at least 1.
-    rewards : (k + 1,) float64
-        The reward of a step after which 0, 1, ..., k predators are on the prey's cell.
-    ends : (k + 1,) bool
-        Whether such a state is terminal.
-    discount : float
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> model = Pursuit(size=2, predators=1).factored_model
-    >>> model.landing[0], model.ends, model.rewards
-    (array([0, 0, 1, 2, 0], dtype=int32), array([False,  True]), array([-1.,  0.]))
     """
 
-    landing: CellArray
-    prey_policy: FloatArray
-    predators: int
-    rewards: FloatArray
-    ends: BoolArray
+    landing: CellArray  # (C, M): the cell that each move leads to from each cell
+    prey_policy: FloatArray  # (C, M): the probability of each move of the prey, by its own cell
+    predators: int  # k, at least 1
+    rewards: FloatArray  # (k + 1,) of a step after which 0, 1, ..., k predators are on the prey
+    ends: BoolArray  # (k + 1,): whether such a state is terminal
     discount: float
 
 
@@ -59,11 +38,6 @@ def joint_landing(landing: CellArray, predators: int) -> CellArray:
     """Return where joint moves lead k predators from each of their positions, (C^k, M^k) int32.
 
     Positions and moves are numbered as in states and actions; `landing` is (C, M) int32.
-
-    Examples
-    --------
-    >>> joint_landing(np.array([[0, 1], [1, 1]], dtype=np.int32), 2)[0]  # both on cell 0
-    array([0, 1, 2, 3], dtype=int32)
     """
     n_cells, n_moves = landing.shape
     joint = np.zeros((1, 1), dtype=np.int32)
@@ -74,13 +48,7 @@ def joint_landing(landing: CellArray, predators: int) -> CellArray:
 
 
 def predators_on_prey(n_cells: int, predators: int) -> npt.NDArray[np.int8]:
-    """Return how many predators are on the prey's cell in each state, (C^(1 + k),) int8.
-
-    Examples
-    --------
-    >>> predators_on_prey(2, 2)
-    array([2, 1, 1, 0, 0, 1, 1, 2], dtype=int8)
-    """
+    """Return how many predators are on the prey's cell in each state, (C^(1 + k),) int8."""
     there = np.eye(n_cells, dtype=np.int8)
     count = np.zeros((n_cells, 1), dtype=np.int8)
     for _ in range(predators):

@@ -25,28 +25,38 @@ Other sizes have the same plan: the wall between west and east in the middle, th
 and south there in the west and one row further south in the east, a hallway in each.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 
 from curricle.array_types import BoolArray, IntArray
-from curricle.checks import number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.grid_layout import MOVES, Cell, GridLayout, check_part, landing, read_cells
+from curricle.frozen_arrays import frozen
+from curricle.tasks.domain import (
+    MOVES,
+    Cell,
+    Domain,
+    cell_space,
+    check_part,
+    check_sizes,
+    check_starts,
+    landing_or_staying,
+    read_start,
+    tables_of,
+)
+from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import MISSING, Component, Space, whole
+from curricle.tasks.spaces import MISSING, Space, whole
 
 SMALLEST_SIZE, LARGEST_SIZE = 7, 1000
 """Cells per side, walls included."""
 
 
 @dataclass(frozen=True)
-class FourRooms(Frozen):
+class FourRooms(Domain):
     """Four rooms joined by hallways; entering the goal ends the episode.
 
     Parameters
@@ -94,22 +104,16 @@ class FourRooms(Frozen):
     time_limit: int | None = 500
 
     def __post_init__(self) -> None:
-        size = whole_number("size", self.size, SMALLEST_SIZE, TaskError)
-        size = int(number("size", size, TaskError, SMALLEST_SIZE, LARGEST_SIZE))
-        object.__setattr__(self, "size", size)
+        check_sizes(self, size=(SMALLEST_SIZE, LARGEST_SIZE))
         check_numbers(self, ("step_reward", "goal_reward"), ("slip",))
         for name in ("rows", "columns"):
             part = getattr(self, name)
             if part is not None:
-                check_part(name, part, 0, size)
+                check_part(name, part, 0, self.size)
                 object.__setattr__(self, name, (int(part[0]), int(part[1])))
         check_horizon(self)
         self._check_goal()
-        if not isinstance(self.start, str):
-            cells = read_cells(self.start, "'corner', 'uniform'", "[(1, 1)]")
-            object.__setattr__(self, "start", cells)
-        elif self.start not in ("corner", "uniform"):
-            raise TaskError(f"start must be 'corner', 'uniform' or cells: got {self.start!r}")
+        read_start(self, ("corner", "uniform"), "[(1, 1)]")
         self._start_states()
 
     def _check_goal(self) -> None:
@@ -132,22 +136,8 @@ class FourRooms(Frozen):
 
     # -- variants ------------------------------------------------------------------------------
 
-    def with_start(self, start: Literal["corner", "uniform"] | Iterable[Cell]) -> Self:
-        """Return the same rooms with another start: ``"corner"``, ``"uniform"`` or cells.
-
-        Examples
-        --------
-        >>> FourRooms().with_start([(11, 1), (11, 5)]).mdp.start_states
-        array([94, 98])
-        """
-        return replace(self, start=start)
-
     def crop(
-        self,
-        *,
-        rows: tuple[int, int],
-        columns: tuple[int, int],
-        start: Literal["corner", "uniform"] | Iterable[Cell] = "uniform",
+        self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in the same coordinates.
 
@@ -192,19 +182,13 @@ class FourRooms(Frozen):
     def states(self) -> Space:
         """One state for each cell that is not a wall."""
         (top, bottom), (left, right) = self._part
-        axes = [Component("row", bottom - top, top), Component("column", right - left, left)]
         free = np.argwhere(self._free[top:bottom, left:right]) + np.array([top, left])
         if not len(free):
             raise TaskError(
                 f"a crop needs a free cell: rows {top}..{bottom} and columns {left}..{right} have "
                 "none"
             )
-        return Space(axes, free)
-
-    @cached_property
-    def actions(self) -> Space:
-        """The moves north, east, south and west."""
-        return Space([Component("move", len(MOVES), labels=tuple(MOVES))])
+        return cell_space(bottom - top, right - left, (top, left), free)
 
     @cached_property
     def layout(self) -> GridLayout:
@@ -239,25 +223,14 @@ class FourRooms(Frozen):
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The rooms as tables: a row for each pair, O = the four ways that a move may go."""
-        n_states, goal = self.states.size, self._goal_state
-        to = landing(self.states)
-        to = np.where(to == MISSING, np.arange(n_states)[:, None], to)
-        ways = np.where(np.eye(4, dtype=bool), 1 - self.slip, self.slip / 3)
-        starting = self._start_states()
-        start = np.zeros(n_states)
-        start[starting] = 1 / len(starting)
-        next_state = np.repeat(to, 4, axis=0)
-        return FiniteMDP(
-            states=self.states,
-            actions=self.actions,
-            outcome_row=np.arange(4 * n_states).reshape(n_states, 4),
-            probability=np.tile(ways, (n_states, 1)),
-            next_state=next_state,
-            reward=np.where(next_state == goal, self.goal_reward, self.step_reward),
-            terminal=np.arange(n_states) == goal,
-            start=start,
-            discount=self.discount,
-            time_limit=self.time_limit,
+        to = landing_or_staying(self.states)[:, None, :]
+        return tables_of(
+            self,
+            np.where(np.eye(4, dtype=bool), 1 - self.slip, self.slip / 3),
+            to,
+            np.where(to == self._goal_state, self.goal_reward, self.step_reward),
+            terminal=np.arange(self.states.size) == self._goal_state,
+            starting=self._start_states(),
         )
 
     @property
@@ -272,11 +245,8 @@ class FourRooms(Frozen):
             if not len(others):
                 raise TaskError("a start needs a cell that is not the goal: there is none")
             return others if self.start == "uniform" else others[:1]
-        cells = np.array(self.start)
-        states = self.states.encode(row=cells[:, 0], column=cells[:, 1])
-        bad = np.flatnonzero(~np.isin(states, others))
-        if bad.size:
-            raise TaskError(
-                f"an episode starts in a free cell that is not the goal: got {self.start[bad[0]]}"
-            )
-        return states
+        row, column = np.array(self.start).T
+        states = self.states.encode(row=row, column=column)
+        allowed = np.arange(self.states.size) != self._goal_state
+        rule = "an episode starts in a free cell that is not the goal"
+        return check_starts(states, allowed, self.start, rule)

@@ -7,19 +7,25 @@ side with half of the rest. A move off the map stays where it is. Episodes end a
 holes.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.array_types import BoolArray, IntArray
-from curricle.checks import indices, instance, number, whole_number
+from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.grid_layout import Cell, GridLayout, cut, read_cells, read_map, read_origin
+from curricle.tasks.domain import (
+    Cell,
+    CellDomain,
+    MapDomain,
+    check_starts,
+    landing_or_staying,
+    read_start,
+    tables_of,
+)
+from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
 from curricle.tasks.spaces import Component, Space
@@ -34,12 +40,12 @@ MAPS: dict[str, tuple[str, ...]] = {
 """Gymnasium's maps: S start, F frozen, H hole, G goal."""
 MOVES = {"west": (0, -1), "south": (1, 0), "east": (0, 1), "north": (-1, 0)}
 CHARACTERS = "SFHG"
-LARGEST_LAKE, LEAST_FROZEN = 100, 0.6
-Start = Literal["map", "uniform"] | Iterable[Cell]
+LARGEST_LAKE = 100
+LEAST_FROZEN = 0.6  # large lakes with a way to the goal are too rare below
 
 
 @dataclass(frozen=True)
-class FrozenLake(Frozen):
+class FrozenLake(MapDomain, CellDomain):
     """A lake of ice with holes, drawn as text.
 
     Parameters
@@ -87,63 +93,24 @@ class FrozenLake(Frozen):
 
     def __post_init__(self) -> None:
         drawn = MAPS.get(self.map, self.map) if isinstance(self.map, str) else self.map
-        object.__setattr__(self, "map", read_map(drawn, CHARACTERS))
-        if not any("G" in line for line in self.map):
-            raise TaskError("a lake needs a goal G: there is none")
-        object.__setattr__(self, "origin", read_origin(self.origin))
+        self._read_map(drawn, CHARACTERS, "G", "a lake needs a goal G")
         instance("slippery", self.slippery, bool, TaskError)
         check_numbers(self, ("goal_reward", "hole_reward", "step_reward"), ("success_rate",))
         check_horizon(self)
-        if not isinstance(self.start, str):
-            object.__setattr__(self, "start", read_cells(self.start, "'map', 'uniform'"))
+        read_start(self)
         self._start_states()
-
-    # -- variants ------------------------------------------------------------------------------
-
-    def with_start(self, start: Start) -> Self:
-        """Return the same lake with another start: ``"map"``, ``"uniform"`` or cells."""
-        return replace(self, start=start)
-
-    def start_in(self, states: npt.ArrayLike) -> Self:
-        """Return the same lake with starts in these states, by number, equally likely."""
-        cells = self.layout.cells[indices("start states", states, self.states.size, TaskError)]
-        return self.with_start([(int(row), int(column)) for row, column in cells])
-
-    def crop(
-        self, *, rows: tuple[int, int], columns: tuple[int, int], start: Start = "uniform"
-    ) -> Self:
-        """Return the part in the half-open ranges `rows` x `columns`, in this lake's coordinates.
-
-        Raises
-        ------
-        TaskError
-            When the part exceeds the lake, is empty, or has no goal.
-        """
-        part = cut(self.map, self.origin, rows, columns)
-        return replace(self, map=part, start=start, origin=(rows[0], columns[0]))
 
     # -- spaces --------------------------------------------------------------------------------
 
     @cached_property
     def states(self) -> Space:
         """One state for each cell, holes and goal too."""
-        row, column = self.origin
-        return Space(
-            [
-                Component("row", len(self.map), low=row),
-                Component("column", len(self.map[0]), low=column),
-            ]
-        )
+        return self._cell_space
 
     @cached_property
     def actions(self) -> Space:
         """The moves west, south, east and north, in Gymnasium's order."""
         return Space([Component("move", 4, labels=tuple(MOVES))])
-
-    @cached_property
-    def _contents(self) -> Any:
-        """The map's character for each state, (S,)."""
-        return np.array([character for line in self.map for character in line])
 
     @property
     def goal_states(self) -> BoolArray:
@@ -153,18 +120,13 @@ class FrozenLake(Frozen):
     @cached_property
     def layout(self) -> GridLayout:
         """Where the states lie, for pictures."""
-        cells = frozen(np.stack(list(self.states.decode().values()), axis=1))
-        names = {"G": "goal", "H": "pit"}
+        drawn = self._objects({"G": "goal", "H": "pit"})
         return GridLayout(
-            cells=cells,
+            cells=self.cells,
             components=("row", "column"),
-            shape=(len(self.map), len(self.map[0])),
+            shape=self._grid.shape,
             origin=self.origin,
-            objects=tuple(
-                (names[character], row, column, True)
-                for character, (row, column) in zip(self._contents, cells.tolist(), strict=True)
-                if character in names
-            ),
+            objects=tuple((*one, True) for one in drawn),
         )
 
     # -- tables --------------------------------------------------------------------------------
@@ -174,61 +136,39 @@ class FrozenLake(Frozen):
         """The lake as tables: on slippery ice O = to the one side, ahead, to the other side."""
         entered = np.where(self.goal_states, self.goal_reward, self.step_reward)
         entered = np.where(self._contents == "H", self.hole_reward, entered)
-        landing = moves_in_a_box(len(self.map), len(self.map[0]), list(MOVES.values()))
+        to = landing_or_staying(self.states, MOVES)
         sides = (1 - self.success_rate) / 2
-        chances = [sides, self.success_rate, sides] if self.slippery else [1.0]
-        after = slipping(landing) if self.slippery else landing[:, :, None]
-        starting = self._start_states()
-        start = np.zeros(len(entered))
-        start[starting] = 1 / len(starting)
-        return FiniteMDP(
-            states=self.states,
-            actions=self.actions,
-            outcome_row=np.arange(landing.size).reshape(landing.shape),
-            probability=np.tile(chances, (landing.size, 1)),
-            next_state=after.reshape(landing.size, -1),
-            reward=entered[after].reshape(landing.size, -1),
-            terminal=np.isin(self._contents, ["G", "H"]),
-            start=start,
-            discount=self.discount,
-            time_limit=self.time_limit,
+        after = slipping(to) if self.slippery else to[:, :, None]
+        return tables_of(
+            self,
+            [sides, self.success_rate, sides] if self.slippery else [1.0],
+            after,
+            entered[after],
+            terminal=self._ends,
+            starting=self._start_states(),
         )
+
+    @property
+    def _ends(self) -> BoolArray:
+        return np.isin(self._contents, ["G", "H"])
 
     def _start_states(self) -> IntArray:
         if isinstance(self.start, str):
-            if self.start not in ("map", "uniform"):
-                raise TaskError(f"start must be 'map', 'uniform' or cells: got {self.start!r}")
             characters = ["S"] if self.start == "map" else ["S", "F"]
-            found = np.flatnonzero(np.isin(self._contents, characters))
-            if not found.size:
+            starting = np.flatnonzero(np.isin(self._contents, characters))
+            if not starting.size:
                 raise TaskError(f"start={self.start!r} needs {' or '.join(characters)} on the map")
-            return found
+            return starting
         row, column = np.array(self.start).T
-        found = self.states.encode(row=row, column=column)
-        for cell, state in zip(self.start, found, strict=True):
-            if state < 0 or self._contents[state] in "GH":
-                raise TaskError(f"a start must be a cell of ice on the map: got {cell}")
-        return found
+        states = self.states.encode(row=row, column=column)
+        rule = "a start must be a cell of ice on the map"
+        return check_starts(states, ~self._ends, self.start, rule)
 
 
 def random_lake(size: int = 8, frozen_share: float = 0.8, seed: int = 0) -> tuple[str, ...]:
     """Return the map of a random lake that has a way to the goal, as Gymnasium draws it.
 
     It is ``gymnasium.envs.toy_text.frozen_lake.generate_random_map(size, frozen_share, seed)``.
-
-    Parameters
-    ----------
-    size : int
-        Cells per side, 2 to 100.
-    frozen_share : float
-        Probability that a cell is frozen, 0.6 to 1: large lakes with a way are too rare below.
-    seed : int
-        At least 0.
-
-    Examples
-    --------
-    >>> random_lake(size=4, seed=1)
-    ('SHFH', 'FFHF', 'FFFF', 'FFFG')
     """
     from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 
@@ -239,23 +179,9 @@ def random_lake(size: int = 8, frozen_share: float = 0.8, seed: int = 0) -> tupl
     return tuple(generate_random_map(size=size, p=frozen_share, seed=seed))
 
 
-def moves_in_a_box(rows: int, columns: int, steps: list[Cell]) -> IntArray:
-    """Return the cell that each step leads to from each of a box, which it does not leave, (S, A).
-
-    Examples
-    --------
-    >>> moves_in_a_box(1, 3, [(0, 1)]).ravel()
-    array([1, 2, 2])
-    """
-    row, column = np.divmod(np.arange(rows * columns)[:, None], columns)
-    down, right = np.array(steps).T
-    row, column = np.clip(row + down, 0, rows - 1), np.clip(column + right, 0, columns - 1)
-    return np.asarray(row * columns + column)
-
-
-def slipping(landing: IntArray) -> IntArray:
+def slipping(to: IntArray) -> IntArray:
     """Return where slipping moves may land, (S, A, 3); each move is a quarter turn from the next.
 
     The outcomes of a move are those of the one before it, of itself and of the one after it.
     """
-    return np.stack([np.roll(landing, 1, axis=1), landing, np.roll(landing, -1, axis=1)], axis=2)
+    return np.stack([np.roll(to, 1, axis=1), to, np.roll(to, -1, axis=1)], axis=2)

@@ -4,7 +4,7 @@
 """
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import cycle
 from typing import Any
@@ -46,17 +46,7 @@ class Marker:
 
 @dataclass(frozen=True, eq=False)
 class GridView:
-    """Some states of a task as cells of a grid, seen from above.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> view = GridView.of(Pursuit(3, 2), {"prey": (1, 2), "predator_2": (0, 0)})
-    >>> view.states.size, view.cells[5], view.letters
-    (9, array([1, 2]), (('P', 1, 2), ('2', 0, 0)))
-    >>> view.words
-    'cells: where predator_1 is; P: prey, 2: predator_2'
-    """
+    """Some states of a task as cells of a grid, seen from above."""
 
     states: IntArray  # (n,): at most one a cell
     ended: BoolArray  # (n,): whether the episode is over there
@@ -76,24 +66,11 @@ class GridView:
 
     @classmethod
     def of(cls, task: Any, at: At | None = None) -> "GridView":
-        """Return the view of the states that share the given components.
+        """Return the view of the states that share the components `at`.
 
-        Parameters
-        ----------
-        task : Task
-            One that says where its states lie (:class:`GridLayout`), such as :class:`GridWorld`,
-            or whose states have components called row and column, or y and x; or any task whose
-            states have one component that is a cell, with labels ``(row,column)`` as in
-            :class:`Pursuit`, or two that are a row and a column.
-        at : dict of str to int, str or (int, int), optional
-            The other components: a number, a label, or a cell's row and column. Those left out
-            make the grid: one that is a cell, or two, the first being the row. Where the task or
-            names say where its states lie, those left out are as an episode starts.
-
-        Raises
-        ------
-        SettingError
-            When a component or value is unknown, or what is left makes no grid.
+        A component is given by a number, a label, or a cell's row and column. Those left out make
+        the grid: one that is a cell, or two, the first being the row. Where the task or names say
+        where its states lie (:class:`GridLayout`), those left out are as an episode starts.
         """
         fixed = {} if at is None else at
         instance("at", fixed, Mapping, SettingError)
@@ -109,13 +86,6 @@ class GridView:
         A maze or a pursuit is shown as its grid, states without geometry as a strip. Of several
         cells in a state the first that an action moves is left free. Cells that no action moves are
         fixed in the middle, those of other agents in the corners.
-
-        Examples
-        --------
-        >>> from curricle import Pursuit
-        >>> view = GridView.for_replay(Pursuit(3, 2))
-        >>> view.words, [marker.letter for marker in view.markers]
-        ('cells: where predator_1 is; P: prey, 2: predator_2', ['P', '1', '2'])
         """
         space = generative_model(task).states
         read = {component.name: labelled_cells(component) for component in space.components}
@@ -132,10 +102,7 @@ class GridView:
     @property
     def stacked_letters(self) -> dict[tuple[int, int], str]:
         """The letters on the grid, (row, column) -> those that share a cell."""
-        together: dict[tuple[int, int], str] = {}
-        for letter, row, column in self.letters:
-            together[row, column] = together.get((row, column), "") + letter
-        return together
+        return stacked(self.letters)
 
     @property
     def walls(self) -> IntArray:
@@ -144,6 +111,14 @@ class GridView:
         grid.flat[self.air] = False
         grid[tuple((self.cells - self.origin).T)] = False
         return np.asarray(np.argwhere(grid) + self.origin)
+
+
+def stacked(letters: Iterable[tuple[str, int, int]]) -> dict[tuple[int, int], str]:
+    """Return the letters of each cell, (row, column) -> those that share it."""
+    together: dict[tuple[int, int], str] = {}
+    for letter, row, column in letters:
+        together[row, column] = together.get((row, column), "") + letter
+    return together
 
 
 def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) -> dict[str, Any]:
@@ -224,12 +199,8 @@ def _start_of(task: Any) -> int:
 def _air(layout: GridLayout, cells: IntArray) -> IntArray:
     """Return the places, counted by rows, that are neither walls nor among the `cells`."""
     air = np.ones(layout.shape, bool)
-    if layout.walls is None:
-        air[:] = False
-        air[tuple((layout.cells - layout.origin).T)] = True
-    else:
-        air[tuple((layout.walls - layout.origin).T)] = False
-    air[tuple((cells - layout.origin).T)] = False
+    for taken in (layout.wall_cells, cells):
+        air[tuple((taken - layout.origin).T)] = False
     return np.flatnonzero(air)
 
 

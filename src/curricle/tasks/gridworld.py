@@ -6,36 +6,24 @@ where it is. The reward depends on the cell entered; an agent that stays enters 
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import indices, instance, number, one_of
-from curricle.errors import TaskError, reason
-from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.grid_layout import (
-    MOVES,
-    Cell,
-    GridLayout,
-    cut,
-    landing,
-    read_cells,
-    read_map,
-    read_origin,
-)
+from curricle.checks import instance, number, one_of
+from curricle.errors import TaskError
+from curricle.tasks.domain import Cell, CellDomain, MapDomain, landing, read_start, tables_of
+from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import LARGEST_REWARD
 from curricle.tasks.spaces import MISSING, Component, Space
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
 CHARACTERS = "STFP#."
-
-Start = Literal["map", "uniform"] | tuple[Cell, ...]
 
 
 @dataclass(frozen=True)
@@ -74,7 +62,7 @@ class Rewards:
 
 
 @dataclass(frozen=True)
-class GridWorld(Frozen):
+class GridWorld(MapDomain, CellDomain):
     """A maze drawn as a text map.
 
     Parameters
@@ -127,10 +115,7 @@ class GridWorld(Frozen):
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "map", read_map(self.map, CHARACTERS))
-        if not any("T" in line for line in self.map):
-            raise TaskError("a map needs a treasure T: there is none")
-        object.__setattr__(self, "origin", read_origin(self.origin))
+        self._read_map(self.map, CHARACTERS, "T", "a map needs a treasure T")
         instance("rewards", self.rewards, Rewards, TaskError)
         one_of("combine", self.combine, ("sum", "worst"), TaskError)
         one_of("representation", self.representation, ("absolute", "relative"), TaskError)
@@ -142,81 +127,15 @@ class GridWorld(Frozen):
             one_of("each of ends", name, OBJECTS.values(), TaskError)
         object.__setattr__(self, "ends", tuple(sorted(set(ends))))
         check_horizon(self)
-        if not isinstance(self.start, str):
-            object.__setattr__(self, "start", read_cells(self.start, "'map', 'uniform'"))
+        read_start(self)
         self._start_states()
-
-    @classmethod
-    def from_file(cls, path: str | Path, **rules: Any) -> Self:
-        """Return the maze drawn in a text file; `rules` are the other parameters of the class."""
-        if not isinstance(path, str | Path):
-            raise TaskError(f"a map's file must be a path: got {path!r}")
-        try:
-            drawn = Path(path).read_text(encoding="utf-8")
-        except UnicodeDecodeError:
-            raise TaskError(f"a map must be text in UTF-8: {path} is none") from None
-        except OSError as error:
-            raise TaskError(f"a map cannot be read from {path}: {reason(error)}") from None
-        return cls(drawn, **rules)
-
-    # -- variants ------------------------------------------------------------------------------
-
-    def with_start(self, start: Literal["map", "uniform"] | Iterable[Cell]) -> Self:
-        """Return the same maze with another start: ``"map"``, ``"uniform"`` or cells.
-
-        Examples
-        --------
-        >>> GridWorld("S.T").with_start("uniform").mdp.start
-        array([0.5, 0.5, 0. ])
-        """
-        return replace(self, start=start)
-
-    def start_in(self, states: npt.ArrayLike) -> Self:
-        """Return the same maze with starts in these states, by number, equally likely.
-
-        Examples
-        --------
-        >>> GridWorld("S..T").start_in([1, 2]).start
-        ((0, 1), (0, 2))
-        """
-        cells = self.cells[indices("start states", states, len(self.cells), TaskError)]
-        return self.with_start([(int(row), int(column)) for row, column in cells])
-
-    def crop(
-        self,
-        *,
-        rows: tuple[int, int],
-        columns: tuple[int, int],
-        start: Literal["map", "uniform"] | Iterable[Cell] = "uniform",
-    ) -> Self:
-        """Return the part in the half-open ranges `rows` x `columns`, in this maze's coordinates.
-
-        Objects outside the part are removed, so fire just outside its edge no longer counts as
-        near. The default start is uniform, as in the paper's source tasks.
-
-        Raises
-        ------
-        TaskError
-            When the part exceeds the map, is empty, or has no treasure.
-        """
-        part = cut(self.map, self.origin, rows, columns)
-        return replace(self, map=part, start=start, origin=(rows[0], columns[0]))
 
     # -- spaces --------------------------------------------------------------------------------
 
     @cached_property
-    def cells(self) -> IntArray:
-        """Row and column of each cell that is not a wall, (S, 2), in the order of states."""
-        return frozen(np.argwhere(self._grid != "#") + self.origin)
-
-    @cached_property
     def objects(self) -> tuple[tuple[str, int, int], ...]:
         """Every object as (class, row, column), in reading order."""
-        return tuple(
-            (OBJECTS[character], row, column)
-            for character, (row, column) in zip(self._contents, self.cells.tolist(), strict=True)
-            if character in OBJECTS
-        )
+        return tuple(self._objects(OBJECTS))
 
     @cached_property
     def layout(self) -> GridLayout:
@@ -224,7 +143,7 @@ class GridWorld(Frozen):
         return GridLayout(
             cells=self.cells,
             components=self.states.names,
-            shape=(len(self.map), len(self.map[0])),
+            shape=self._grid.shape,
             origin=self.origin,
             objects=tuple((*one, one[0] in self.ends) for one in self.objects),
         )
@@ -236,20 +155,6 @@ class GridWorld(Frozen):
             return self._relative_states()
         return self._cell_space
 
-    @cached_property
-    def actions(self) -> Space:
-        """The moves north, east, south and west."""
-        return Space([Component("move", len(MOVES), labels=tuple(MOVES))])
-
-    @cached_property
-    def _cell_space(self) -> Space:
-        height, width = self._grid.shape
-        axes = [
-            Component("row", height, low=self.origin[0]),
-            Component("column", width, low=self.origin[1]),
-        ]
-        return Space(axes, None if len(self.cells) == height * width else self.cells)
-
     def _relative_states(self) -> Space:
         height, width = self._grid.shape
         axes, points, counts = [], [], Counter[str]()
@@ -260,15 +165,6 @@ class GridWorld(Frozen):
             axes.append(Component(f"{label}_column", 2 * width - 1, low=1 - width))
             points += [row - self.cells[:, 0], column - self.cells[:, 1]]
         return Space(axes, np.stack(points, axis=1))
-
-    @cached_property
-    def _grid(self) -> npt.NDArray[np.str_]:
-        return np.array([list(line) for line in self.map])
-
-    @cached_property
-    def _contents(self) -> npt.NDArray[np.str_]:
-        """The map's character for each state, (S,)."""
-        return np.asarray(self._grid[self._grid != "#"])
 
     @cached_property
     def _landing(self) -> IntArray:
@@ -297,23 +193,16 @@ class GridWorld(Frozen):
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The maze as tables: each cell has an outcome row for entering it and one for bumping."""
-        n_states = len(self.cells)
-        entered = np.arange(n_states)
-        bumps = n_states + entered[:, None]
-        starting = self._start_states()
-        start = np.zeros(n_states)
-        start[starting] = 1 / len(starting)
-        return FiniteMDP(
-            states=self.states,
-            actions=self.actions,
-            outcome_row=np.where(self._landing == MISSING, bumps, self._landing),
-            probability=np.ones((2 * n_states, 1)),
-            next_state=np.tile(entered, 2)[:, None],
-            reward=np.append(self._rewards(bumped=False), self._rewards(bumped=True))[:, None],
+        entered = np.arange(len(self.cells))
+        bumps = len(entered) + entered[:, None]
+        return tables_of(
+            self,
+            np.ones((2 * len(entered), 1)),
+            np.tile(entered, 2)[:, None],
+            np.append(self._rewards(bumped=False), self._rewards(bumped=True))[:, None],
             terminal=self._holds(*self.ends),
-            start=start,
-            discount=self.discount,
-            time_limit=self.time_limit,
+            starting=self._start_states(),
+            outcome_row=np.where(self._landing == MISSING, bumps, self._landing),
         )
 
     def _holds(self, *names: str) -> BoolArray:
@@ -347,6 +236,4 @@ class GridWorld(Frozen):
             if not free.size:
                 raise TaskError("start='uniform' needs a cell that does not end the episode")
             return free
-        if isinstance(self.start, str):
-            raise TaskError(f"start must be 'map', 'uniform' or cells: got {self.start!r}")
         return np.array([self.state(*cell) for cell in self.start])

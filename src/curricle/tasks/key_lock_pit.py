@@ -17,25 +17,26 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.grid_layout import (
+from curricle.frozen_arrays import frozen
+from curricle.tasks.domain import (
     MOVES,
     Cell,
-    GridLayout,
+    MapDomain,
+    check_starts,
     cut,
-    landing,
-    read_cells,
-    read_map,
-    read_origin,
+    landing_or_staying,
+    numbered_names,
+    read_start,
+    tables_of,
 )
+from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
 from curricle.tasks.spaces import MISSING, Component, Space, whole
@@ -60,7 +61,7 @@ ROOM = "\n".join(_room(8))
 
 
 @dataclass(frozen=True)
-class KeyLockPit(Frozen):
+class KeyLockPit(MapDomain):
     """Keys, locks and pits in a room drawn as a text map.
 
     Parameters
@@ -112,20 +113,14 @@ class KeyLockPit(Frozen):
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "map", read_map(self.map, CHARACTERS))
-        if not any(what in line for line in self.map for what in "KL"):
-            raise TaskError("a map needs a key K or a lock L: there is none")
-        object.__setattr__(self, "origin", read_origin(self.origin))
+        self._read_map(self.map, CHARACTERS, "KL", "a map needs a key K or a lock L")
         check_numbers(self, ("key_reward", "lock_reward", "pit_reward", "step_reward"))
         instance("keys_held", self.keys_held, bool, TaskError)
         check_horizon(self)
         if not isinstance(self.needs, str) or self.needs != "all":
             object.__setattr__(self, "needs", self._read_needs())
-        if not isinstance(self.start, str):
-            object.__setattr__(self, "start", read_cells(self.start, "'map', 'uniform'"))
-        elif self.start not in ("map", "uniform"):
-            raise TaskError(f"start must be 'map', 'uniform' or cells: got {self.start!r}")
-        things = self._count("key") + self._count("lock")
+        read_start(self)
+        things = len(self._keys) + len(self._locks)
         if 2**things * len(self.cells) > LARGEST_SPACE:
             raise TaskError(
                 f"a map may have at most {LARGEST_SPACE:,} states: {len(self.cells):,} cells and "
@@ -155,16 +150,8 @@ class KeyLockPit(Frozen):
 
     # -- variants ------------------------------------------------------------------------------
 
-    def with_start(self, start: Literal["map", "uniform"] | Iterable[Cell]) -> Self:
-        """Return the same task with another start: ``"map"``, ``"uniform"`` or cells."""
-        return replace(self, start=start)
-
     def crop(
-        self,
-        *,
-        rows: tuple[int, int],
-        columns: tuple[int, int],
-        start: Literal["map", "uniform"] | Iterable[Cell] = "uniform",
+        self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in this map's coordinates.
 
@@ -182,18 +169,15 @@ class KeyLockPit(Frozen):
         """
         part = cut(self.map, self.origin, rows, columns)
 
-        def kept(name: str) -> list[int]:
-            return [
-                number
-                for number, (row, column) in enumerate(self._at(name).tolist())
-                if rows[0] <= row < rows[1] and columns[0] <= column < columns[1]
-            ]
+        def kept(cells: IntArray) -> list[int]:
+            inside = (cells >= (rows[0], columns[0])) & (cells < (rows[1], columns[1]))
+            return np.flatnonzero(inside.all(axis=1)).tolist()
 
-        keys, needs = kept("key"), self.needs
+        keys, needs = kept(self._keys), self.needs
         if needs != "all":
             needs = tuple(
                 tuple(keys.index(key - 1) + 1 for key in needs[lock] if key - 1 in keys)
-                for lock in kept("lock")
+                for lock in kept(self._locks)
             )
         return replace(self, map=part, needs=needs, start=start, origin=(rows[0], columns[0]))
 
@@ -206,14 +190,13 @@ class KeyLockPit(Frozen):
         An open lock's keys are held, and when the last lock is open the agent is at a lock.
         """
         axes = [*self._cell_space.components]
-        axes += [Component(name, 2, labels=("lying", "held")) for name in self._names("key")]
-        axes += [Component(name, 2, labels=("locked", "open")) for name in self._names("lock")]
+        axes += [Component(name, 2, labels=("lying", "held")) for name in self._key_names]
+        axes += [Component(name, 2, labels=("locked", "open")) for name in self._lock_names]
+        last = self._locks if len(self._locks) else self._keys
         points = [
             np.column_stack([cells, np.tile(status, (len(cells), 1))])
             for status in self._statuses
-            for cells in [
-                self._at("lock" if self._count("lock") else "key") if all(status) else self.cells
-            ]
+            for cells in [last if all(status) else self.cells]
         ]
         return Space(axes, np.concatenate(points))
 
@@ -223,65 +206,52 @@ class KeyLockPit(Frozen):
         return Space([Component("move", len(ACTIONS), labels=ACTIONS)])
 
     @cached_property
-    def cells(self) -> IntArray:
-        """Row and column of each cell that is not a wall, (n, 2), in reading order."""
-        return frozen(np.argwhere(self._grid != "#") + np.array(self.origin))
-
-    @cached_property
     def layout(self) -> GridLayout:
         """Where the states lie, for pictures."""
         objects = [
             (name, row, column, name == "pit")
-            for name in OBJECTS.values()
-            for row, column in self._at(name).tolist()
+            for character, name in OBJECTS.items()
+            for row, column in self._at(character).tolist()
         ]
         return GridLayout(
             cells=frozen(self.states.points[:, :2].copy()),
             components=("row", "column"),
-            shape=(len(self.map), len(self.map[0])),
+            shape=self._grid.shape,
             origin=self.origin,
             objects=tuple(objects),
-            walls=frozen(np.argwhere(self._grid == "#") + np.array(self.origin)),
+            walls=self._at("#"),
         )
 
     @cached_property
-    def _grid(self) -> npt.NDArray[np.str_]:
-        return np.array([list(line) for line in self.map])
+    def _keys(self) -> IntArray:
+        return self._at("K")
 
     @cached_property
-    def _cell_space(self) -> Space:
-        height, width = self._grid.shape
-        row, column = self.origin
-        axes = [Component("row", height, row), Component("column", width, column)]
-        return Space(axes, self.cells)
+    def _locks(self) -> IntArray:
+        return self._at("L")
 
-    def _at(self, name: str) -> IntArray:
-        """Return row and column of each object of a kind, (n, 2), in reading order."""
-        (drawn,) = (character for character, kind in OBJECTS.items() if kind == name)
-        return np.asarray(np.argwhere(self._grid == drawn) + np.array(self.origin))
+    @property
+    def _key_names(self) -> tuple[str, ...]:
+        return numbered_names("key", len(self._keys))
 
-    def _count(self, name: str) -> int:
-        return len(self._at(name))
-
-    def _names(self, kind: str) -> tuple[str, ...]:
-        """Return ``key`` if there is one, else ``key_1``, ``key_2``, ...; so for locks."""
-        count = self._count(kind)
-        return (kind,) if count == 1 else tuple(f"{kind}_{i + 1}" for i in range(count))
+    @property
+    def _lock_names(self) -> tuple[str, ...]:
+        return numbered_names("lock", len(self._locks))
 
     @property
     def _keys_of(self) -> list[set[int]]:
         """The keys of each lock, numbered from 0."""
         if self.needs == "all":
-            return [set(range(self._count("key")))] * self._count("lock")
+            return [set(range(len(self._keys)))] * len(self._locks)
         return [{key - 1 for key in keys} for keys in self.needs]
 
     @cached_property
     def _statuses(self) -> tuple[tuple[int, ...], ...]:
         """Which keys are held (1) and which locks open, where open locks have their keys held."""
-        keys = self._count("key")
+        keys = len(self._keys)
         return tuple(
             status
-            for status in product((0, 1), repeat=keys + self._count("lock"))
+            for status in product((0, 1), repeat=keys + len(self._locks))
             if all(
                 not opened or all(status[key] for key in needed)
                 for opened, needed in zip(status[keys:], self._keys_of, strict=True)
@@ -294,32 +264,25 @@ class KeyLockPit(Frozen):
     def mdp(self) -> FiniteMDP:
         """The task as tables: a row for entering each state by a move, one for using its object."""
         states, n_states = self.states, self.states.size
-        to = landing(self._cell_space)
         values, here = states.decode(), np.arange(n_states)
         cell = self._cell_space.encode(row=values["row"], column=values["column"])
-        after = np.where(to == MISSING, np.arange(len(to))[:, None], to)[cell]
+        after = landing_or_staying(self._cell_space)[cell]
         others = {name: values[name][:, None] for name in states.names[2:]}
         row, column = self.cells[after].transpose(2, 0, 1)
         entered = states.encode(row=row, column=column, **others)
         entered = np.where(entered == MISSING, here[:, None], entered)  # of states that ended
         used, paid = here.copy(), np.full(n_states, self.step_reward)
         picked, opened = self._use(used, paid)
-        fallen = self._fallen
-        move_reward = np.where(fallen, self.pit_reward, self.step_reward)
-        start, starting = np.zeros(n_states), self._start_states()
-        start[starting] = 1 / len(starting)
         use = [np.where(does, n_states + here, here)[:, None] for does in (picked, opened)]
-        return FiniteMDP(
-            states=states,
-            actions=self.actions,
-            outcome_row=np.concatenate([entered, *use], axis=1),
-            probability=np.ones((2 * n_states, 1)),
-            next_state=np.concatenate([here, used])[:, None],
-            reward=np.concatenate([move_reward, paid])[:, None],
+        move_reward = np.where(self._fallen, self.pit_reward, self.step_reward)
+        return tables_of(
+            self,
+            np.ones((2 * n_states, 1)),
+            np.concatenate([here, used])[:, None],
+            np.concatenate([move_reward, paid])[:, None],
             terminal=self._ended,
-            start=start,
-            discount=self.discount,
-            time_limit=self.time_limit,
+            starting=self._start_states(),
+            outcome_row=np.concatenate([entered, *use], axis=1),
         )
 
     def _use(self, used: IntArray, paid: Any) -> tuple[BoolArray, BoolArray]:
@@ -327,21 +290,24 @@ class KeyLockPit(Frozen):
 
         The first array says where a key is picked up, the second where a lock is opened, (S,).
         """
-        values, does = self.states.decode(), list[BoolArray]()
-        for kind, pays in (("key", self.key_reward), ("lock", self.lock_reward)):
-            done = np.zeros(len(used), bool)
-            cells = self._at(kind).tolist()
-            for i, (name, (row, column)) in enumerate(zip(self._names(kind), cells, strict=True)):
-                can = (values["row"] == row) & (values["column"] == column) & (values[name] == 0)
-                keys = self._keys_of[i] if kind == "lock" else ()
-                for key in keys:
-                    can &= values[self._names("key")[key]] == 1
-                changed = {**values, name: np.ones_like(values[name])}
-                used[can] = self.states.encode(**{n: v[can] for n, v in changed.items()})
-                paid[can] = pays
-                done |= can
-            does.append(done)
-        return does[0], does[1]
+        values = self.states.decode()
+        picked, opened = np.zeros(len(used), bool), np.zeros(len(used), bool)
+
+        def use(name: str, cell: IntArray, keys: Iterable[int], pays: float) -> BoolArray:
+            here = (values["row"] == cell[0]) & (values["column"] == cell[1])
+            can: BoolArray = here & (values[name] == 0)
+            for key in keys:
+                can &= values[self._key_names[key]] == 1
+            changed = {**values, name: np.ones_like(values[name])}
+            used[can] = self.states.encode(**{n: v[can] for n, v in changed.items()})
+            paid[can] = pays
+            return can
+
+        for name, cell in zip(self._key_names, self._keys, strict=True):
+            picked |= use(name, cell, (), self.key_reward)
+        for name, cell, keys in zip(self._lock_names, self._locks, self._keys_of, strict=True):
+            opened |= use(name, cell, keys, self.lock_reward)
+        return picked, opened
 
     @property
     def _fallen(self) -> BoolArray:
@@ -352,12 +318,12 @@ class KeyLockPit(Frozen):
     @property
     def _ended(self) -> BoolArray:
         """In a pit, or with all locks open (all keys held where there is no lock), (S,) bool."""
-        first = 2 + (self._count("key") if self._count("lock") else 0)
+        first = 2 + (len(self._keys) if len(self._locks) else 0)
         return np.asarray(self._fallen | self.states.points[:, first:].all(axis=1))
 
     def _start_states(self) -> IntArray:
         """Return the states in which episodes start; TaskError where there are none."""
-        keys = self._count("key")
+        keys = len(self._keys)
         held = self.states.points[:, 2 : 2 + keys]
         going_on = ~self._ended
         if self.keys_held:
@@ -367,25 +333,20 @@ class KeyLockPit(Frozen):
             if not found.size:
                 raise TaskError("start='uniform' needs a state that does not end the episode")
             return found
-        cells = np.argwhere(self._grid == "S") + np.array(self.origin)
+        cells = self._at("S")
         if self.start != "map":
             cells = np.array(self.start)
         elif not len(cells):
             raise TaskError("start='map' needs an S on the map: there is none")
-        status = dict.fromkeys(self._names("key"), int(self.keys_held))
-        status |= dict.fromkeys(self._names("lock"), 0)
+        status = dict.fromkeys(self._key_names, int(self.keys_held))
+        status |= dict.fromkeys(self._lock_names, 0)
         states = self.states.encode(row=cells[:, 0], column=cells[:, 1], **status)
-        bad = np.flatnonzero((states == MISSING) | ~going_on[states])
-        if bad.size:
-            raise TaskError(
-                "an episode starts in a free cell of the map and does not end there: got "
-                f"{tuple(cells[bad[0]].tolist())}"
-            )
-        return states
+        rule = "an episode starts in a free cell of the map and does not end there"
+        return check_starts(states, going_on, cells, rule)
 
     def _read_needs(self) -> tuple[tuple[int, ...], ...]:
         """Return the keys of each lock, sorted; TaskError if they make no sense."""
-        keys, locks = self._count("key"), self._count("lock")
+        keys, locks = len(self._keys), len(self._locks)
         given: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else [None]
         if len(given) != locks or not all(isinstance(one, list | tuple) for one in given):
             raise TaskError(

@@ -24,11 +24,10 @@ from curricle.tasks.generative_models import (
     transitions,
     truncations,
 )
-from curricle.tasks.mdp import check_parts
+from curricle.tasks.mdp import check_parts, described
 from curricle.tasks.outcomes import LARGEST_REWARD, REWARD_RULE
 from curricle.tasks.overloads import inlined
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
-from curricle.text_tables import counted
 
 RESET = -1
 """Sent instead of an action to start an episode."""
@@ -212,11 +211,7 @@ class LiveMDP:
         return Unopened(self)
 
     def __repr__(self) -> str:
-        limit = "no time limit" if self.time_limit is None else f"time limit {self.time_limit}"
-        return (
-            f"LiveMDP({counted(self.states.size, 'state')}, "
-            f"{counted(self.actions.size, 'action')}, discount {self.discount:g}, {limit})"
-        )
+        return described(self)
 
 
 def is_live(task: Any) -> bool:
@@ -225,15 +220,7 @@ def is_live(task: Any) -> bool:
 
 
 def reset_state(task: LiveMDP) -> int:
-    """Return the state that a new environment is in after a reset with seed 0.
-
-    Examples
-    --------
-    >>> from curricle import from_gymnasium
-    >>> lake = from_gymnasium("FrozenLake-v1", discount=0.9, live=True)
-    >>> reset_state(lake)
-    0
-    """
+    """Return the state that a new environment is in after a reset with seed 0."""
     with closing(task.make()) as environment:
         return numbering(task)(_observed(environment.reset(seed=0)))
 
@@ -241,18 +228,9 @@ def reset_state(task: LiveMDP) -> int:
 def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
     """Return a context with the model of a task for the loops of one run; a live one while open.
 
-    Parameters
-    ----------
-    task : GenerativeModel
-    start : int
-        Where the run's random stream starts; environments are seeded from it.
-
-    Raises
-    ------
-    BaseException
-        At the end, what an environment raised meanwhile, an interrupt from the keyboard included.
-    TaskError
-        At the end, when a function of a computed task returned what makes no sense.
+    Environments are seeded from `start`, where the run's random stream starts. At the end the
+    context raises what an environment raised meanwhile, an interrupt from the keyboard included, or
+    a TaskError where a function of a computed task returned what makes no sense.
     """
     if is_live(task):
         return _Opened(task, start)
@@ -311,8 +289,15 @@ def _player(
                     observation, reward, terminated, truncated, _ = followed
                 except (TypeError, ValueError):
                     raise TaskError(_wrong_parts("step", followed)) from None
-                if not _is_reward(reward):
-                    raise TaskError(_wrong_reward(task, state, action, reward))
+                try:
+                    fits = bool(-LARGEST_REWARD <= reward <= LARGEST_REWARD)
+                except (TypeError, ValueError):  # no number
+                    fits = False
+                if not fits:
+                    raise TaskError(
+                        f"{REWARD_RULE}: the environment returned {reward!r} for action "
+                        f"{action_name(task.actions, action)} in {state_name(task.states, state)}"
+                    )
                 state = number(observation)
                 action = yield state, reward, terminated, truncated
             begun = reset()
@@ -333,23 +318,8 @@ def _observed(begun: Any) -> Any:
     return observation
 
 
-def _is_reward(reward: Any) -> bool:
-    """Return whether a reward is a number of a size that learning can add up."""
-    try:
-        return bool(-LARGEST_REWARD <= reward <= LARGEST_REWARD)
-    except (TypeError, ValueError):
-        return False
-
-
 def _wrong_parts(what: str, found: Any) -> str:
     return f"a {what} of an environment must return ({', '.join(RETURNED[what])}): got {found!r}"
-
-
-def _wrong_reward(task: LiveMDP, state: int, action: int, reward: Any) -> str:
-    return (
-        f"{REWARD_RULE}: the environment returned {reward!r} for action "
-        f"{action_name(task.actions, action)} in {state_name(task.states, state)}"
-    )
 
 
 def numbering(task: LiveMDP) -> Callable[[Any], int]:

@@ -34,36 +34,37 @@ from curricle.tasks.spaces import Component, Space, whole_by_type
 from curricle.text_tables import counted
 
 
-def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
-    """Return which states the `allowed` actions can reach from the start, (S,) bool.
+def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntArray]:
+    """Return where the edges of a graph of S states and Y outcome rows begin and end.
 
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> reachable_states(GridWorld(["S#.", ".#T"]).mdp)  # the east lies behind a wall
-    array([ True, False,  True, False])
+    A state leads to the rows of its `allowed` actions, none where it is terminal, and a row, whose
+    node is S plus its number, to the states of its outcomes.
     """
-    # Imported here: every task is checked by this module, and the import takes a third of a second.
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import breadth_first_order
-
-    n_states, n_rows = len(mdp.terminal), len(mdp.probability)
     pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
     if allowed is not None:
         pairs &= allowed
     state, _ = np.nonzero(pairs)
     row, outcome = np.nonzero(mdp.probability > 0)
-    first = np.flatnonzero(mdp.start > 0)
-    # A graph of the states, then the outcome rows, then one node that leads to all first states.
-    root = n_states + n_rows
-    source = np.concatenate([state, n_states + row, np.full(len(first), root)])
-    after = mdp.next_state[row, outcome]
-    target = np.concatenate([n_states + mdp.outcome_row[pairs], after, first])
+    n_states = len(mdp.terminal)
+    source = np.concatenate([state, n_states + row])
+    return source, np.concatenate([n_states + mdp.outcome_row[pairs], mdp.next_state[row, outcome]])
+
+
+def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
+    """Return which states the `allowed` actions can reach from the start, (S,) bool."""
+    # Imported here: every task is checked by this module, and the import takes a third of a second.
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import breadth_first_order
+
+    # One more node leads to all first states.
+    root, first = len(mdp.terminal) + len(mdp.probability), np.flatnonzero(mdp.start > 0)
+    source, target = edges_of(mdp, allowed)
+    source, target = np.append(source, np.full(len(first), root)), np.append(target, first)
     edges = np.ones(len(source), np.bool_), (source, target)
     graph = csr_array(edges, shape=(root + 1, root + 1))
     met = np.zeros(root + 1, dtype=bool)
     met[breadth_first_order(graph, root, return_predecessors=False)] = True
-    return met[:n_states]
+    return met[: len(mdp.terminal)]
 
 
 def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
@@ -72,12 +73,6 @@ def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
     This is the largest set of states each of which has an allowed action whose every outcome stays
     in the set. It is empty exactly if every allowed policy is proper, which is to end with
     probability 1 (Bertsekas, Tsitsiklis 1991).
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> improper_states(GridWorld("S.T").mdp)
-    array([0, 1])
     """
     staying = ~mdp.terminal
     impossible = mdp.probability == 0
@@ -380,12 +375,15 @@ class FiniteMDP(Frozen):
         return frozen(np.flatnonzero(self.start))
 
     def __repr__(self) -> str:
-        limit = "no time limit" if self.time_limit is None else f"time limit {self.time_limit}"
-        return (
-            f"FiniteMDP({counted(self.states.size, 'state')}, "
-            f"{counted(self.actions.size, 'action')}, "
-            f"{int(self.terminal.sum())} terminal, discount {self.discount:g}, {limit})"
-        )
+        return described(self, f"{int(self.terminal.sum())} terminal")
+
+
+def described(task: Any, *parts: str) -> str:
+    """Return a task as text: its kind, its sizes, further parts and its horizon."""
+    sizes = counted(task.states.size, "state"), counted(task.actions.size, "action")
+    limit = "no time limit" if task.time_limit is None else f"time limit {task.time_limit}"
+    known = ", ".join((*sizes, *parts, f"discount {task.discount:g}", limit))
+    return f"{type(task).__name__}({known})"
 
 
 def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:

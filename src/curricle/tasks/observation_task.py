@@ -19,31 +19,11 @@ from curricle.errors import CurricleError, TaskError
 
 @dataclass(frozen=True)
 class EnvironmentMaker:
-    """Makes an environment; equal to another that makes the same one.
+    """Makes an environment; equal to another that makes the same one."""
 
-    Parameters
-    ----------
-    what : str, gymnasium.envs.registration.EnvSpec or callable
-        What ``gymnasium.make`` takes, or a function or class that makes one.
-    arguments : dict
-        Of ``gymnasium.make`` or the function, by name; each environment gets a copy.
-    encode : callable, optional
-        An encoder: from the environment to the same with other observations.
-
-    Raises
-    ------
-    TaskError
-        When `encode` cannot be called, fails, or returns no environment.
-
-    Examples
-    --------
-    >>> EnvironmentMaker("MountainCar-v0")().observation_space.shape
-    (2,)
-    """
-
-    what: Any = field(hash=False)
-    arguments: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    encode: Callable[[Any], Any] | None = field(default=None, hash=False)
+    what: Any = field(hash=False)  # what ``gymnasium.make`` takes, or a function that makes one
+    arguments: Mapping[str, Any] = field(default_factory=dict, hash=False)  # copied for each
+    encode: Callable[[Any], Any] | None = field(default=None, hash=False)  # wraps what is made
 
     def __post_init__(self) -> None:
         if self.encode is not None and not callable(self.encode):
@@ -266,14 +246,7 @@ def stack(space: gymnasium.Space[Any], observations: Sequence[Any]) -> Any:
 
 
 def batch_size(observations: Any) -> int:
-    """Return how many observations are stacked, n; arrays (n, ...), or dicts or tuples of them.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> batch_size({"image": np.zeros((5, 7, 7)), "mission": np.zeros(5)})
-    5
-    """
+    """Return how many observations are stacked, n; arrays (n, ...), or dicts or tuples of them."""
     while isinstance(observations, (tuple, Mapping)):
         parts = observations.values() if isinstance(observations, Mapping) else observations
         observations = next(iter(parts))

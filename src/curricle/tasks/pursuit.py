@@ -9,14 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import check_memory, instance, number, numbers, one_of, whole_number
+from curricle.checks import check_memory, instance, numbers, one_of
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted, frozen
+from curricle.tasks.domain import check_sizes, numbered_names
 from curricle.tasks.draws import splitmix64, uniform
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
 from curricle.tasks.generative_models import cumulated, first_states, transitions
 from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import LARGEST_REWARD, PROBABILITY_TOLERANCE
+from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_numbers
 from curricle.tasks.simd import inverse_of, quotient
 from curricle.tasks.spaces import Component, Decoded, Space
 
@@ -88,15 +89,10 @@ class Pursuit(Frozen):
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        for name, least, most in (("size", 2, LARGEST_SIZE), ("predators", 1, MOST_PREDATORS)):
-            value = whole_number(name, getattr(self, name), least, TaskError)
-            object.__setattr__(self, name, int(number(name, value, TaskError, least, most)))
+        check_sizes(self, size=(2, LARGEST_SIZE), predators=(1, MOST_PREDATORS))
         one_of("moves", self.moves, (4, 5), TaskError)
         instance("torus", self.torus, bool, TaskError)
-        for name in ("step_reward", "capture_reward"):
-            given = getattr(self, name)
-            reward = number(name, given, TaskError, -LARGEST_REWARD, LARGEST_REWARD)
-            object.__setattr__(self, name, reward)
+        check_numbers(self, ("step_reward", "capture_reward"))
         check_horizon(self)
         whole = isinstance(self.capture, int) and not isinstance(self.capture, bool)
         named = isinstance(self.capture, str) and self.capture in ("all", "any", "as_published")
@@ -125,9 +121,7 @@ class Pursuit(Frozen):
     @cached_property
     def predator_names(self) -> tuple[str, ...]:
         """``predator`` if there is one, else ``predator_1``, ``predator_2``, ..."""
-        if self.predators == 1:
-            return ("predator",)
-        return tuple(f"predator_{i}" for i in range(1, self.predators + 1))
+        return numbered_names("predator", self.predators)
 
     @cached_property
     def states(self) -> Space:

@@ -16,13 +16,14 @@ right_reward=1, start=(0,))``, paying the large reward in the last state whateve
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
+from curricle.frozen_arrays import frozen
+from curricle.tasks.domain import Domain, check_sizes, tables_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_numbers
@@ -33,7 +34,7 @@ LARGEST_SIZE = 1_000_000
 
 
 @dataclass(frozen=True)
-class RiverSwim(Frozen):
+class RiverSwim(Domain):
     """A swimmer in a river: left with the current is sure, right against it is not.
 
     Parameters
@@ -85,8 +86,7 @@ class RiverSwim(Frozen):
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        size = whole_number("size", self.size, 2, TaskError)
-        object.__setattr__(self, "size", int(number("size", size, TaskError, 2, LARGEST_SIZE)))
+        check_sizes(self, size=(2, LARGEST_SIZE))
         chances = ("forward", "back", "leave_bank", "stay_at_end")
         check_numbers(self, ("left_reward", "right_reward"), chances)
         if self.forward + self.back > 1 + PROBABILITY_TOLERANCE:
@@ -101,22 +101,7 @@ class RiverSwim(Frozen):
 
     # -- variants ------------------------------------------------------------------------------
 
-    def with_start(self, start: Literal["uniform"] | Iterable[int]) -> Self:
-        """Return the same river with another start: ``"uniform"`` or positions.
-
-        Examples
-        --------
-        >>> RiverSwim(size=4).with_start("uniform").mdp.start
-        array([0.25, 0.25, 0.25, 0.25])
-        """
-        return replace(self, start=start)
-
-    def crop(
-        self,
-        *,
-        positions: tuple[int, int],
-        start: Literal["uniform"] | Iterable[int] = "uniform",
-    ) -> Self:
+    def crop(self, *, positions: tuple[int, int], start: Any = "uniform") -> Self:
         """Return the part of the river in a half-open range of its positions.
 
         Its first and last positions are banks; the reward of a bank that is not part of it is 0.
@@ -181,20 +166,14 @@ class RiverSwim(Frozen):
         reward = np.zeros((2 * n, 3))
         reward[0, 0] = self.left_reward
         reward[-1, 1] = self.right_reward
-        start = np.zeros(n)
-        starting = here if self.start == "uniform" else np.array(self.start) - self.origin
-        start[starting] = 1 / len(starting)
-        return FiniteMDP(
-            states=self.states,
-            actions=self.actions,
-            outcome_row=np.stack([here, n + here], axis=1),
-            probability=np.concatenate([left, right]),
-            next_state=np.tile(to, (2, 1)),
-            reward=reward,
+        return tables_of(
+            self,
+            np.concatenate([left, right]),
+            np.tile(to, (2, 1)),
+            reward,
             terminal=np.zeros(n, bool),
-            start=start,
-            discount=self.discount,
-            time_limit=self.time_limit,
+            starting=here if self.start == "uniform" else np.array(self.start) - self.origin,
+            outcome_row=np.stack([here, n + here], axis=1),
         )
 
     def _read_start(self) -> Any:

@@ -5,7 +5,7 @@ colour-blind readers can tell them apart.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from inspect import signature
@@ -19,12 +19,13 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from curricle.array_types import IntArray
 from curricle.errors import SettingError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.grid_layout import LETTERS, MOVES, GridLayout, layout_of
-from curricle.tasks.grid_view import GridView
+from curricle.tasks.domain import MOVES
+from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
+from curricle.tasks.grid_view import GridView, stacked
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
-from curricle.tasks.spaces import Space, values_of
+from curricle.tasks.spaces import Space, parts_of
 from curricle.tasks.start_states import TaskWithStart
 from curricle.tasks.task import generative_model
 
@@ -108,7 +109,6 @@ PREY = Figure(
         (OVAL, (0.43, 0.66, 0.57, 0.77), "#7a4f00"),
     )
 )
-OBJECTS = {"#": WALL, "P": PIT, "F": FIRE, "T": TREASURE}
 ASIDE = Figure(
     tuple(
         (method, tuple(0.44 + 0.56 * v for v in at), colour) for method, at, colour in AGENT.shapes
@@ -144,6 +144,7 @@ def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDA
 
 
 Pixels = npt.NDArray[np.uint8]
+Letters = npt.NDArray[np.str_]
 SIDE = 640
 """Pixels along the longer side of a grid, unless its cells would be too large or too small."""
 LARGEST_CELL, SMALLEST_CELL = 64, 4
@@ -212,42 +213,13 @@ def _paste(image: Pixels, corner: tuple[int, int], figure: Figure, side: int) ->
     region[:] = region * through + colours
 
 
-class MazeScene:
-    """A maze with its walls, fires, pits and treasures, and the agent.
-
-    Cells beside a fire glow if entering them costs extra; a ring marks where episodes start.
-    """
-
-    def __init__(self, maze: GridWorld):
-        self._map = maze.map
-        self._places: list[list[int]] = (maze.cells - maze.origin).tolist()
-        self._canvas = Canvas(len(maze.map), len(maze.map[0]))
-        drawn = dict(np.ndenumerate([list(line) for line in maze.map]))
-        if maze.rewards.near_fire:
-            for (row, column), what in drawn.items():
-                beside = [drawn.get((row + down, column + right)) for down, right in MOVES.values()]
-                if what != "#" and "F" in beside:
-                    self._canvas.paint(row, column, GLOW)
-        if maze.start != "uniform":
-            for state in maze.mdp.start_states:
-                row, column = self._places[state]
-                self._canvas.put(row, column, START)
-        for (row, column), what in drawn.items():
-            if what in OBJECTS:
-                self._canvas.put(row, column, OBJECTS[what])
-
-    def image(self, state: int) -> Pixels:
-        """Return the maze from above, (height, width, 3) uint8."""
-        row, column = self._places[state]
-        figure = ASIDE if self._map[row][column] in OBJECTS else AGENT
-        return self._canvas.with_figures([(row, column, figure)])
-
-    def text(self, state: int) -> str:
-        """Return the map, with ``@`` where the agent is."""
-        row, column = self._places[state]
-        lines = list(self._map)
-        lines[row] = f"{lines[row][:column]}@{lines[row][column + 1 :]}"
-        return "\n".join(lines)
+def text_of(grid: Letters, there: Mapping[tuple[int, int], str], gap: str) -> str:
+    """Return a map of letters with others in some cells, as wide as the widest of them."""
+    wide = max(map(len, there.values()))
+    cells = {place: there.get(place, letter).ljust(wide) for place, letter in np.ndenumerate(grid)}
+    rows, columns = grid.shape
+    lines = (gap.join(cells[row, column] for column in range(columns)) for row in range(rows))
+    return "\n".join(line.rstrip() for line in lines)
 
 
 class PursuitScene:
@@ -268,12 +240,11 @@ class PursuitScene:
 
     def text(self, state: int) -> str:
         """Return the grid with ``P`` for the prey and each predator's number."""
-        there = [""] * self._size**2
-        for cell, figure in zip(self._cells(state), self._figures, strict=True):
-            there[cell] += figure.number or "P"
-        width = max(map(len, there))
-        rows = np.reshape([(letters or ".").ljust(width) for letters in there], (-1, self._size))
-        return "\n".join(" ".join(row).rstrip() for row in rows)
+        there = [
+            (figure.number or "P", *divmod(cell, self._size))
+            for cell, figure in zip(self._cells(state), self._figures, strict=True)
+        ]
+        return text_of(np.full((self._size, self._size), "."), stacked(there), " ")
 
     def _cells(self, state: int) -> list[int]:
         return [int(cell) for cell in self._states.decode(state).values()]
@@ -287,7 +258,7 @@ MOST_CELLS = 40_000
 WIDTH, LINE, LETTER = 480, 28, 9
 """A picture of text: its width, the height of a line, and the width of a letter, in pixels."""
 MOST_LINES, LONGEST_LINE = 14, 48
-FIGURES = {**OBJECTS, "G": OBJECTS["T"]}
+FIGURES = {"#": WALL, "P": PIT, "F": FIRE, "T": TREASURE, "G": TREASURE}
 """What lies in cells, by its letter; a goal looks like a treasure."""
 
 
@@ -300,8 +271,6 @@ def scene_of(task: Any) -> Scene:
     >>> print(scene_of(GridWorld(["S#T", "..."])).text(3))
     S#T
     .@.
-    >>> scene_of(Pursuit(3, 2)).image(0).shape
-    (200, 200, 3)
     >>> scene_of(Pursuit(3, 1).mdp).text(5)
     'prey=(0,0) predator=(1,2)'
     """
@@ -322,14 +291,31 @@ def tile(letter: str, colour: str) -> Figure:
     return Figure(((BLOCK, (0.08, 0.08, 0.92, 0.92), colour),), letter)
 
 
-def canvas_of(grid: npt.NDArray[np.str_]) -> Canvas:
+def agent_on(letter: str) -> Figure:
+    """Return the agent, small where the cell has an object."""
+    return AGENT if letter == "." else ASIDE
+
+
+def put_letters(canvas: Canvas, grid: Letters) -> Canvas:
     """Return a canvas with the walls and objects of a map of letters, (rows, columns)."""
-    canvas = Canvas(*grid.shape)
     for (row, column), letter in np.ndenumerate(grid):
         if letter != ".":
-            figure = WALL if letter == "#" else FIGURES.get(letter, tile(letter, COATS[1]))
-            canvas.put(row, column, figure)
+            canvas.put(row, column, FIGURES.get(letter, tile(letter, COATS[1])))
     return canvas
+
+
+def letters_of(view: GridLayout | GridView, walls: IntArray) -> Letters:
+    """Return the map of a layout or a view: walls, and the letters of what lies in cells."""
+    grid = np.full(view.shape, ".")
+    grid[tuple((walls - view.origin).T)] = "#"
+    for name, row, column, _ in view.objects:
+        grid[row - view.origin[0], column - view.origin[1]] = LETTERS[name]
+    return grid
+
+
+def lines_of(states: Space, state: int, names: Collection[str]) -> list[str]:
+    """Return the values of these components of a state, a line each."""
+    return [f"{name} = {label}" for name, label in parts_of(states, state) if name in names]
 
 
 class LayoutScene:
@@ -341,43 +327,66 @@ class LayoutScene:
         self._moving = {
             str(i + 1): cells - origin for i, cells in enumerate(layout.markers.values())
         }
-        drawn = {*layout.components, *layout.markers}
-        self._others = [part for part in states.components if part.name not in drawn]
-        self._map = np.full(layout.shape, "#" if layout.walls is None else ".")
-        self._map[tuple(self._cells.T)] = "."
-        if layout.walls is not None:
-            self._map[tuple((layout.walls - origin).T)] = "#"
-        for name, row, column, _ in layout.objects:
-            self._map[row - origin[0], column - origin[1]] = LETTERS[name]
-        self._canvas = canvas_of(self._map)
+        self._others = set(states.names) - {*layout.components, *layout.markers}
+        self._map = letters_of(layout, layout.wall_cells)
+        self._canvas = put_letters(self._background(), self._map)
+
+    def _background(self) -> Canvas:
+        return Canvas(*self._map.shape)
 
     def image(self, state: int) -> Pixels:
         """Return the grid from above and lines of text below it, (height, width, 3) uint8."""
         row, column = self._cells[state].tolist()
-        figure = AGENT if self._map[row, column] == "." else ASIDE
         moving = [(*at[state].tolist(), tile(n, COATS[2])) for n, at in self._moving.items()]
-        grid = self._canvas.with_figures([*moving, (row, column, figure)])
+        agent = row, column, agent_on(self._map[row, column])
+        grid = self._canvas.with_figures([*moving, agent])
         if not self._others:
             return grid
         below = Image.new("RGB", (grid.shape[1], LINE * len(self._others)), FLOOR)
         draw, font = ImageDraw.Draw(below), ImageFont.load_default(18)
         most = max(4, below.width // LETTER)
-        for i, words in enumerate(self._words(state)):
-            said = shorten(words, most, placeholder=" …")
-            draw.text((LINE // 4, LINE * i + LINE // 2), said, INK, font, anchor="lm")
+        for i, line in enumerate(lines_of(self._states, state, self._others)):
+            short = shorten(line, most, placeholder=" …")
+            draw.text((LINE // 4, LINE * i + LINE // 2), short, INK, font, anchor="lm")
         return np.concatenate([grid, np.array(below)])
 
     def text(self, state: int) -> str:
         """Return the map, with ``@`` for the agent and numbers for what else moves."""
-        drawn = self._map.copy()
+        drawn = self._letters().copy()
         for letter, cells in self._moving.items():
             drawn[tuple(cells[state])] = letter
         drawn[tuple(self._cells[state])] = "@"
-        return "\n".join(["".join(line) for line in drawn.tolist()] + self._words(state))
+        lines = ["".join(line) for line in drawn.tolist()]
+        return "\n".join(lines + lines_of(self._states, state, self._others))
 
-    def _words(self, state: int) -> list[str]:
-        values = values_of(self._states, state)
-        return [f"{part.name} = {part.label(values[part.name])}" for part in self._others]
+    def _letters(self) -> Letters:
+        return self._map
+
+
+class MazeScene(LayoutScene):
+    """A maze with its walls, fires, pits and treasures, and the agent.
+
+    Cells beside a fire glow if entering them costs extra; a ring marks where episodes start.
+    """
+
+    def __init__(self, maze: GridWorld):
+        self._maze = maze
+        super().__init__(maze.states, maze.layout)
+
+    def _background(self) -> Canvas:
+        canvas, maze = super()._background(), self._maze
+        if maze.rewards.near_fire:
+            burning = np.pad(self._map == "F", 1)
+            beside = np.any([np.roll(burning, way, (0, 1)) for way in MOVES.values()], axis=0)
+            for row, column in np.argwhere(beside[1:-1, 1:-1] & (self._map != "#")):
+                canvas.paint(row, column, GLOW)
+        if maze.start != "uniform":
+            for row, column in self._cells[maze.mdp.start_states]:
+                canvas.put(row, column, START)
+        return canvas
+
+    def _letters(self) -> Letters:
+        return np.array([list(line) for line in self._maze.map])
 
 
 class LabelScene:
@@ -405,8 +414,7 @@ class LabelScene:
         first, *others = space.components
         if space.is_box and first.low == 0 and first.labels is None and not others:
             return []
-        values = values_of(space, state)
-        lines = [f"{c.name} = {c.label(values[c.name])}" for c in space.components]
+        lines = lines_of(space, state, space.names)
         if len(lines) > MOST_LINES:
             lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
         return [shorten(line, LONGEST_LINE, placeholder=" …") for line in lines]
@@ -424,28 +432,12 @@ INKS = dict(zip(("blue", "green", "vermillion", "purple", "black"), COATS[:5], s
 
 
 class ViewScene:
-    """A grid view with its markers in given cells.
-
-    Parameters
-    ----------
-    view : GridView
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> scene = ViewScene(GridView.for_replay(GridWorld(["S#T", "..."])))
-    >>> print(scene.text(np.array([4])))
-    .#T
-    .@.
-    """
+    """A grid view with its markers in given cells."""
 
     def __init__(self, view: GridView):
         self._markers, (_, self._columns) = view.markers, view.shape
-        self._map = np.full(view.shape, ".")
-        self._map[tuple((view.walls - view.origin).T)] = "#"
-        for name, row, column, _ in view.objects:
-            self._map[row - view.origin[0], column - view.origin[1]] = LETTERS[name]
-        self._canvas = canvas_of(self._map)
+        self._map = letters_of(view, view.walls)
+        self._canvas = put_letters(Canvas(*view.shape), self._map)
 
     def image(self, cells: IntArray) -> Pixels:
         """Return the grid from above, (height, width, 3) uint8.
@@ -454,7 +446,7 @@ class ViewScene:
         """
         places = [divmod(int(cell), self._columns) for cell in cells]
         if len(places) == 1:
-            figure = AGENT if self._map[places[0]] == "." else ASIDE
+            figure = agent_on(self._map[places[0]])
             return self._canvas.with_figures([(*places[0], figure)])
         return self._canvas.with_figures(
             (*place, tile(marker.letter, INKS[marker.colour]))
@@ -463,18 +455,12 @@ class ViewScene:
 
     def text(self, cells: IntArray) -> str:
         """Return the map with each marker's letter, or ``@`` for the only one."""
-        there = self._map.astype("<U9")
-        taken = dict[tuple[int, int], str]()
-        for cell, marker in zip(cells.tolist(), self._markers, strict=True):
-            place = divmod(cell, self._columns)
-            letter = marker.letter if len(self._markers) > 1 else "@"
-            taken[place] = taken.get(place, "") + letter
-        for place, letters in taken.items():
-            there[place] = letters
-        wide = max(map(len, taken.values()), default=1)
-        gap = " " if len(self._markers) > 1 else ""
-        lines = (gap.join(one.ljust(wide) for one in row) for row in there.tolist())
-        return "\n".join(line.rstrip() for line in lines)
+        places = [divmod(cell, self._columns) for cell in cells.tolist()]
+        if len(places) == 1:
+            return text_of(self._map, {places[0]: "@"}, "")
+        letters = (marker.letter for marker in self._markers)
+        there = stacked((letter, *place) for letter, place in zip(letters, places, strict=True))
+        return text_of(self._map, there, " ")
 
 
 # -- pictures of environments ----------------------------------------------------------------------

@@ -328,8 +328,7 @@ class Space(Frozen):
 
     def label(self, index: int) -> str:
         """Return the point as text, ``name=value`` for each component."""
-        values = self.decode(index)
-        return " ".join(f"{c.name}={c.label(int(values[c.name]))}" for c in self.components)
+        return " ".join(f"{name}={label}" for name, label in parts_of(self, index))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Space):
@@ -367,7 +366,7 @@ def state_name(space: Space, state: int) -> str:
     >>> state_name(GridWorld(["S.", ".T"]).states, 2)
     'state 2 (row 1, column 0)'
     """
-    parts = _parts(space, state)
+    parts = parts_of(space, state)
     if len(parts) == 1 and parts[0][1] == str(state):
         return f"state {state}"
     return f"state {state} ({', '.join(f'{name} {label}' for name, label in parts)})"
@@ -382,7 +381,7 @@ def action_name(space: Space, action: int) -> str:
     >>> action_name(GridWorld("S.T").actions, 1), action_name(Pursuit(2, 2).actions, 1)
     ('east', 'predator_1 stay, predator_2 north')
     """
-    parts = _parts(space, action)
+    parts = parts_of(space, action)
     if len(parts) > 1:
         return ", ".join(f"{name} {label}" for name, label in parts)
     labelled = space.components[0].labels is not None
@@ -390,17 +389,11 @@ def action_name(space: Space, action: int) -> str:
 
 
 def values_of(space: Space, point: int) -> dict[str, int]:
-    """Return a point's components by name.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> values_of(GridWorld(["S.", ".T"]).states, 2)
-    {'row': 1, 'column': 0}
-    """
+    """Return a point's components by name."""
     return {name: int(value) for name, value in space.decode(point).items()}
 
 
-def _parts(space: Space, point: int) -> list[tuple[str, str]]:
+def parts_of(space: Space, point: int) -> list[tuple[str, str]]:
+    """Return the name and the label of each component of a point."""
     values = values_of(space, point)
     return [(c.name, c.label(values[c.name])) for c in space.components]

@@ -16,7 +16,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted
-from curricle.tasks.mdp import FiniteMDP, reachable_states
+from curricle.tasks.mdp import FiniteMDP, edges_of, reachable_states
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import tables
 from curricle.text_tables import counted
@@ -64,16 +64,10 @@ class TaskWithStart(Frozen):
     """A task whose episodes start elsewhere; made by :func:`with_start`.
 
     It has the states, actions and tables of the task, and its layout if it has one.
-
-    Parameters
-    ----------
-    task : Task
-    start : (S,) float64
-        Probability of starting in each state; 0 in terminal states.
     """
 
     task: Any
-    start: FloatArray
+    start: FloatArray  # (S,) the probability of starting in each state
 
     def __post_init__(self) -> None:
         numbers("start", self.start, TaskError)
@@ -199,18 +193,12 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
 
     mdp = tables(task)
     wanted = goal_states(mdp, goal)
-    n_states, n_rows = len(mdp.terminal), len(mdp.probability)
-    pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
-    state, _ = np.nonzero(pairs)
-    row, outcome = np.nonzero(mdp.probability > 0)
-    # Edges backwards: from states to the outcome rows before them, from rows to the states of pairs
-    # that have them.
-    source = np.concatenate([mdp.next_state[row, outcome], n_states + mdp.outcome_row[pairs]])
-    target = np.concatenate([n_states + row, state])
-    nodes = n_states + n_rows
-    graph = csr_array((np.ones(len(source), np.bool_), (source, target)), shape=(nodes, nodes))
+    nodes = len(mdp.terminal) + len(mdp.probability)
+    source, target = edges_of(mdp)
+    backwards = np.ones(len(source), np.bool_), (target, source)
+    graph = csr_array(backwards, shape=(nodes, nodes))
     found = dijkstra(graph, indices=np.flatnonzero(wanted), unweighted=True, min_only=True)
-    far = found[:n_states] / 2  # a step is an edge to a row and one from it
+    far = found[: len(mdp.terminal)] / 2  # a step is an edge to a row and one from it
     return np.where(np.isfinite(far), far, -1).astype(np.int64)
 
 
@@ -246,7 +234,9 @@ def _given_goal(mdp: FiniteMDP, goal: Any) -> BoolArray:
         values = mdp.states.decode()
         for name, given in goal.items():
             component = mdp.states.component(name)
-            found &= np.isin(values[name], [_value(component, one) for one in _listed(given)])
+            several = isinstance(given, Iterable) and not isinstance(given, str)
+            wanted = [_value(component, value) for value in (given if several else [given])]
+            found &= np.isin(values[name], wanted)
         return found
     array = np.asarray(goal)
     if array.dtype == np.bool_:
@@ -256,10 +246,6 @@ def _given_goal(mdp: FiniteMDP, goal: Any) -> BoolArray:
     found = np.zeros(n_states, dtype=bool)
     found[indices("the states of a goal", goal, n_states, TaskError)] = True
     return found
-
-
-def _listed(given: Any) -> list[Any]:
-    return [given] if isinstance(given, str) or not isinstance(given, Iterable) else list(given)
 
 
 def _value(component: Component, given: Any) -> int:

@@ -14,9 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import instance, number, whole_number
+from curricle.checks import instance
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
+from curricle.tasks.domain import cell_space, check_sizes, landing_or_staying, tables_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon
 from curricle.tasks.outcomes import check_numbers
@@ -76,9 +77,7 @@ class Taxi(Frozen):
     time_limit: int | None = 200
 
     def __post_init__(self) -> None:
-        for name, least, most in (("size", 3, LARGEST_TOWN), ("stands", 2, len(STANDS))):
-            value = whole_number(name, getattr(self, name), least, TaskError)
-            object.__setattr__(self, name, int(number(name, value, TaskError, least, most)))
+        check_sizes(self, size=(3, LARGEST_TOWN), stands=(2, len(STANDS)))
         for name in ("walls", "rainy"):
             instance(name, getattr(self, name), bool, TaskError)
         check_numbers(self, (), ("success_rate",))
@@ -133,13 +132,12 @@ class Taxi(Frozen):
     @cached_property
     def landing(self) -> IntArray:
         """The cell that each move leads to from each cell, (size^2, 4) int64."""
-        n, walls = self.size, self.wall_cells
-        row, column = np.divmod(np.arange(n * n)[:, None], n)
-        down, right = np.array(list(MOVES.values())).T
-        to_row, to_column = np.clip(row + down, 0, n - 1), np.clip(column + right, 0, n - 1)
+        here = np.arange(self.size**2)[:, None]
+        to = landing_or_staying(cell_space(self.size, self.size), MOVES)
+        sideways = np.array([right != 0 for _, right in MOVES.values()])
         # A wall stands to the east of the more western of the two cells.
-        blocked = (right != 0) & walls[row, np.minimum(column, to_column)]
-        return frozen(np.where(blocked, row * n + column, to_row * n + to_column))
+        blocked = sideways & self.wall_cells.ravel()[np.minimum(here, to)]
+        return frozen(np.where(blocked, here, to))
 
     @cached_property
     def mdp(self) -> FiniteMDP:
@@ -147,26 +145,23 @@ class Taxi(Frozen):
         values, stands = self.states.decode(), self.stand_cells
         cell = values["row"] * self.size + values["column"]
         passenger, destination = values["passenger"], values["destination"]
-        others = len(cell) // self.size**2  # states for each cell
-        width = 3 if self.rainy else 1
-        after = np.empty((len(cell), 6, width), dtype=np.int64)
-        reward = np.full(after.shape, -1.0)
-        after[:, :4] = self._driven[cell] * others + (np.arange(len(cell)) % others)[:, None, None]
-        for action, outcome in ((4, self._picked_up), (5, self._dropped_off)):
-            after[:, action, 0], reward[:, action, 0] = outcome(cell, passenger, destination)
-            after[:, action], reward[:, action] = after[:, action, :1], reward[:, action, :1]
+        moved = self._state(
+            self._driven[cell], passenger[:, None, None], destination[:, None, None]
+        )
+        picked, picked_reward = self._picked_up(cell, passenger, destination)
+        dropped, dropped_reward = self._dropped_off(cell, passenger, destination)
+        used = np.broadcast_to(
+            np.stack([picked, dropped], axis=1)[:, :, None], (len(cell), 2, moved.shape[2])
+        )
+        reward = [np.full(len(cell), -1.0)] * 4 + [picked_reward, dropped_reward]
         begins = (passenger < self.stands) & (passenger != destination)
-        return FiniteMDP(
-            states=self.states,
-            actions=self.actions,
-            outcome_row=np.arange(len(cell) * 6).reshape(-1, 6),
-            probability=self._probability(len(cell)),
-            next_state=after.reshape(-1, width),
-            reward=reward.reshape(-1, width),
+        return tables_of(
+            self,
+            self._probability,
+            np.concatenate([moved, used], axis=1),
+            np.stack(reward, axis=1)[:, :, None],
             terminal=(passenger == destination) & (cell == stands[destination]),
-            start=begins / begins.sum(),
-            discount=self.discount,
-            time_limit=self.time_limit,
+            starting=np.flatnonzero(begins),
         )
 
     def _picked_up(
@@ -204,10 +199,11 @@ class Taxi(Frozen):
         ]
         return np.stack([self.landing, *(np.where(moved, one, here) for one in sides)], axis=2)
 
-    def _probability(self, n_states: int) -> FloatArray:
-        """Return the chances of the outcomes, (S * A, O)."""
+    @property
+    def _probability(self) -> FloatArray:
+        """The chances of the outcomes of each action, (A, O)."""
         if not self.rainy:
-            return np.ones((n_states * 6, 1))
+            return np.ones((6, 1))
         sides = (1 - self.success_rate) / 2
         drives = np.tile([self.success_rate, sides, sides], (4, 1))
-        return np.tile(np.concatenate([drives, np.tile([1.0, 0.0, 0.0], (2, 1))]), (n_states, 1))
+        return np.concatenate([drives, np.tile([1.0, 0.0, 0.0], (2, 1))])

@@ -17,7 +17,7 @@ from curricle.tasks import (
     Taxi,
 )
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.scene import AGENT, OBJECTS, PREY, painted, predator, scene_of
+from curricle.tasks.scene import AGENT, FIGURES, PREY, painted, predator, scene_of
 
 from .environments import RING, TASKS, WALLED
 
@@ -36,7 +36,7 @@ def test_pictures_of_all_states_have_one_size_and_differ(name):
 
 
 def test_figures_differ_without_their_colours():
-    figures = [AGENT, PREY, predator(1), predator(2), predator(3), *OBJECTS.values()]
+    figures = [AGENT, PREY, predator(1), predator(2), predator(3), *set(FIGURES.values())]
 
     def in_grey(figure):
         colours, through = painted(figure, 32)

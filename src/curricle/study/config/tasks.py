@@ -51,11 +51,11 @@ from curricle.study.config.tables import (
 )
 from curricle.tasks.block_dude import BlockDude
 from curricle.tasks.deep_sea import DeepSea
+from curricle.tasks.domain import MOVES
 from curricle.tasks.families.built_in import BUILT_IN
 from curricle.tasks.families.family import FamilyMember, Parameter, TaskFamily
 from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.frozen_lake import FrozenLake
-from curricle.tasks.grid_layout import MOVES
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.observation_task import EnvironmentMaker

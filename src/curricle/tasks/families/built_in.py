@@ -6,12 +6,18 @@ from typing import Any, Literal
 import numpy as np
 
 from curricle.array_types import IntArray
-from curricle.checks import number, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.block_dude import BlockDude
 from curricle.tasks.cliff_walking import LARGEST_SIDE, CliffWalking
 from curricle.tasks.deep_sea import LARGEST_SEED, LARGEST_SIZE as LARGEST_SEA, DeepSea
-from curricle.tasks.families.family import ComponentsByName, FamilyMember, Parameter, TaskFamily
+from curricle.tasks.domain import MOVES
+from curricle.tasks.families.family import (
+    ComponentsByName,
+    FamilyMember,
+    Parameter,
+    TaskFamily,
+    complete_parameters,
+)
 from curricle.tasks.families.mazes import maze_family
 from curricle.tasks.four_rooms import (
     LARGEST_SIZE as LARGEST_ROOMS,
@@ -25,6 +31,19 @@ from curricle.tasks.river_swim import RiverSwim
 from curricle.tasks.spaces import Decoded
 from curricle.tasks.taxi import LARGEST_TOWN, STANDS, Taxi
 
+HORIZON = (Parameter("time_limit", low=1), Parameter("discount", low=0, high=1))
+"""Parameters that all domains have."""
+
+
+def fields_of(
+    domain: type, *names: str, declared: tuple[Parameter, ...] = ()
+) -> tuple[Parameter, ...]:
+    """Return parameters with the kind and default of these fields of a domain, and its horizon."""
+    known = complete_parameters((*declared, *HORIZON), domain, domain.__name__)
+    fields = {parameter.name: parameter for parameter in known}
+    return tuple(fields[name] for name in (*names, "discount", "time_limit"))
+
+
 # -- frozen lakes ----------------------------------------------------------------------------------
 
 
@@ -34,59 +53,17 @@ def part_of_lake(
     size: int = 8,
     frozen_share: float = 0.8,
     seed: int = 0,
-    *,
-    slippery: bool = True,
-    success_rate: float = 1 / 3,
-    start: Literal["map", "uniform"] = "map",
-    goal_reward: float = 1.0,
-    hole_reward: float = 0.0,
-    step_reward: float = 0.0,
-    discount: float = 0.99,
-    time_limit: int | None = 100,
+    **rules: Any,
 ) -> FrozenLake:
-    """Return one of Gymnasium's frozen lakes, or the part of it around the goal.
+    """Return one of Gymnasium's frozen lakes, or the `part` around the goal, that many rows square.
 
-    Parameters
-    ----------
-    map : {"4x4", "8x8", "random"}
-    part : int, optional
-        Rows and columns around the goal, 2 or more and fewer than the lake has; all by default. The
-        part keeps the lake's coordinates.
-    size, frozen_share, seed : int, float, int
-        Of a random lake, as in :func:`random_lake`.
-    start : {"map", "uniform"}
-        Where the map has its start, in a part on any cell of ice; or on any cell of ice.
-    slippery, success_rate, goal_reward, hole_reward, step_reward, discount, time_limit
-        As in :class:`FrozenLake`.
-
-    Raises
-    ------
-    TaskError
-        When a value is out of range.
-
-    Examples
-    --------
-    >>> part_of_lake("8x8", part=3).map
-    ('FHF', 'FHF', 'FFG')
+    A part keeps the lake's coordinates and starts on any cell of ice.
     """
-    one_of("map of a lake", map, (*MAPS, "random"), TaskError)
-    one_of("start of a lake", start, ("map", "uniform"), TaskError)
-    lake = FrozenLake(
-        random_lake(size, frozen_share, seed) if map == "random" else map,
-        slippery=slippery,
-        success_rate=success_rate,
-        goal_reward=goal_reward,
-        hole_reward=hole_reward,
-        step_reward=step_reward,
-        start=start,
-        discount=discount,
-        time_limit=time_limit,
-    )
+    lake = FrozenLake(random_lake(size, frozen_share, seed) if map == "random" else map, **rules)
     if part is None:
         return lake
-    whole, least = len(lake.map), whole_number("part of a lake", part, 2, TaskError)
-    number("part of a lake", least, TaskError, 2, whole - 1)
-    return lake.crop(rows=(whole - least, whole), columns=(whole - least, whole))
+    whole = len(lake.map)
+    return lake.crop(rows=(whole - part, whole), columns=(whole - part, whole))
 
 
 def _parts_of_maps(parameters: dict[str, Any]) -> str | None:
@@ -108,12 +85,16 @@ frozen_lake_family = TaskFamily(
         Parameter("size", low=2, high=LARGEST_LAKE, harder="larger"),
         Parameter("frozen_share", low=LEAST_FROZEN, high=1, harder="smaller"),
         Parameter("seed", low=0),
-        Parameter("slippery", harder="larger"),
-        Parameter("success_rate", low=0, high=1, harder="smaller"),
-        Parameter("time_limit", low=1),
-        Parameter("discount", low=0, high=1),
+        *fields_of(
+            FrozenLake,
+            *("slippery", "success_rate", "start", "goal_reward", "hole_reward", "step_reward"),
+            declared=(
+                Parameter("slippery", harder="larger"),
+                Parameter("success_rate", low=0, high=1, harder="smaller"),
+                Parameter("start", values=("map", "uniform")),
+            ),
+        ),
     ),
-    mapping=ComponentsByName(),
     constraint=_parts_of_maps,
 )
 """Frozen lakes: a `map` of Gymnasium, or a random one, or its `part` around the goal.
@@ -133,8 +114,7 @@ cliff_walking_family = TaskFamily(
         Parameter("columns", low=3, high=LARGEST_SIDE, harder="larger"),
         Parameter("slippery", harder="larger"),
         Parameter("start", values=("map", "uniform")),
-        Parameter("time_limit", low=1),
-        Parameter("discount", low=0, high=1),
+        *HORIZON,
     ),
     mapping=ComponentsByName("clip"),
 )
@@ -156,8 +136,7 @@ taxi_family = TaskFamily(
         Parameter("walls", harder="larger"),
         Parameter("rainy", harder="larger"),
         Parameter("success_rate", low=0, high=1, harder="smaller"),
-        Parameter("time_limit", low=1),
-        Parameter("discount", low=0, high=1),
+        *HORIZON,
     ),
     mapping=ComponentsByName("scale"),
 )
@@ -166,76 +145,18 @@ taxi_family = TaskFamily(
 # -- four rooms; rooms with a key, a lock and pits -------------------------------------------------
 
 
-def _four_rooms_task(
-    size: int = 13,
-    slip: float = 1 / 3,
-    goal: Literal["north", "east", "south", "west"] = "east",
-    start: Literal["corner", "uniform"] = "corner",
-    step_reward: float = 0.0,
-    goal_reward: float = 1.0,
-    discount: float = 0.9,
-    time_limit: int | None = 500,
-) -> FourRooms:
-    """Return four rooms with the goal in a hallway; the parameters are those of :class:`FourRooms`.
-
-    Examples
-    --------
-    >>> _four_rooms_task() == FourRooms()
-    True
-    """
-    return FourRooms(
-        size=size,
-        slip=slip,
-        goal=goal,
-        start=start,
-        step_reward=step_reward,
-        goal_reward=goal_reward,
-        discount=discount,
-        time_limit=time_limit,
-    )
+def _four_rooms(**rules: Any) -> FourRooms:
+    """Return four rooms with the goal in a hallway."""
+    return FourRooms(**rules)
 
 
-def _key_lock_pit_task(
-    size: int = 8,
-    keys_held: bool = False,
-    start: Literal["map", "uniform"] = "map",
-    key_reward: float = 500.0,
-    lock_reward: float = 1000.0,
-    pit_reward: float = -200.0,
-    step_reward: float = -10.0,
-    discount: float = 0.99,
-    time_limit: int | None = 200,
-) -> KeyLockPit:
-    """Return the square room of :meth:`KeyLockPit.room`; the parameters are those of the class.
-
-    Examples
-    --------
-    >>> _key_lock_pit_task() == KeyLockPit()
-    True
-    """
-    return KeyLockPit.room(
-        size,
-        keys_held=keys_held,
-        start=start,
-        key_reward=key_reward,
-        lock_reward=lock_reward,
-        pit_reward=pit_reward,
-        step_reward=step_reward,
-        discount=discount,
-        time_limit=time_limit,
-    )
+def _room(size: int = 8, **rules: Any) -> KeyLockPit:
+    """Return the square room of :meth:`KeyLockPit.room`."""
+    return KeyLockPit.room(size, **rules)
 
 
 def _four_rooms_mapping(target: FamilyMember, source: FamilyMember) -> Any:
-    """Return how four rooms read others: hallways as hallways, the cells of rooms in proportion.
-
-    Examples
-    --------
-    >>> mapped = _four_rooms_mapping(four_rooms_family(size=13), four_rooms_family(size=9))
-    >>> cells, _ = mapped({"row": np.array([7, 6, 11]), "column": np.array([9, 2, 1])}, {})
-    >>> cells["row"], cells["column"]
-    (array([5, 4, 7]), array([6, 1, 1]))
-    """
+    """Return how four rooms read others: hallways as hallways, the cells of rooms in proportion."""
     own, other = (_plan(one["size"]) for one in (target, source))
 
     def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
@@ -249,15 +170,7 @@ def _four_rooms_mapping(target: FamilyMember, source: FamilyMember) -> Any:
 
 
 def _key_lock_pit_mapping(target: FamilyMember, source: FamilyMember) -> Any:
-    """Return how a room with a key reads another: key, pits and lock as such, others in proportion.
-
-    Examples
-    --------
-    >>> mapped = _key_lock_pit_mapping(key_lock_pit_family(size=8), key_lock_pit_family(size=5))
-    >>> cells, _ = mapped({"row": np.array([1, 5, 7]), "column": np.array([1, 4, 7])}, {})
-    >>> cells["row"], cells["column"]
-    (array([1, 3, 4]), array([1, 2, 4]))
-    """
+    """Return how a room reads another: key, pits and lock as such, other cells in proportion."""
 
     def marks(size: int) -> tuple[list[int], list[int]]:
         pits = size // 2
@@ -295,24 +208,33 @@ def _between(values: IntArray, own: list[int], other: list[int]) -> IntArray:
 
 four_rooms_family = TaskFamily(
     "four_rooms",
-    _four_rooms_task,
-    (
-        Parameter("size", low=SMALLEST_ROOMS, high=LARGEST_ROOMS, harder="larger"),
-        Parameter("slip", low=0, high=1, harder="larger"),
-        Parameter("time_limit", low=1),
-        Parameter("discount", low=0, high=1),
+    _four_rooms,
+    fields_of(
+        FourRooms,
+        *("size", "slip", "goal", "start", "step_reward", "goal_reward"),
+        declared=(
+            Parameter("size", low=SMALLEST_ROOMS, high=LARGEST_ROOMS, harder="larger"),
+            Parameter("slip", low=0, high=1, harder="larger"),
+            Parameter("goal", values=tuple(MOVES)),
+            Parameter("start", values=("corner", "uniform")),
+        ),
     ),
     mapping=_four_rooms_mapping,
 )
 """Four rooms (:class:`FourRooms`); members map hallways as such, other cells in proportion."""
 key_lock_pit_family = TaskFamily(
     "key_lock_pit",
-    _key_lock_pit_task,
+    _room,
     (
         Parameter("size", low=SMALLEST_ROOM, high=LARGEST_ROOM, harder="larger"),
-        Parameter("keys_held", harder="smaller"),
-        Parameter("time_limit", low=1),
-        Parameter("discount", low=0, high=1),
+        *fields_of(
+            KeyLockPit,
+            *("keys_held", "start", "key_reward", "lock_reward", "pit_reward", "step_reward"),
+            declared=(
+                Parameter("keys_held", harder="smaller"),
+                Parameter("start", values=("map", "uniform")),
+            ),
+        ),
     ),
     mapping=_key_lock_pit_mapping,
 )
@@ -336,35 +258,19 @@ def _pursuit_mappings(target: FamilyMember, source: FamilyMember) -> list[Any]:
     and the predators of the group stay the same where they fit: a window of the source's size is
     laid over all of them, and is the nearer to an edge the nearer they are to it. Distances that do
     not fit become the largest that do.
-
-    Raises
-    ------
-    TaskError
-        When the source has more predators than the target.
-
-    Examples
-    --------
-    >>> hunt, chase = pursuit_family(size=4, predators=2), pursuit_family(size=4, predators=1)
-    >>> [dict(one.renaming)["predator"] for one in _pursuit_mappings(hunt, chase)]
-    ['predator_1', 'predator_2']
     """
     if source["predators"] > target["predators"]:
         raise TaskError(
             f"a pursuit reads pursuits with at most its {target['predators']} predators: got "
             f"{source}"
         )
-    groups = list(_groups(_names(target["predators"]), _names(source["predators"])))
+    groups = list(_groups(target.task.predator_names, source.task.predator_names))
     if target["size"] == source["size"]:
         return [ComponentsByName(renaming=group) for group in groups]
     return [_on_another_size(target, source, group) for group in groups]
 
 
-def _names(predators: int) -> list[str]:
-    """Return the names of a pursuit's predators, as :attr:`Pursuit.predator_names` has them."""
-    return ["predator"] if predators == 1 else [f"predator_{i}" for i in range(1, predators + 1)]
-
-
-def _groups(own: list[str], others: list[str]) -> Iterator[Renaming]:
+def _groups(own: tuple[str, ...], others: tuple[str, ...]) -> Iterator[Renaming]:
     """Yield renamings of the source's predators, so that all of the target's are read equally."""
     for first in range(len(own) if len(own) > len(others) else 1):
         yield {name: own[(first + i) % len(own)] for i, name in enumerate(others)}
@@ -444,8 +350,7 @@ pursuit_family = TaskFamily(
         Parameter("size", low=2, high=LARGEST_GRID, harder="larger"),
         Parameter("predators", low=1, high=MOST_PREDATORS, harder="larger"),
         Parameter("capture", values=("any", "all", "as_published", *range(1, MOST_PREDATORS + 1))),
-        Parameter("time_limit", low=1),
-        Parameter("discount", low=0, high=1),
+        *HORIZON,
     ),
     mapping=_pursuit_mappings,
     constraint=_enough_predators,
@@ -470,60 +375,23 @@ PARTS: dict[int, tuple[int, ...]] = {
 
 
 def part_of_level(
-    level: Literal[1, 2, 3] = 1,
-    columns: int | None = None,
-    start: Literal["map", "uniform"] = "map",
-    step_reward: float = -1.0,
-    exit_reward: float = -1.0,
-    discount: float = 0.99,
-    time_limit: int | None = 500,
+    level: Literal[1, 2, 3] = 1, columns: int | None = None, **rules: Any
 ) -> BlockDude:
-    """Return one of BURLAP's levels, or the part of it around the exit.
+    """Return one of BURLAP's levels, or the part that has these columns from the exit on.
 
-    Parameters
-    ----------
-    level : {1, 2, 3}
-    columns : int, optional
-        From the exit on; all 25 by default. Where the agent's column is not among them, it begins
-        in the last one, on top of what is there.
-    start, step_reward, exit_reward, discount, time_limit
-        As in :class:`BlockDude`.
-
-    Raises
-    ------
-    TaskError
-        When a value is out of range. Some parts have no way to the exit, as blocks lie outside;
-        :data:`block_dude_family` refuses these, and those without any block.
-
-    Examples
-    --------
-    >>> part_of_level(1, columns=10).level[2:]
-    ('...#.....>', 'E..#...#.B')
+    Where the agent's column is not among them, it begins in the last one, on top of what is there.
     """
-    whole = BlockDude(
-        level,
-        step_reward=step_reward,
-        exit_reward=exit_reward,
-        start=start,
-        discount=discount,
-        time_limit=time_limit,
-    )
+    whole = BlockDude(level, **rules)
     if columns is None:
         return whole
-    columns = whole_number("columns of a level", columns, 2, TaskError)
     (agent,) = (line.find(what) for line in whole.level for what in "<>" if what in line)
     inside = agent < columns
-    return whole.crop(columns=(0, columns), agent=None if inside else columns - 1, start=start)
+    begins = None if inside else columns - 1
+    return whole.crop(columns=(0, columns), agent=begins, start=whole.start)
 
 
 def _block_mapping(target: FamilyMember, source: FamilyMember) -> ComponentsByName:
-    """Return how a level reads another: by name, blocks in their order from the exit on.
-
-    Examples
-    --------
-    >>> _block_mapping(block_dude_family(), block_dude_family(columns=10)).renaming
-    (('block', 'block_1'),)
-    """
+    """Return how a level reads another: by name, blocks in their order from the exit on."""
     own, other = (
         [name for name in one.task.states.names if name.startswith("block")]
         for one in (target, source)
@@ -555,8 +423,7 @@ block_dude_family = TaskFamily(
     (
         Parameter("level", harder="later"),
         Parameter("columns", low=2, high=WIDTH - 1, harder="larger"),
-        Parameter("time_limit", low=1),
-        Parameter("discount", low=0, high=1),
+        *fields_of(BlockDude, "start", "step_reward", "exit_reward"),
     ),
     mapping=_block_mapping,
     constraint=_has_a_way,
@@ -572,50 +439,13 @@ Members map by name, blocks in their order from the exit on.
 LARGEST_RIVER = 10_000
 
 
-def _river(
-    size: int = 6,
-    forward: float = 0.3,
-    back: float = 0.1,
-    leave_bank: float = 0.3,
-    stay_at_end: float = 0.3,
-    left_reward: float = 5.0,
-    right_reward: float = 10_000.0,
-    discount: float = 0.95,
-    time_limit: int | None = 200,
-) -> RiverSwim:
-    """Return a river; the parameters are those of :class:`RiverSwim`.
-
-    Episodes start at its second or third position; at the second where there are two.
-
-    Examples
-    --------
-    >>> _river(size=6) == RiverSwim()
-    True
-    """
-    return RiverSwim(
-        size=size,
-        forward=forward,
-        back=back,
-        leave_bank=leave_bank,
-        stay_at_end=stay_at_end,
-        left_reward=left_reward,
-        right_reward=right_reward,
-        start=(1, 2) if size > 2 else (1,),
-        discount=discount,
-        time_limit=time_limit,
-    )
+def _river(**rules: Any) -> RiverSwim:
+    """Return a river whose episodes start at its second or third position, where it has them."""
+    return RiverSwim(start=(1, 2) if rules["size"] > 2 else (1,), **rules)
 
 
 def _river_mapping(target: FamilyMember, source: FamilyMember) -> Any:
-    """Return how a river reads another: counted from the right bank, and not past the left one.
-
-    Examples
-    --------
-    >>> mapped = _river_mapping(river_swim_family(size=6), river_swim_family(size=4))
-    >>> states, _ = mapped({"position": np.arange(6)}, {})
-    >>> states["position"]
-    array([0, 0, 0, 1, 2, 3])
-    """
+    """Return how a river reads another: counted from the right bank, and not past the left one."""
     shift = target["size"] - source["size"]
 
     def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
@@ -632,14 +462,16 @@ def _chances_of_a_river(parameters: dict[str, Any]) -> str | None:
 river_swim_family = TaskFamily(
     "river_swim",
     _river,
-    (
-        Parameter("size", low=2, high=LARGEST_RIVER, harder="larger"),
-        Parameter("forward", low=0, high=1, harder="smaller"),
-        Parameter("back", low=0, high=1, harder="larger"),
-        Parameter("leave_bank", low=0, high=1, harder="smaller"),
-        Parameter("stay_at_end", low=0, high=1, harder="smaller"),
-        Parameter("time_limit", low=1),
-        Parameter("discount", low=0, high=1),
+    fields_of(
+        RiverSwim,
+        *("size", "forward", "back", "leave_bank", "stay_at_end", "left_reward", "right_reward"),
+        declared=(
+            Parameter("size", low=2, high=LARGEST_RIVER, harder="larger"),
+            Parameter("forward", low=0, high=1, harder="smaller"),
+            Parameter("back", low=0, high=1, harder="larger"),
+            Parameter("leave_bank", low=0, high=1, harder="smaller"),
+            Parameter("stay_at_end", low=0, high=1, harder="smaller"),
+        ),
     ),
     mapping=_river_mapping,
     constraint=_chances_of_a_river,
@@ -649,35 +481,9 @@ river_swim_family = TaskFamily(
 # -- deep seas: the last rows of a sea are a smaller one -------------------------------------------
 
 
-def _sea(
-    size: int = 10,
-    move_cost: float = 0.01,
-    treasure: float = 1.0,
-    slip: float = 0.0,
-    noise: float = 0.0,
-    mapping_seed: int | None = None,
-    start: Literal["surface", "uniform"] = "surface",
-    discount: float = 0.99,
-    time_limit: int | None = None,
-) -> DeepSea:
-    """Return a whole sea; the parameters are those of :class:`DeepSea`.
-
-    Examples
-    --------
-    >>> _sea(size=4) == DeepSea(size=4)
-    True
-    """
-    return DeepSea(
-        size=size,
-        move_cost=move_cost,
-        treasure=treasure,
-        slip=slip,
-        noise=noise,
-        mapping_seed=mapping_seed,
-        start=start,
-        discount=discount,
-        time_limit=time_limit,
-    )
+def _sea(**rules: Any) -> DeepSea:
+    """Return a whole sea."""
+    return DeepSea(**rules)
 
 
 def _sea_mapping(target: FamilyMember, source: FamilyMember) -> Any:
@@ -685,13 +491,6 @@ def _sea_mapping(target: FamilyMember, source: FamilyMember) -> Any:
 
     Columns are counted from the right, where the treasure is. What lies farther off than the source
     has is unmapped.
-
-    Examples
-    --------
-    >>> mapped = _sea_mapping(deep_sea_family(size=10), deep_sea_family(size=3))
-    >>> states, _ = mapped({"row": 8, "column": 9}, {"move": np.array([[0, 1]])})
-    >>> states
-    {'row': 1, 'column': 2}
     """
     down = target["size"] - source["size"]
     whole, other = target.task, source.task
@@ -710,13 +509,16 @@ def _sea_mapping(target: FamilyMember, source: FamilyMember) -> Any:
 deep_sea_family = TaskFamily(
     "deep_sea",
     _sea,
-    (
-        Parameter("size", low=1, high=LARGEST_SEA, harder="larger"),
-        Parameter("slip", low=0, high=1, harder="larger"),
-        Parameter("noise", low=0, harder="larger"),
-        Parameter("mapping_seed", low=0, high=LARGEST_SEED),
-        Parameter("time_limit", low=1),
-        Parameter("discount", low=0, high=1),
+    fields_of(
+        DeepSea,
+        *("size", "move_cost", "treasure", "slip", "noise", "mapping_seed", "start"),
+        declared=(
+            Parameter("size", low=1, high=LARGEST_SEA, harder="larger"),
+            Parameter("slip", low=0, high=1, harder="larger"),
+            Parameter("noise", low=0, harder="larger"),
+            Parameter("mapping_seed", low=0, high=LARGEST_SEED),
+            Parameter("start", values=("surface", "uniform")),
+        ),
     ),
     mapping=_sea_mapping,
 )

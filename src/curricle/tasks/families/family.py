@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
-from itertools import product
+from itertools import product, repeat
 from types import NoneType, UnionType
-from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from curricle.checks import (
     BEYOND_64_BITS,
@@ -125,6 +125,12 @@ class Parameter:
         """Whether members must give it."""
         return self.default is ...
 
+    @property
+    def _known(self) -> tuple[Any, ...] | None:
+        """All values in order, None where they are a range."""
+        known: tuple[Any, ...] | None = (False, True) if self.kind is bool else self.values
+        return known
+
     def checked(self, value: Any, family: str) -> Any:
         """Return a value as the family's members hold it, or raise TaskError."""
         name = f"{self.name} of {family}"
@@ -157,10 +163,8 @@ class Parameter:
 
     def choices(self, family: str) -> tuple[Any, ...]:
         """Return all values in order; TaskError where they are too many to be listed."""
-        if self.values is not None:
-            found = self.values
-        elif self.kind is bool:
-            found = (False, True)
+        if self._known is not None:
+            found = self._known
         elif (
             self.kind is int
             and self.low is not None
@@ -190,9 +194,8 @@ class Parameter:
         most = self.difficulty(value)
         if most is None:
             return ()
-        if self.values is not None or self.kind is bool:
-            known = (False, True) if self.values is None else self.values
-            return tuple(one for one in known if (self.difficulty(one) or 0.0) < most)
+        if self._known is not None:
+            return tuple(one for one in self._known if (self.difficulty(one) or 0.0) < most)
         up = self.harder == "larger"
         first, last = (self.low, self.high) if up else (self.high, self.low)
         end = value if value is not None else None if last is None else last + (1 if up else -1)
@@ -259,7 +262,12 @@ def complete_parameters(
                 "int, float, bool, str or Literal[...]"
             )
     found += [one for name, one in by_name.items() if name not in signature]
-    return tuple(one if one.required else _with_checked_default(one, family) for one in found)
+    return tuple(
+        one
+        if one.required
+        else replace(one, default=one.checked(one.default, f"{family}, its default,"))
+        for one in found
+    )
 
 
 def _complete(declared: Parameter | None, name: str, hint: Any, default: Any) -> Parameter | None:
@@ -281,12 +289,6 @@ def _complete(declared: Parameter | None, name: str, hint: Any, default: Any) ->
     if len(members) == 1 and get_origin(members[0]) is Literal:
         return replace(given, values=get_args(members[0]))
     return None
-
-
-def _with_checked_default(parameter: Parameter, family: str) -> Parameter:
-    """Return the parameter with its default as members hold it."""
-    default = parameter.checked(parameter.default, f"{family}, its default,")
-    return replace(parameter, default=default)
 
 
 # -- mappings as data ------------------------------------------------------------------------------
@@ -362,8 +364,6 @@ class TaskFamily(Frozen):
     constraint : callable, optional
         A function of a dict of parameters that returns what is wrong with them as a sentence, None
         where nothing is. For rules that several parameters make together.
-    settings : dict or pairs
-        Other defaults of parameters; see :meth:`with_defaults`.
 
     Raises
     ------
@@ -393,7 +393,6 @@ class TaskFamily(Frozen):
     parameters: Any = ()
     mapping: Any = None
     constraint: Callable[[dict[str, Any]], str | None] | None = None
-    settings: Any = ()
 
     def __post_init__(self) -> None:
         fit_name("a task family", self.name, TaskError)
@@ -420,24 +419,23 @@ class TaskFamily(Frozen):
             instance(f"each of the parameters of {self.name}", one, Parameter, TaskError)
         found = complete_parameters(declared, self.factory, self.name)
         object.__setattr__(self, "parameters", found)
-        try:
-            given = dict(self.settings)
-        except (TypeError, ValueError):
-            raise TaskError(
-                f"the settings of {self.name} must be a dict of parameters: got {self.settings!r}"
-            ) from None
-        settings = {
-            name: self.parameter(name).checked(value, self.name) for name, value in given.items()
-        }
-        object.__setattr__(self, "settings", tuple(sorted(settings.items())))
 
     # -- members -------------------------------------------------------------------------------
 
     def __call__(self, /, **values: Any) -> "FamilyMember":
         """Return the member with these parameters; the others have their defaults."""
-        member = self._member(values)
-        refused = member.refusal()
-        if refused:
+        for name in values:
+            self.parameter(name)
+        for one in self.parameters:
+            if one.required and one.name not in values:
+                raise TaskError(
+                    f"{one.name} of {self.name} must be given: it has no default, and is "
+                    f"{one.listed()}"
+                )
+        given = [values.get(one.name, one.default) for one in self.parameters]
+        checked = map(Parameter.checked, self.parameters, given, repeat(self.name))
+        member = FamilyMember(self, tuple(checked))
+        if refused := member.refusal():
             raise TaskError(f"{refused}: got {member}")
         return member
 
@@ -455,16 +453,15 @@ class TaskFamily(Frozen):
         """
         for name in values:
             self.parameter(name)
-        defaults, columns = dict(self.settings), list[tuple[Any, ...]]()
+        columns = list[tuple[Any, ...]]()
         for one in self.parameters:
-            default = defaults.get(one.name, one.default)
             if one.name in values:
                 given = values[one.name]
                 several = isinstance(given, Iterable) and not isinstance(given, str)
                 listed = tuple(given) if several else (given,)
                 columns.append(tuple(one.checked(value, self.name) for value in listed))
             else:
-                columns.append(one.choices(self.name) if default is ... else (default,))
+                columns.append(one.choices(self.name) if one.required else (one.default,))
         yield from self._allowed(columns)
 
     def easier(self, member: "FamilyMember") -> Iterator["FamilyMember"]:
@@ -487,26 +484,10 @@ class TaskFamily(Frozen):
         yield from (found for found in self._allowed(columns) if found.values != member.values)
 
     def _allowed(self, columns: list[tuple[Any, ...]]) -> Iterator["FamilyMember"]:
-        base = self._base
         for values in product(*columns):
-            member = FamilyMember(base, values)
+            member = FamilyMember(self, values)
             if not member.refusal():
                 yield member
-
-    def _member(self, values: dict[str, Any]) -> "FamilyMember":
-        """Return the member with these parameters, each of them checked."""
-        for name in values:
-            self.parameter(name)
-        defaults = {one.name: one.default for one in self.parameters}
-        given = {**defaults, **dict(self.settings), **values}
-        missing = [name for name, value in given.items() if value is ...]
-        if missing:
-            raise TaskError(
-                f"{missing[0]} of {self.name} must be given: it has no default, and is "
-                f"{self.parameter(missing[0]).listed()}"
-            )
-        checked = [one.checked(given[one.name], self.name) for one in self.parameters]
-        return FamilyMember(self._base, tuple(checked))
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of that name; TaskError lists the names otherwise."""
@@ -522,44 +503,21 @@ class TaskFamily(Frozen):
             f"{name!r}{meant}"
         )
 
-    def with_defaults(self, /, **values: Any) -> Self:
-        """Return the family with other defaults.
-
-        Its members equal those of this family with the same parameters.
-
-        Examples
-        --------
-        >>> from curricle.tasks import pursuit_family
-        >>> rings = pursuit_family.with_defaults(torus=True)
-        >>> rings(size=3), rings(size=3) == pursuit_family(size=3, torus=True)
-        (pursuit(size=3, torus=True), True)
-        """
-        return replace(self, settings={**dict(self.settings), **values})
-
-    @cached_property
-    def _base(self) -> "TaskFamily":
-        """The family without defaults of its own, which all its members name."""
-        return replace(self, settings=()) if self.settings else self
-
     # -- printing and pickling -----------------------------------------------------------------
 
     def __str__(self) -> str:
         lines = [f"{self.name}, a family of tasks"]
         for one in self.parameters:
-            default = dict(self.settings).get(one.name, one.default)
-            known = "must be given" if default is ... else f"{default} by default"
+            known = "must be given" if one.required else f"{one.default} by default"
             order = "" if one.harder is None else f", {one.harder} is harder"
             lines.append(f"  {one.name}: {one.listed()}; {known}{order}")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
-        changed = "".join(f", {name}={value!r}" for name, value in self.settings)
-        return f"TaskFamily({self.name}: {', '.join(one.name for one in self.parameters)}{changed})"
+        return f"TaskFamily({self.name}: {', '.join(one.name for one in self.parameters)})"
 
     def __reduce__(self) -> Any:
         """Pickle a decorated function by its name, which now leads to the family."""
-        if self.settings:
-            return _with_settings, (self._base, self.settings)
         place = getattr(self.factory, "__module__", ""), getattr(self.factory, "__qualname__", "")
         if _found(*place) == self:
             return _found, place
@@ -691,7 +649,3 @@ def _found(module: str, name: str) -> Any:
     except (ImportError, AttributeError, ValueError):
         return None
     return found
-
-
-def _with_settings(family: TaskFamily, settings: tuple[tuple[str, Any], ...]) -> TaskFamily:
-    return family.with_defaults(**dict(settings))

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.draws import STRIDE, splitmix64, stream_start, uniform
-from curricle.tasks.families.family import ComponentsByName, Parameter, TaskFamily
+from curricle.tasks.families.family import Parameter, TaskFamily
 from curricle.tasks.gridworld import GridWorld, Rewards
 
 LARGEST_MAZE = 200
@@ -133,18 +133,13 @@ def _grow(cells: dict[_Cell, str], n: int, chances: dict[str, float], seed: int)
 def _joined(cells: dict[_Cell, str], shell: list[_Cell], n: int) -> bool:
     """Return whether cells of the shell are free, and all of them have a way to the treasure."""
     free = {cell for cell in shell if cells[cell] == "."}
-    joined = {
+    first = [
         cell
         for cell in free
         if any(max(one) < n and cells.get(one, "#") in ".T" for one in _beside(cell))
-    }
-    waiting = list(joined)
-    while waiting:
-        for one in _beside(waiting.pop()):
-            if one in free and one not in joined:
-                joined.add(one)
-                waiting.append(one)
-    return bool(free) and joined == free
+    ]
+    joined = _distances(first, free)
+    return bool(free) and joined.keys() == free
 
 
 def _lines(cells: dict[_Cell, str], *, down: bool, right: bool) -> list[str]:
@@ -156,20 +151,22 @@ def _lines(cells: dict[_Cell, str], *, down: bool, right: bool) -> list[str]:
 
 
 def _farthest(cells: dict[_Cell, str]) -> _Cell:
-    """Return the free cell whose way to the treasure is the longest; TaskError if one has none."""
-    waiting, distance = deque([(0, 0)]), {(0, 0): 0}
+    """Return the free cell whose way to the treasure is the longest."""
+    free = {cell for cell, character in cells.items() if character == "."}
+    distance = _distances([(0, 0)], free)
+    return max(distance, key=lambda cell: (distance[cell], cell))
+
+
+def _distances(first: list[_Cell], free: set[_Cell]) -> dict[_Cell, int]:
+    """Return the steps from the first cells to each free one that has a way from there."""
+    waiting, distance = deque(first), dict.fromkeys(first, 0)
     while waiting:
         cell = waiting.popleft()
         for one in _beside(cell):
-            if cells.get(one) == "." and one not in distance:
+            if one in free and one not in distance:
                 distance[one] = distance[cell] + 1
                 waiting.append(one)
-    lost = [cell for cell, character in cells.items() if character == "." and cell not in distance]
-    if lost:
-        raise TaskError(
-            f"every free cell of a maze needs a way to the treasure: {lost[0]} has none"
-        )
-    return max(distance, key=lambda cell: (distance[cell], cell))
+    return distance
 
 
 def _beside(cell: _Cell) -> Iterator[_Cell]:
@@ -200,7 +197,6 @@ maze_family = TaskFamily(
         Parameter("time_limit", low=1),
         Parameter("discount", low=0, high=1),
     ),
-    mapping=ComponentsByName(),
     constraint=_chances_sum,
 )
 """Random mazes (:func:`random_maze`); members map cell by cell, counted from the treasure."""
