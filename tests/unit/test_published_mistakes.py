@@ -215,7 +215,7 @@ def test_a_tolerance_is_never_rounded_to_zero(tolerance):
 def test_the_discount_has_one_owner():
     consumers = [
         *LEARNERS, cr.learn, cr.solve, cr.evaluate, cr.StatePotential, cr.StateActionPotential,
-        cr.StatePotential.shaping_reward, cr.StateActionPotential.look_ahead, cr.Transfer,
+        cr.StatePotential.shaping_reward, cr.Transfer,
         cr.transfer.StateActionMapping, cr.Curriculum, cr.Curriculum.train, cr.planning.rollout,
     ]  # fmt: skip
     for consumer in consumers:
