@@ -9,7 +9,7 @@ from curricle.files import Place
 from curricle.study.packing import files_of, pack
 from curricle.study.results import StudyResults
 from curricle.study.running import Done
-from curricle.study.serialization import without_snapshots
+from curricle.study.serialization import SNAPSHOTS, group_of
 from curricle.study.store import StoredUnit, StudyStore, read_failures, write_failures
 from curricle.study.tuning import read_tuning, write_tuning
 
@@ -85,9 +85,9 @@ def _take(
         if new:
             result = store.result(unit, new)
             if first not in new:  # a study keeps the snapshots of its first seed alone
-                result = without_snapshots(result)
-            taken = target.write_unit(unit.about.model_copy(update={"seeds": new}), result)
-            there |= dict.fromkeys(new, taken)
+                learnt = {k: v for k, v in result.arrays.items() if group_of(k) != SNAPSHOTS}
+                result = result._replace(arrays=learnt)
+            there |= dict.fromkeys(new, target.write_unit(unit.about, result))
 
 
 def _first_seed(study: StudyResults) -> int:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from curricle.curriculum.node import Node
 from curricle.errors import StoreError
-from curricle.study.record import CurriculaRecord, UnitRecord
+from curricle.study.record import CurriculaRecord
 from curricle.study.serialization import UnitResult, joined_units
 from curricle.study.store import StoredUnit, StudyStore, read_errors, write_errors
 from curricle.study.units import Unit
@@ -148,20 +148,10 @@ class Packing:
 
     def _store(self, block: Block, unit: Unit, result: UnitResult) -> None:
         files = self._files.setdefault(block, [])
-        files.append(self.store.write_unit(about_of(unit, result), result))
+        files.append(self.store.write_unit(unit, result))
         if len(files) > MOST_FILES:
             files[:] = [merged_files(self.store, files)]
         self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))
-
-
-def about_of(unit: Unit | UnitRecord, result: UnitResult) -> UnitRecord:
-    """Return what the file of a result says that it is, from one of its units."""
-    return UnitRecord(
-        key=unit.key,
-        dependencies=dict(unit.dependencies),
-        task=unit.task,
-        seeds=tuple(result.arrays["seeds"].tolist()),
-    )
 
 
 def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
@@ -181,8 +171,7 @@ def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
         if new := set(file.seeds) - taken:
             parts.append(store.result(file, new))
             taken |= new
-    whole = joined_units(parts)
-    found = store.write_unit(about_of(files[0].about, whole), whole)
+    found = store.write_unit(files[0].about, joined_units(parts))
     with write_errors(store.path):
         for file in files:
             if file.path != found.path:

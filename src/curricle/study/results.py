@@ -21,11 +21,12 @@ from curricle.deep.policy import policies_of
 from curricle.errors import CurriculumError, StoreError, StudyError
 from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
-from curricle.learning.result import LearningResult, joined_results
+from curricle.learning.result import LearningResult, curve_columns, joined_results
+from curricle.learning.saved_result import check_result_arrays
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
 from curricle.study.record import Analysis, RunRecord, ShownStudy, StudyRecord, plain, read_record
-from curricle.study.serialization import RUN, SNAPSHOTS, VALUES, check_arrays, curve_table
+from curricle.study.serialization import RUN, SNAPSHOTS, VALUES
 from curricle.study.store import (
     STUDY,
     StoredUnit,
@@ -122,6 +123,8 @@ RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.par
 ANALYSIS = "analysis.json"
 MOST_CHECKPOINTS = 10_000_000
 """Of a curve in a comparison: 80 MB a seed."""
+SPENT = ("source_steps", "steps_used")
+"""Arrays of steps."""
 HEADERS, FLOAT32 = 2**16, 4
 """Bytes of the headers of some arrays, at most, and of a number in a snapshot."""
 
@@ -206,10 +209,9 @@ class StudyResults(ShownStudy):
         """Return the arrays of a unit of an arm, which have the shapes that the record states."""
         task = self.record.task(arm, name)
         arrays = self.store.arrays(unit, *groups, most=self.most_bytes)
-        return self.store.checked(
-            unit.path,
-            lambda: check_arrays(arrays, unit.seeds, (task.states, task.actions)),
-        )
+        given = arrays, unit.seeds, (task.states, task.actions), SPENT
+        self.store.checked(unit.path, lambda: check_result_arrays(*given))
+        return arrays
 
     @property
     def most_bytes(self) -> int:
@@ -378,7 +380,7 @@ class StudyResults(ShownStudy):
 
     def _table(self, name: str, arm: str, task: str, unit: StoredUnit) -> pa.Table:
         if name == CURVES:
-            return curve_table(task, self._arrays(arm, task, unit, RUN))
+            return pa.table(curve_columns(self._arrays(arm, task, unit, RUN), task))
         return self.store.decisions(unit)
 
     def write_tables(self) -> None:

@@ -167,6 +167,8 @@ def lost_errors() -> Iterator[None]:
 
 # -- The file of a unit: a sealed archive of its arrays that says what it is of --------------------
 
+NamedArrays = dict[str, npt.NDArray[Any]]
+"""Arrays by name."""
 ABOUT, DECISIONS = "unit.json", "decisions.parquet"
 """Members of the archive beside its arrays."""
 ENDING = ".npz"
@@ -194,43 +196,26 @@ def _snapshots_of(names: Iterable[str]) -> list[str]:
     return [name for name in names if group_of(name) == SNAPSHOTS]
 
 
-@dataclass(frozen=True)
-class UnitFile:
-    """A unit's file that is open."""
-
-    archive: ArrayArchive
-
-    def about(self) -> UnitRecord:
-        """Return what the unit is; ValueError if the archive does not say."""
-        return read_record(UnitRecord, parsed_json(self.archive.content(ABOUT, LARGEST_ABOUT)))
-
-    def arrays(self, *groups: str, most: int | None = None) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays of some groups, without pickles.
-
-        Snapshots may unpack to `most` bytes, and nothing else is compressed; ValueError otherwise.
-        """
-        names = [name for name in self.archive.names if group_of(name) in groups]
-        return self.archive.read(*names, compressed=_snapshots_of(names), most=most)
-
-    def decisions(self, seeds: int) -> pa.Table:
-        """Return the table of decisions, one a seed and checkpoint; ValueError if it is another."""
-        most = seeds * (1 + checkpoints_of(self.archive.read("steps")))
-        member = self.archive.members.get(DECISIONS)
-        size = 0 if member is None else member.file_size
-        return read_parquet(self.archive.content(DECISIONS, size), DECISION_SCHEMA, most)
+def about_in(archive: ArrayArchive) -> UnitRecord:
+    """Return what the unit of a file is; ValueError if the file does not say."""
+    return read_record(UnitRecord, parsed_json(archive.content(ABOUT, LARGEST_ABOUT)))
 
 
-@contextmanager
-def opened_unit(path: Place) -> Iterator[UnitFile]:
-    """Open a unit's file to read some of it; it raises as :func:`opened_archive`."""
-    with opened_archive(path) as archive:
-        yield UnitFile(archive)
+def groups_in(archive: ArrayArchive, groups: Collection[str], most: int | None) -> NamedArrays:
+    """Return the arrays of some groups in a unit's file, without pickles.
+
+    Snapshots may unpack to `most` bytes, and nothing else is compressed; ValueError otherwise.
+    """
+    names = [name for name in archive.names if group_of(name) in groups]
+    return archive.read(*names, compressed=_snapshots_of(names), most=most)
 
 
-def checked_unit(path: Place) -> UnitRecord:
-    """Return what a whole file is of; all of it is read once. It raises as :func:`opened_unit`."""
-    with opened_whole(path) as archive:
-        return UnitFile(archive).about()
+def decisions_in(archive: ArrayArchive, seeds: int) -> pa.Table:
+    """Return the decisions in a unit's file, one a seed and checkpoint; ValueError if wrong."""
+    most = seeds * (1 + checkpoints_of(archive.read("steps")))
+    member = archive.members.get(DECISIONS)
+    size = 0 if member is None else member.file_size
+    return read_parquet(archive.content(DECISIONS, size), DECISION_SCHEMA, most)
 
 
 def place_of(key: str, task: str, seeds: str) -> str:
@@ -269,13 +254,13 @@ class StoredUnit:
         """Return the unit of a file; StoreError where its name is cut and it cannot be read."""
         seeds = seeds_in(path.stem.removeprefix("seeds-"))
         if seeds is None:
-            seeds = read_unit(path, UnitFile.about).seeds
+            seeds = read_unit(path, about_in).seeds
         return cls(path, path.parent.name.rpartition("-")[2], seeds)
 
     @cached_property
     def about(self) -> UnitRecord:
         """What its file says of it; StoreError where that is damaged or of another unit."""
-        found: UnitRecord = read_unit(self.path, UnitFile.about)
+        found: UnitRecord = read_unit(self.path, about_in)
         if not self._is_place_of(found):
             raise damage(self.path)
         return found
@@ -287,8 +272,8 @@ class StoredUnit:
         A file system that does not answer damages nothing: what is damaged is deleted.
         """
         try:
-            with read_errors(self.path):
-                return self._is_place_of(checked_unit(self.path))
+            with read_errors(self.path), opened_whole(self.path) as archive:
+                return self._is_place_of(about_in(archive))
         except (Damaged, ValueError):
             return False
 
@@ -307,32 +292,34 @@ class StoredUnit:
         return self.about.dependencies
 
 
-def read_unit(path: Place, read: Callable[[UnitFile], Result]) -> Result:
+def read_unit(path: Place, read: Callable[[ArrayArchive], Result]) -> Result:
     """Return what a function reads of a unit's file; StoreError where that cannot be."""
     try:
-        with read_errors(path), opened_unit(path) as file:
-            return read(file)
+        with read_errors(path), opened_archive(path) as archive:
+            return read(archive)
     except Damaged:
         raise damage(path) from None
     except ValueError as error:
         raise StoreError(f"{path} is not as Curricle writes it: {error}") from None
 
 
-def arrays_in(
-    stored: StoredUnit, *groups: str, most: int | None = None
-) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of some groups of a unit; see :meth:`StudyStore.arrays`."""
-    return read_unit(stored.path, lambda file: file.arrays(*groups, most=most))
+def arrays_in(stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
+    """Return the arrays of some groups, such as ``run``, that a unit has.
+
+    Snapshots may unpack to `most` bytes; StoreError names a file where they have more.
+    """
+    return read_unit(stored.path, lambda archive: groups_in(archive, groups, most))
 
 
 def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
-    """Write the result of a unit into a folder of results in one move, and return where it is."""
+    """Write what some seeds of a unit learnt in one move, and return where it is."""
+    seeds = tuple(result.arrays["seeds"].tolist())
     about = UnitRecord(
-        key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=unit.seeds
+        key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=seeds
     )
-    place = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(unit.seeds))}"
+    place = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(seeds))}"
     _write(folder, place, unit_content(about, result))
-    return StoredUnit(folder / place, unit.key, unit.seeds)
+    return StoredUnit(folder / place, unit.key, seeds)
 
 
 def _write(folder: Place, name: str, content: bytes) -> None:
@@ -569,18 +556,13 @@ class StudyStore:
         """Remove those of all units."""
         remove_folder(self.path / CHECKPOINTS)
 
-    def arrays(
-        self, stored: StoredUnit, *groups: str, most: int | None = None
-    ) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays of some groups, such as ``run``, that a unit has.
-
-        Snapshots may unpack to `most` bytes; StoreError names a file where they have more.
-        """
+    def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
+        """Return the arrays of some groups of a unit, as :func:`arrays_in`."""
         return arrays_in(stored, *groups, most=most)
 
     def decisions(self, stored: StoredUnit) -> pa.Table:
         """Return the table of a unit's decisions."""
-        return read_unit(stored.path, lambda file: file.decisions(len(stored.seeds)))
+        return read_unit(stored.path, lambda archive: decisions_in(archive, len(stored.seeds)))
 
     def result(
         self, stored: StoredUnit, seeds: Collection[int], most: int | None = None
@@ -592,8 +574,8 @@ class StudyStore:
         if not stored.whole:
             raise damage(stored.path)
 
-        def read(file: UnitFile) -> tuple[dict[str, npt.NDArray[Any]], pa.Table]:
-            return file.arrays(*GROUPS, most=most), file.decisions(len(stored.seeds))
+        def read(archive: ArrayArchive) -> tuple[NamedArrays, pa.Table]:
+            return groups_in(archive, GROUPS, most), decisions_in(archive, len(stored.seeds))
 
         arrays, decisions = read_unit(stored.path, read)
         wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
