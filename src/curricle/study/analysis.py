@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import blake2b
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ from curricle.study.record import (
     RowRecord,
     SectionRecord,
 )
-from curricle.study.results import StudyResults
+from curricle.study.results import ANALYSIS, StudyResults
 from curricle.tasks.grid_view import GridView
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
@@ -81,7 +82,7 @@ def analyse(study: StudyResults, arms: Arms) -> None:
         }
         given = study.trained(arm, curriculum, seeds)
         results[arm] = CurriculumResult(curriculum, nodes, {}, given=given)
-    study.write_analysis(analysed(results, study.record.only(curricula), of))
+    study.store.write_record(ANALYSIS, analysed(results, study.record.only(curricula), of))
 
 
 def analysed(
@@ -191,25 +192,13 @@ def _section(
 
 
 def _plain(found: Forecast) -> ForecastRecord:
-    rows = tuple(
-        RowRecord(
-            name=one.name,
-            aggregate=one.aggregate,
-            start=one.mean("start"),
-            optimistic=one.mean("optimistic"),
-            scale=one.scale,
-            verdict=one.verdict,
-        )
-        for one in found.rows
-    )
-    return ForecastRecord(
-        random_return=found.random_return,
-        optimum=found.optimum,
-        exact=found.exact,
-        solved=found.solved,
-        computed_from=found.computed_from,
-        rows=rows,
-    )
+    rows = list[RowRecord]()
+    for one in found.rows:
+        values: dict[str, Any] = {name: one.mean(name) for name in ("start", "optimistic")}
+        same = RowRecord.model_fields.keys() - values.keys()
+        rows.append(RowRecord(**values, **{name: getattr(one, name) for name in same}))
+    same = ForecastRecord.model_fields.keys() - {"rows"}
+    return ForecastRecord(rows=tuple(rows), **{name: getattr(found, name) for name in same})
 
 
 def _extent(

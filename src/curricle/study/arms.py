@@ -64,14 +64,6 @@ class Arms:
         return any(is_live(task) or is_observation_task(task) for task in tasks)
 
     @property
-    def keys_by_arm(self) -> dict[str, dict[str, str]]:
-        """The keys of each arm's tasks."""
-        found: dict[str, dict[str, str]] = {}
-        for (arm, task), key in self.keys.items():
-            found.setdefault(arm, {})[task] = key
-        return found
-
-    @property
     def code(self) -> dict[str, str]:
         """The digest of each own module, by file, and found mapping, that any arm uses."""
         each = [depends["code"] for depends in self.dependencies.values()]

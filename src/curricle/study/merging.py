@@ -7,11 +7,11 @@ from curricle.checks import BEYOND_64_BITS
 from curricle.errors import StoreError
 from curricle.files import Place
 from curricle.study.packing import files_of, pack
-from curricle.study.results import StudyResults
+from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.running import Done
 from curricle.study.serialization import SNAPSHOTS, group_of
 from curricle.study.store import StoredUnit, StudyStore, read_failures, write_failures
-from curricle.study.tuning import read_tuning, write_tuning
+from curricle.study.tuning import TUNING, read_tuning
 
 
 def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
@@ -68,9 +68,9 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         merged = StudyResults(path)
         merged.write_tables()
         if analysis is not None:
-            merged.write_analysis(analysis)
+            target.write_record(ANALYSIS, analysis)
         if (tuning := read_tuning(stores[0])) is not None:
-            write_tuning(target, tuning)
+            target.write_record(TUNING, tuning)
         write_failures(target, failures)
     return StudyResults(path)
 

@@ -40,20 +40,11 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
         node = first.node(arms.target)
         threshold = threshold_of_optimum(target_of(node.task, node.evaluation))
-    return StudyRecord(
-        tasks=curricula.tasks,
-        arms=curricula.arms,
-        name=study.name,
-        seeds=study.seeds,
-        threshold=threshold,
-        window=study.window,
-        snapshots=study.snapshots,
-        target=arms.target,
-        problem=task_summary(first.tasks[arms.target]),
-        budget=arms.budget,
-        total=arms.total,
-        eval_freq=arms.eval_freq,
-    )
+    of_study = {name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots")}
+    of_arms = {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
+    problem = task_summary(first.tasks[arms.target])
+    both = {"tasks": curricula.tasks, "arms": curricula.arms, **of_study, **of_arms}
+    return StudyRecord(threshold=threshold, problem=problem, **both)
 
 
 def curricula_record(

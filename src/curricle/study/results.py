@@ -9,7 +9,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from curricle.archives import sealed
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
@@ -25,7 +24,7 @@ from curricle.learning.result import LearningResult, curve_columns, joined_resul
 from curricle.learning.saved_result import check_result_arrays
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
-from curricle.study.record import Analysis, RunRecord, ShownStudy, StudyRecord, plain, read_record
+from curricle.study.record import Analysis, RunRecord, ShownStudy, StudyRecord, read_record
 from curricle.study.serialization import RUN, SNAPSHOTS, VALUES
 from curricle.study.store import (
     STUDY,
@@ -336,19 +335,12 @@ class StudyResults(ShownStudy):
     @property
     def analysis(self) -> Analysis | None:
         """Forecasts, certificates and episodes; None before the run has ended."""
-        if not self.store.has(ANALYSIS):
-            return None
-        found = self.store.read_sealed(ANALYSIS)
-        return self.store.checked(ANALYSIS, lambda: read_record(Analysis, found))
+        return self.store.record(ANALYSIS, Analysis) if self.store.has(ANALYSIS) else None
 
     @property
     def runs(self) -> list[RunRecord]:
         """Each run so far."""
         return self.store.runs()
-
-    def write_analysis(self, analysis: Analysis) -> None:
-        """Write ``analysis.json``."""
-        self.store.write(ANALYSIS, sealed(plain(analysis)))
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps each seed of an arm spent before a task, (K,), seeds ascending.

@@ -42,7 +42,9 @@ from curricle.study.store import (
 )
 from curricle.study.study_arguments import Study, study_of
 from curricle.study.tuning import (
+    BEGUN,
     TRIALS,
+    TUNING,
     BegunTrials,
     check_tuning,
     digest_of,
@@ -51,8 +53,6 @@ from curricle.study.tuning import (
     tuned_study,
     tuning_at,
     with_trials,
-    write_begun,
-    write_tuning,
 )
 from curricle.study.units import Unit, given_to_all, numbered_seeds, seeds_of, units_of
 from curricle.text_tables import counted
@@ -335,7 +335,8 @@ def _tuned(
 
         def train(config: StudyConfig, of_trials: Arms, words: str) -> StudyStore:
             begun.extend(of_trials.keys[one, of_trials.target] for one in of_trials.curricula)
-            write_begun(store, BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun)))
+            now = BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun))
+            store.write_record(BEGUN, now)
             failures = Failures(of_trials.keys)
             per_file = files_of(curricula_record(of_trials.curricula, of_trials.keys))
             done = store.finished()
@@ -348,7 +349,7 @@ def _tuned(
 
         found = tune(study, train, choose)
         store.remove_checkpoints()
-    write_tuning(training.store, found)
+    training.store.write_record(TUNING, found)
     return tuned_study(study, found)
 
 

@@ -50,7 +50,7 @@ from curricle.files import (
 from curricle.learning.saved_result import checkpoints_of, values_of
 from curricle.statistics.curves import SCRATCH
 from curricle.study.dependencies import Dependencies, differences, shown
-from curricle.study.record import RunRecord, UnitRecord, plain, read_record
+from curricle.study.record import Plain, RunRecord, UnitRecord, plain, read_record
 from curricle.study.serialization import (
     DECISION_SCHEMA,
     GROUPS,
@@ -239,6 +239,7 @@ SCHEMA_VERSION = 3
 LARGEST_JSON = 2**26
 """Bytes of a JSON file at most: a study of 100,000 seeds has a hundredth of that."""
 Result = TypeVar("Result")
+Record = TypeVar("Record", bound=Plain)
 
 
 @dataclass(frozen=True)
@@ -492,6 +493,15 @@ class StudyStore:
         if found is None:
             raise damage(self.path / name)
         return found
+
+    def write_record(self, name: str, record: Plain) -> None:
+        """Write a record with its own checksum."""
+        self.write(name, sealed(plain(record)))
+
+    def record(self, name: str, model: type[Record]) -> Record:
+        """Return what :meth:`write_record` wrote; StoreError if it is damaged."""
+        found = self.read_sealed(name)
+        return self.checked(name, lambda: read_record(model, found))
 
     def _bytes(self, name: str, most: int) -> bytes:
         with read_errors(self.path / name):

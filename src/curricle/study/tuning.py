@@ -11,7 +11,6 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, JsonValue, model_validator
 
-from curricle.archives import sealed
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import most_source_steps
 from curricle.errors import SettingError
@@ -23,7 +22,7 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.sweeps import RangeTable, Tuning, ends_of, value_text, with_values
 from curricle.study.dependencies import Dependencies, key_of, settings_key_of
-from curricle.study.record import Count, Plain, plain, read_record
+from curricle.study.record import Count, Plain
 from curricle.study.serialization import RUN, of_seeds
 from curricle.study.store import StoredUnit, StudyStore, holds_study
 from curricle.text_tables import counted
@@ -117,25 +116,12 @@ class BegunTrials(Plain):
 
 def read_tuning(store: StudyStore) -> TuningRecord | None:
     """Return the tuning of a study's folder; None if there is none, or it has not ended."""
-    if not store.has(TUNING):
-        return None
-    found = store.read_sealed(TUNING)
-    return store.checked(TUNING, lambda: read_record(TuningRecord, found))
+    return store.record(TUNING, TuningRecord) if store.has(TUNING) else None
 
 
 def tuning_at(path: Place) -> TuningRecord | None:
     """Return the tuning in a folder that may not be there."""
     return read_tuning(StudyStore(path)) if holds_study(path) else None
-
-
-def write_tuning(store: StudyStore, record: TuningRecord) -> None:
-    """Write ``tuning.json``."""
-    store.write(TUNING, sealed(plain(record)))
-
-
-def write_begun(trials: StudyStore, begun: BegunTrials) -> None:
-    """Write ``begun.json`` into the folder of the trials."""
-    trials.write(BEGUN, sealed(plain(begun)))
 
 
 def tuning_words(store: StudyStore) -> str:
@@ -147,8 +133,7 @@ def tuning_words(store: StudyStore) -> str:
     if not store.has(f"{TRIALS}/{BEGUN}"):
         return f"{words}: no trial has begun"
     trials = StudyStore(store.path / TRIALS)
-    found = trials.read_sealed(BEGUN)
-    begun = trials.checked(BEGUN, lambda: read_record(BegunTrials, found))
+    begun = trials.record(BEGUN, BegunTrials)
     stored = trials.finished()
     done = sum({*begun.seeds} <= stored.get(key, {}).keys() for key in begun.keys)
     number = counted(begun.number, "trial")

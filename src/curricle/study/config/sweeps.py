@@ -455,12 +455,9 @@ class TuneTable(Table):
     )
 
 
-class Tuning(Table):
+class Tuning(TuneTable):
     """A tuning of which nothing is left to fill in."""
 
-    trials: Count
-    seeds: tuple[int, ...]
-    seed: Whole
     space: dict[str, RangeTable | tuple[Any, ...]]
     places: dict[str, dict[str, tuple[KeyPath, ...]]]
     """Arm -> name of a setting -> where it stands in the arm's curriculum; none if nowhere."""
