@@ -42,14 +42,7 @@ def line_width() -> int:
 def print_table(
     heads: Sequence[str], rows: Iterable[Sequence[str]], *, words: bool = False
 ) -> None:
-    """Print a table of names and numbers to standard output.
-
-    Examples
-    --------
-    >>> print_table(("", "seeds", "steps"), [("scratch: maze", "20", "1,000")])
-                   seeds  steps
-    scratch: maze     20  1,000
-    """
+    """Print a table of names and numbers to standard output."""
     for line in text_table(heads, rows, table_width(), words=words):
         print(line)
 

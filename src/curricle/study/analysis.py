@@ -90,14 +90,8 @@ def analysed(
 ) -> Analysis:
     """Return the analysis of curricula that were trained.
 
-    Parameters
-    ----------
-    results : dict of str to CurriculumResult
-        Of each arm, the sources' values read.
-    record : CurriculaRecord
-        Of the same arms.
-    of : str
-        A digest of the results.
+    `results` are by arm, the sources' values read; `record` is of the same arms, and `of` a digest
+    of the results.
 
     Examples
     --------
@@ -304,18 +298,9 @@ def stored_episode(
     No task is made and no module of the study imported. Of the rewards the folder keeps what they
     add up to, of the actions nothing.
 
-    Parameters
-    ----------
-    results : StudyResults
-    arm, task : str
-    seed : int, optional
-        The one that must have learnt it.
-
-    Raises
-    ------
-    StoreError
-        When the folder has no such arm or task, or no such episode: those of tasks with a grid and
-        snapshots are stored, of the first seed, when a run that compares arms has ended.
+    A `seed` is the one that must have learnt it. StoreError when the folder has no such arm or
+    task, or no such episode: those of tasks with a grid and snapshots are stored, of the first
+    seed, when a run that compares arms has ended.
     """
     _check_names(results, arm, task)
     analysis, about = results.analysis, results.record.task(arm, task)
@@ -357,21 +342,10 @@ def played_episode(
 ) -> tuple[int, Episode]:
     """Return an episode of a learnt policy in the task itself, and the seed that learnt it.
 
-    Parameters
-    ----------
-    results : StudyResults
-    study : StudyConfig
-        The file that was run; its tasks are made.
-    arm, task : str
-    seed : int, optional
-        By default the first of those that have the best last greedy return.
-
-    Raises
-    ------
-    StoreError
-        When the folder holds no such result, or the results of other settings.
-    SettingError
-        When the values were not saved, or the task has no time limit.
+    The tasks of `study`, the file that was run, are made. By default the seed is the first of those
+    that have the best last greedy return. StoreError when the folder holds no such result, or the
+    results of other settings; SettingError when the values were not saved, or the task has no time
+    limit.
     """
     _check_names(results, arm, task)
     learnt = results.result(arm, task)

@@ -142,11 +142,8 @@ def _with_learner(arm: dict[str, Any], target: str, learner: Any) -> dict[str, A
 def arms_from_json(config: str, folder: str, code: str) -> Arms:
     """Return the arms of the study that a JSON text describes; cached, as many units ask.
 
-    Raises
-    ------
-    ConfigError
-        When the user's own modules, or the mappings that are found, are not or no longer those of
-        `code`, the JSON of ``Arms.code``.
+    ConfigError when the user's own modules, or the mappings that are found, are not or no longer
+    those of `code`, the JSON of ``Arms.code``.
     """
     # Who began the run has printed what is found.
     study = StudyConfig.from_data(json.loads(config), Path(folder), say=lambda _: None)

@@ -53,14 +53,7 @@ def seeds_per_file(node: Node) -> int:
 
 
 def bytes_a_seed(node: Node) -> int:
-    """Return the bytes of what a seed learns in tables, and of its curves, at most.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld
-    >>> bytes_a_seed(Curriculum(tasks={"maze": GridWorld("S..T")}, budget=1000).node("maze"))
-    4296
-    """
+    """Return the bytes of what a seed learns in tables, and of its curves, at most."""
     model = generative_model(node.task)
     tables = TABLES * model.states.size * model.actions.size
     checkpoints = node.most_steps // node.eval_freq + 1
@@ -76,13 +69,7 @@ def files_of(record: CurriculaRecord) -> dict[str, int]:
 class Packing:
     """The units of a run on their way into files.
 
-    Parameters
-    ----------
-    store : StudyStore
-    done : dict
-        Key -> seed -> unit; those that are stored are added.
-    per_file : dict of str to int
-        As :func:`files_of`.
+    `done`, key -> seed -> unit, gets those that are stored; `per_file` is as :func:`files_of`.
     """
 
     def __init__(

@@ -396,10 +396,7 @@ class RunRecord(Plain):
 def read_record(model: type[Model], value: Any) -> Model:
     """Return a record from what a JSON file says.
 
-    Raises
-    ------
-    ValueError
-        Naming the first place that is wrong, and what is wrong there, in one line.
+    ValueError names the first place that is wrong, and what is wrong there, in one line.
 
     Examples
     --------

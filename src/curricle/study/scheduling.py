@@ -32,11 +32,7 @@ class Queue:
     All of a unit, from waiting to being sent, costs time in the logarithm of their number and in
     its own sources and seeds alone.
 
-    Parameters
-    ----------
-    units : iterable of Unit
-    done : dict of str to collection of int
-        The seeds that are trained, by key.
+    `done` has the seeds that are trained, by key.
 
     Examples
     --------

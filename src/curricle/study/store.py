@@ -613,14 +613,7 @@ def stored_values(
 ) -> StoredValues:
     """Return what seeds learnt in a task, its values only if they are to be `read`.
 
-    Parameters
-    ----------
-    arrays_of : callable
-        As :meth:`StudyStore.arrays`.
-    done : dict of int to StoredUnit
-        The unit that holds each seed.
-    seeds : sequence of int
-    read : bool
+    `arrays_of` is as :meth:`StudyStore.arrays`, and `done` has the unit that holds each seed.
     """
     units = {done[seed].path: done[seed] for seed in seeds}
     names = (RUN, VALUES) if read else (RUN,)

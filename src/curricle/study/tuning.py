@@ -178,13 +178,9 @@ def check_tuning(study: StudyConfig) -> int:
     They are the same for all trials: those of the target, and of the sources with the largest
     budgets in the space.
 
-    Raises
-    ------
-    ConfigError
-        Naming each setting whose smallest, largest or listed value makes no sense.
-    SettingError
-        When Optuna is not installed, or Stable-Baselines3 where a network learns; when the target
-        has no budget in steps, or too many combinations of budgets are listed.
+    ConfigError names each setting whose smallest, largest or listed value makes no sense;
+    SettingError when Optuna is not installed, or Stable-Baselines3 where a network learns; when the
+    target has no budget in steps, or too many combinations of budgets are listed.
     """
     _optuna()
     tune = tuning_of(study)
@@ -289,17 +285,8 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
 
     It depends on the study and on Optuna's version alone: trials that were trained before are read.
 
-    Parameters
-    ----------
-    study : StudyConfig
-    train : callable
-    choose : callable
-        Gives trials their keys: those of stale units, where these are kept.
-
-    Raises
-    ------
-    SettingError, ConfigError
-        As :func:`check_tuning`.
+    `choose` gives trials their keys: those of stale units, where these are kept. It raises as
+    :func:`check_tuning`.
     """
     total, tuning = check_tuning(study), tuning_of(study)
     searches = {name: Search(tuning, name) for name in (*(study.scratches or {}), *study.arms)}

@@ -81,16 +81,7 @@ def text_of(path: Path) -> str:
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """Return what a TOML text says; ValueError says why it is none.
-
-    Examples
-    --------
-    >>> parsed("a.b = 1")
-    {'a': {'b': 1}}
-    >>> parsed("a = " + "[" * 60 + "]" * 60)
-    Traceback (most recent call last):
-    ValueError: tables and lists must be at most 50 deep
-    """
+    """Return what a TOML text says; ValueError says why it is none."""
     found: dict[str, Any]
     try:
         found = tomllib.loads(text)
@@ -475,11 +466,6 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
     modules of the same name in two folders stay apart. It imports its neighbours relatively
     (``from .rules import slip``). ConfigError says that there is no such module or function, or
     that importing the module failed.
-
-    Examples
-    --------
-    >>> load("math:hypot", Path())(3, 4)
-    5.0
     """
     module_name, colon, name = reference.partition(":")
     words = [*module_name.split("."), name]
@@ -656,17 +642,9 @@ def table_of(
 ) -> Any:
     """Return the table of a dataclass or function of the library.
 
-    Parameters
-    ----------
-    makes : class or function
-    base : type
-        Of the table; its own keys come on top.
-    tag : str, optional
-        Value of the key ``type``, for a table that is one of several.
-    without : tuple of str
-        Parameters that a file cannot give.
-    **annotations
-        Types of parameters that TOML writes in another way than Python.
+    Keys of the table `base` come on top; `tag` is the value of its key ``type``, where it is one of
+    several; parameters `without` cannot be given; `annotations` are types of parameters that TOML
+    writes in another way than Python.
 
     Examples
     --------
