@@ -157,13 +157,9 @@ def run(
         trackers=track or [],
         page=show_page,
     )
-    typer.echo(f"Stored in {folder}: {_further_commands(str(folder), results.has_baseline)}")
-
-
-def _further_commands(folder: str, compared: bool) -> str:
-    """Return the commands that read a folder of results, to be pasted."""
-    further = ["show", "report"] if compared else ["show"]
-    return ", ".join(f"curricle {each} {quote(folder)}" for each in further)
+    further = ["show", "report"] if results.has_baseline else ["show"]
+    pasted = ", ".join(f"curricle {each} {quote(str(folder))}" for each in further)
+    typer.echo(f"Stored in {folder}: {pasted}")
 
 
 def watch(

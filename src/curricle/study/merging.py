@@ -48,9 +48,9 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
             )
         for unit in units:  # damage is found before anything is written
             study.store.result(unit, unit.seeds, study.most_bytes)
-    analysis = next(
-        (one.analysis for one in sorted(studies, key=_first_seed) if one.analysis), None
-    )
+    # That of the first seeds, which a part has finished, is that of all.
+    by_seed = sorted(studies, key=lambda study: min(study.seeds, default=BEYOND_64_BITS))
+    analysis = next((one.analysis for one in by_seed if one.analysis), None)
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
         failures, before = read_failures(target), target.runs()
         done = target.finished()
@@ -88,8 +88,3 @@ def _take(
                 learnt = {k: v for k, v in result.arrays.items() if group_of(k) != SNAPSHOTS}
                 result = result._replace(arrays=learnt)
             there |= dict.fromkeys(new, target.write_unit(unit.about, result))
-
-
-def _first_seed(study: StudyResults) -> int:
-    """Return the first seed that a study has finished; the analysis of the first is that of all."""
-    return min(study.seeds, default=BEYOND_64_BITS)

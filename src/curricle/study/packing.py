@@ -5,7 +5,7 @@ second are written together, and a file holds a block of seeds in the end. What 
 after a run does not depend on when its units ended: each block is one file then.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from time import monotonic
 from typing import Any
@@ -143,7 +143,11 @@ class Packing:
 
 def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
     """Merge the files of each block of seeds in a folder into one; `per_file` is as `files_of`."""
-    for files in _blocks(store.units(), per_file):
+    blocks = dict[Block, list[StoredUnit]]()
+    for file in store.units():
+        if file.key in per_file:
+            blocks.setdefault(_block(file, per_file), []).append(file)
+    for files in blocks.values():
         if len(files) > 1:
             merged_files(store, files)
 
@@ -164,14 +168,6 @@ def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
             if file.path != found.path:
                 file.path.unlink()
     return found
-
-
-def _blocks(files: Iterable[StoredUnit], per_file: Mapping[str, int]) -> Iterator[list[StoredUnit]]:
-    found = dict[Block, list[StoredUnit]]()
-    for file in files:
-        if file.key in per_file:
-            found.setdefault(_block(file, per_file), []).append(file)
-    yield from found.values()
 
 
 def _block(unit: Any, per_file: Mapping[str, int]) -> Block:

@@ -17,7 +17,6 @@ from pydantic import (
 )
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import listed
 from curricle.comparison.comparison import as_html
 from curricle.comparison.task_differences import TaskSummary
 from curricle.display import block, shortened, table
@@ -443,12 +442,6 @@ def _so_far(results: Any) -> str:
     arms = counted(len(results.record.arms), "arm")
     whole = counted(len(results.record.seeds), "seed")
     return f"{arms}, {len(results.seeds)} of {whole} complete"
-
-
-def config_in_brief(study: Any) -> str:
-    """Return a study in a few words: its seeds and arms."""
-    seeds, arms = counted(len(study.seeds), "seed"), listed(study.arms)
-    return shortened(f"StudyConfig({study.name!r}, {seeds}; arms: {arms})")
 
 
 def config_html(study: Any) -> str:

@@ -49,9 +49,9 @@ from curricle.study.tuning import (
     check_tuning,
     digest_of,
     number_of_trials,
+    read_tuning,
     tune,
     tuned_study,
-    tuning_at,
     with_trials,
 )
 from curricle.study.units import Unit, given_to_all, numbered_seeds, seeds_of, units_of
@@ -84,8 +84,10 @@ def tuned_before(
     A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
     version aside where stale units are kept. `report` is called with a sentence about a stale one.
     """
-    there = None if study.tune is None else tuning_at(place_at(path))
-    if there is None:
+    place = place_at(path)
+    if study.tune is None or not holds_study(place):
+        return study, arms
+    if (there := read_tuning(StudyStore(place))) is None:
         return study, arms
     if there.of != digest_of(study):
         if not keep_stale or there.of_settings != digest_of(study, settings_key_of):

@@ -14,7 +14,6 @@ from pydantic import Field, JsonValue, model_validator
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import most_source_steps
 from curricle.errors import SettingError
-from curricle.files import Place
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.metrics import mean_return
@@ -24,7 +23,7 @@ from curricle.study.config.sweeps import RangeTable, Tuning, ends_of, value_text
 from curricle.study.dependencies import Dependencies, key_of, settings_key_of
 from curricle.study.record import Count, Plain
 from curricle.study.serialization import RUN, of_seeds
-from curricle.study.store import StoredUnit, StudyStore, holds_study
+from curricle.study.store import StoredUnit, StudyStore
 from curricle.text_tables import counted
 
 # -- What a results folder says about a tuning: every trial, and the best of each arm --------------
@@ -117,11 +116,6 @@ class BegunTrials(Plain):
 def read_tuning(store: StudyStore) -> TuningRecord | None:
     """Return the tuning of a study's folder; None if there is none, or it has not ended."""
     return store.record(TUNING, TuningRecord) if store.has(TUNING) else None
-
-
-def tuning_at(path: Place) -> TuningRecord | None:
-    """Return the tuning in a folder that may not be there."""
-    return read_tuning(StudyStore(path)) if holds_study(path) else None
 
 
 def tuning_words(store: StudyStore) -> str:

@@ -15,10 +15,12 @@ from pydantic import (
     model_validator,
 )
 
+from curricle.checks import listed
 from curricle.comparison.comparing import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import DEFAULT_STEPS, SETTINGS
 from curricle.deep.learner import DeepLearner
+from curricle.display import shortened
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
 from curricle.statistics.curves import SCRATCH
@@ -42,8 +44,9 @@ from curricle.study.config.tables import (
     wrong_at,
 )
 from curricle.study.config.tasks import TASKS, AnyTask, FamilyTable, FamilyTask, started
-from curricle.study.record import config_html, config_in_brief
+from curricle.study.record import config_html
 from curricle.tasks.families.family import FamilyMember
+from curricle.text_tables import counted
 
 # -- The tables of a study: as a file writes them, and as they are with all settings filled in -----
 
@@ -402,7 +405,8 @@ class StudyConfig(RunTable):
         return isinstance(other, StudyConfig) and self.to_data() == other.to_data()
 
     def __repr__(self) -> str:
-        return config_in_brief(self)
+        seeds, arms = counted(len(self.seeds), "seed"), listed(self.arms)
+        return shortened(f"StudyConfig({self.name!r}, {seeds}; arms: {arms})")
 
     def _repr_html_(self) -> str:
         return config_html(self)

@@ -758,21 +758,25 @@ _SIMPLE = (
 )
 
 
-def _by_name(*tables: Any) -> Any:
-    """Return the choice among tables by their names, or a reference to a function."""
+def named(*tables: Any, function: bool = False) -> Callable[[Any], Any]:
+    """Return the validator of a table's name in its place, or of ``module:function``."""
     known = {str(table.model_fields["type"].default): table for table in tables}
 
     def simple(value: Any) -> Any:
-        if isinstance(value, str) and ":" in value:
+        if function and isinstance(value, str) and ":" in value:
             return value
         if not isinstance(value, str) or value not in known:
-            raise wrong(f"{not_one_of(value, known)} (or module:function)")
+            raise wrong(not_one_of(value, known) + " (or module:function)" * function)
         needed = [key for key, one in known[value].model_fields.items() if one.is_required()]
         if needed:
             raise wrong(f"must be a table, as {value} needs {' and '.join(needed)}: got {value!r}")
         return known[value]()
 
-    return Annotated[Any, tagged(*tables, simple=simple, simple_type=str)]
+    return simple
+
+
+def _encoder_of(*tables: Any) -> Any:
+    return Annotated[Any, tagged(*tables, simple=named(*tables, function=True), simple_type=str)]
 
 
 class _StackedFramesTable(ObjectTable):
@@ -782,9 +786,11 @@ class _StackedFramesTable(ObjectTable):
         return {**given, "of": encoder(given["of"], folder)}
 
 
-AnyEncoder: Any = _by_name(
+AnyEncoder: Any = _encoder_of(
     *_SIMPLE,
-    table_of(StackedFrames, _StackedFramesTable, tag="StackedFrames", of=_by_name(*_SIMPLE) | None),
+    table_of(
+        StackedFrames, _StackedFramesTable, tag="StackedFrames", of=_encoder_of(*_SIMPLE) | None
+    ),
 )
 """An encoder: ``"MiniGridView"``, ``{ type = "FlatDict", ... }`` or ``"module:function"``."""
 

@@ -476,23 +476,6 @@ def _checked_by(family: TaskFamily, given: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def all_parameters(family: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters of a built-in family's member, those that are not given too."""
-    if family not in BUILT_IN:
-        return dict(given)
-    defaults = {one.name: one.default for one in BUILT_IN[family].parameters if not one.required}
-    complete = {**defaults, **given}
-    return {name: NONE if value is None else value for name, value in complete.items()}
-
-
-def member_of(family: str, given: Mapping[str, Any], folder: Path) -> FamilyMember:
-    """Return the member with these parameters of a family, which may be the user's own."""
-    found = BUILT_IN.get(family) or _own(family, folder)
-    optional = {one.name for one in found.parameters if one.optional}
-    values = _checked_by(found, given).items()
-    return found(**{k: None if v == NONE and k in optional else v for k, v in values})
-
-
 def _own(reference: str, folder: Path) -> TaskFamily:
     found = load(reference, folder)
     if not isinstance(found, TaskFamily):
@@ -525,12 +508,19 @@ class FamilyTask(TaskTable):
     def _known_parameters(self, info: ValidationInfo) -> Self:
         families = (info.context or {}).get("families", ())
         given = checked_parameters(self.family, self.__pydantic_extra__, families)
-        self.__pydantic_extra__.update(all_parameters(self.family, given))
+        defaults = BUILT_IN[self.family].parameters if self.family in BUILT_IN else ()
+        given = {**{one.name: one.default for one in defaults if not one.required}, **given}
+        if self.family in BUILT_IN:
+            given = {name: NONE if value is None else value for name, value in given.items()}
+        self.__pydantic_extra__.update(given)
         return self
 
     def member(self, folder: Path) -> FamilyMember:
-        """Return the address of the task in its family."""
-        return member_of(self.family, self.__pydantic_extra__, folder)
+        """Return the address of the task in its family, which may be the user's own."""
+        family = BUILT_IN.get(self.family) or _own(self.family, folder)
+        optional = {one.name for one in family.parameters if one.optional}
+        values = _checked_by(family, self.__pydantic_extra__).items()
+        return family(**{k: None if v == NONE and k in optional else v for k, v in values})
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the task that the family makes."""
@@ -742,11 +732,12 @@ TASKS = (
     DistilledTask,
 )
 _BY_TYPE = tagged(*TASKS)
-
-
-def _table_of_task(value: dict[str, Any]) -> type[Table]:
-    """Return the table that a task is meant to be: by its type, or a member of a family."""
-    return FamilyTask if "family" in value and "type" not in value else _BY_TYPE.choose(value)
-
-
-AnyTask = Annotated[Any, Choice(TASKS, _table_of_task)]
+AnyTask = Annotated[
+    Any,
+    Choice(
+        TASKS,
+        lambda value: (
+            FamilyTask if "family" in value and "type" not in value else _BY_TYPE.choose(value)
+        ),
+    ),
+]
