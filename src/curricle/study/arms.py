@@ -9,10 +9,10 @@ from typing import Any
 
 from curricle.comparison.comparing import check_comparable, most_source_steps
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import OF_TARGETS
 from curricle.errors import ConfigError, SettingError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.config.sweeps import target_alone
 from curricle.study.dependencies import Dependencies, dependencies_of, key_of
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
@@ -115,27 +115,15 @@ def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
 
     They are those of the study, or else follow from its first arm.
     """
-    first = next(iter(study["arms"].values()))
     given = study.get("scratches")
     if given is None:
-        own = {"tasks": first["tasks"], "transfers": []}
-        others = study["scratch_learners"].items()
-        given = {SCRATCH: own} | {
-            f"{SCRATCH}, {name}": _with_learner(own, target, learner) for name, learner in others
-        }
-    return {name: _without_sources(one, target) for name, one in given.items()}
-
-
-def _without_sources(arm: dict[str, Any], target: str) -> dict[str, Any]:
-    """Return an arm, as data, without the target's settings that only apply to sources."""
-    task = {key: value for key, value in arm["tasks"][target].items() if key not in OF_TARGETS}
-    return {**arm, "tasks": {**arm["tasks"], target: task}}
-
-
-def _with_learner(arm: dict[str, Any], target: str, learner: Any) -> dict[str, Any]:
-    """Return an arm, as data, whose target another learner learns."""
-    task = {**arm["tasks"][target], "learner": learner}
-    return {**arm, "tasks": {**arm["tasks"], target: task}}
+        own = target_alone(next(iter(study["arms"].values())))
+        task = own["tasks"][target]
+        given = {SCRATCH: own}
+        for name, learner in study["scratch_learners"].items():
+            tasks = {**own["tasks"], target: {**task, "learner": learner}}
+            given[f"{SCRATCH}, {name}"] = {**own, "tasks": tasks}
+    return {name: target_alone(one) for name, one in given.items()}
 
 
 @lru_cache(maxsize=4)

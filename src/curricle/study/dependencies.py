@@ -263,7 +263,7 @@ def replaced_keys(wanted: Mapping[str, Dependencies], stored: Stored) -> dict[st
 
 
 def _of(units: Mapping[int, Any]) -> Dependencies:
-    found: Dependencies = next(iter(units.values())).dependencies
+    found: Dependencies = next(iter(units.values())).about.dependencies
     return found
 
 

@@ -9,7 +9,6 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    JsonValue,
     PlainSerializer,
     PlainValidator,
     ValidationError,
@@ -171,12 +170,12 @@ class TransferRecord(Plain):
     """Equal for transfers that are the same."""
 
 
-class VariantRecord(Plain):
+class VariantRecord(Plain, strict=False):  # a configuration makes it of a dict
     """The settings that a sweep or a tuning gave to an arm."""
 
     arm: str
     """The arm as the file calls it; "scratch" of learning from scratch."""
-    values: dict[str, JsonValue]
+    values: dict[str, Any]
     """By their keys in the file."""
 
 

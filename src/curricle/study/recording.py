@@ -10,7 +10,7 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig, VariantTable
+from curricle.study.config.study_config import StudyConfig
 from curricle.study.packing import seeds_per_file
 from curricle.study.record import (
     ArmRecord,
@@ -51,7 +51,7 @@ def curricula_record(
     curricula: Mapping[str, Curriculum],
     keys: Keys,
     scratches: Collection[str] = (),
-    variants: Mapping[str, VariantTable] = MappingProxyType({}),
+    variants: Mapping[str, VariantRecord] = MappingProxyType({}),
 ) -> CurriculaRecord:
     """Return the record of curricula by arm; `keys` are those of the stored results, if any.
 
@@ -84,7 +84,7 @@ def curricula_record(
             transfers=transfers,
             potential=_potential(curriculum),
             scratch=arm in scratches,
-            variant=VariantRecord(**variants[arm].model_dump()) if arm in variants else None,
+            variant=variants.get(arm),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
 

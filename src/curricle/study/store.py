@@ -49,7 +49,7 @@ from curricle.files import (
 )
 from curricle.learning.saved_result import checkpoints_of, values_of
 from curricle.statistics.curves import SCRATCH
-from curricle.study.dependencies import Dependencies, differences, shown
+from curricle.study.dependencies import differences, shown
 from curricle.study.record import Plain, RunRecord, UnitRecord, plain, read_record
 from curricle.study.serialization import (
     DECISION_SCHEMA,
@@ -281,16 +281,6 @@ class StoredUnit:
     def _is_place_of(self, about: UnitRecord) -> bool:
         place = place_of(about.key, about.task, seed_ranges(about.seeds))
         return place == f"{self.path.parent.name}/{self.path.name}"
-
-    @property
-    def task(self) -> str:
-        """The name of its task."""
-        return self.about.task
-
-    @property
-    def dependencies(self) -> Dependencies:
-        """What its key is a hash of."""
-        return self.about.dependencies
 
 
 def read_unit(path: Place, read: Callable[[ArrayArchive], Result]) -> Result:

@@ -44,7 +44,7 @@ from curricle.study.config.tables import (
     wrong_at,
 )
 from curricle.study.config.tasks import TASKS, AnyTask, FamilyTable, FamilyTask, started
-from curricle.study.record import config_html
+from curricle.study.record import VariantRecord, config_html
 from curricle.tasks.families.family import FamilyMember
 from curricle.text_tables import counted
 
@@ -299,15 +299,6 @@ def _check(which: str, value: Any, found: dict[str, Any], has_sources: bool) -> 
 # -- What a study file says, complete and checked, and the curricula that it describes -------------
 
 
-class VariantTable(Table):
-    """The settings of an arm that a sweep or a tuning made."""
-
-    arm: str
-    """The arm as the file calls it; "scratch" of learning from scratch."""
-    values: dict[str, Any]
-    """By their keys in the file."""
-
-
 class StudyConfig(RunTable):
     """A study of which nothing is left to fill in: every arm is complete, every map is there.
 
@@ -324,7 +315,7 @@ class StudyConfig(RunTable):
     scratches : dict of str to ArmTables, optional
         The arms that learn the target from scratch, where a sweep or a tuning gives them settings;
         else they follow from the first arm.
-    variants : dict of str to VariantTable, optional
+    variants : dict of str to VariantRecord, optional
         The settings of each arm that a sweep or a tuning gave it, scratch included.
     tune : Tuning, optional
         What is to be searched for every arm before the study is run.
@@ -344,7 +335,7 @@ class StudyConfig(RunTable):
 
     arms: dict[str, ArmTables]
     scratches: dict[str, ArmTables] | None = None
-    variants: dict[str, VariantTable] | None = None
+    variants: dict[str, VariantRecord] | None = None
     tune: Tuning | None = None
     own_learners: Flag | None = None
     total: Count | None = None

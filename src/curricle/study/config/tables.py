@@ -571,7 +571,7 @@ def seeds_of(value: Any) -> tuple[int, ...]:
     >>> seeds_of(2), seeds_of("0-1,7")
     ((0, 1), (0, 1, 7))
     """
-    numbers: Any = _ranges(value) if isinstance(value, str) else value
+    numbers: Any = seeds_in_ranges(value) if isinstance(value, str) else value
     if type(numbers) is int:
         numbers = range(min(numbers, MOST_SEEDS + 1))
     listed = isinstance(numbers, list | tuple | range) and 0 < len(numbers) <= MOST_SEEDS
@@ -584,13 +584,13 @@ def seeds_of(value: Any) -> tuple[int, ...]:
     return tuple(numbers)
 
 
-def _ranges(text: str) -> list[int]:
+def seeds_in_ranges(text: str) -> list[int]:
     """Return the seeds in ranges such as "0-9,20-29"; none if malformed or far too many."""
     numbers = list[int]()
     for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part, re.ASCII)
+        match = re.fullmatch(r"\s*(\d{1,19})\s*(?:-\s*(\d{1,19})\s*)?", part, re.ASCII)
         named = range(int(match[1]), int(match[2] or match[1]) + 1) if match else range(0)
-        if not 0 < len(named) <= MOST_SEEDS:
+        if not named or len(numbers) + named.stop - named.start > MOST_SEEDS:
             return []
         numbers += named
     return numbers
