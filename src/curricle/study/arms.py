@@ -20,38 +20,26 @@ from curricle.tasks.observation_task import is_observation_task
 
 @dataclass(frozen=True, eq=False)
 class Arms:
-    """What a study trains.
-
-    Attributes
-    ----------
-    curricula : dict of str to Curriculum
-        The budget of their target is the total, if there is one.
-    target : str
-        The task that all arms end with.
-    budget : int or None
-        Steps of the target, without those of sources; None where arms are not compared.
-    total : int or None
-        Steps that every arm spends, sources included.
-    eval_freq : int
-        Steps between checkpoints of the target.
-    keys : dict of (str, str) to str
-        For each arm and task a short hash of all that its result depends on, except the seed: arms
-        that share a source train it once.
-    dependencies : dict of (str, str) to dict
-        All that: settings, sources, Curricle's version, and digests of the user's own modules and
-        of the mappings that were found.
-    scratches : tuple of str
-        The arms that learn the target from scratch.
-    """
+    """What a study trains."""
 
     curricula: Mapping[str, Curriculum]
+    """The budget of their target is the total, if there is one."""
     target: str
+    """The task that all arms end with."""
     budget: int | None
+    """Steps of the target, without those of sources; None where arms are not compared."""
     total: int | None
+    """Steps that every arm spends, sources included."""
     eval_freq: int
+    """Steps between checkpoints of the target."""
     keys: Mapping[tuple[str, str], str]
+    """For each arm and task a short hash of all that its result depends on, except the seed: arms
+    that share a source train it once."""
     dependencies: Mapping[tuple[str, str], Dependencies]
+    """All that: settings, sources, Curricle's version, and digests of the user's own modules and of
+    the mappings that were found."""
     scratches: tuple[str, ...]
+    """The arms that learn the target from scratch."""
 
     @property
     def live(self) -> bool:

@@ -240,29 +240,19 @@ class CurriculaRecord(Plain):
 
 
 class StudyRecord(CurriculaRecord):
-    """A study.
-
-    Attributes
-    ----------
-    name, seeds, window, snapshots
-        As in its file.
-    threshold : float or None
-        The file's, or what the target's optimum gives; None where that is not known.
-    target : str
-    problem : TaskSummary
-        Of the target: what tells whether two studies have the same.
-    budget, total, eval_freq
-        Of the target, as in :class:`Arms`.
-    """
+    """A study, with the name, seeds, window and snapshots of its file."""
 
     name: str
     seeds: tuple[Count, ...]
     threshold: float | None
+    """The file's, or what the target's optimum gives; None where that is not known."""
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
     target: str
     problem: TaskSummary
+    """Of the target: what tells whether two studies have the same."""
     budget: Count | None
+    """Of the target, as are total and eval_freq, and as in :class:`Arms`."""
     total: Count | None
     eval_freq: Annotated[int, Field(ge=1)]
 

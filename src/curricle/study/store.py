@@ -628,21 +628,13 @@ Keys = Mapping[tuple[str, str], str]
 
 @dataclass
 class Failures:
-    """The units that failed in a run.
-
-    Attributes
-    ----------
-    keys : dict of (str, str) to str
-        As in :class:`Arms`.
-    each : list of (Unit, Exception)
-        In the order in which they failed.
-    executor_failed : bool
-        Whether one of them was never trained, as the executor failed.
-    """
+    """The units that failed in a run."""
 
     keys: Keys
     each: list[tuple[Unit, BaseException]] = field(default_factory=list)
+    """In the order in which they failed."""
     executor_failed: bool = False
+    """Whether one of them was never trained, as the executor failed."""
     _kept: set[str] = field(default_factory=set, init=False)
     """The keys that arms without a failure need, once there is one."""
 

@@ -259,26 +259,17 @@ class ExecutorWorkers:
 
 @dataclass(frozen=True)
 class EngineWorkers:
-    """The workers of an engine, which get the study's own modules with each unit.
-
-    Attributes
-    ----------
-    engine : Engine
-    on : str
-        The word for it.
-    files : dict of str to bytes
-        The study's own modules; they are small, so that each unit carries them.
-    versions : dict of str to str
-        Those that each worker must have.
-    live : bool
-        Whether a unit needs its process for itself (:attr:`Arms.live`).
-    """
+    """The workers of an engine, which get the study's own modules with each unit."""
 
     engine: Engine
     on: str
+    """The word for it."""
     files: Mapping[str, bytes]
+    """The study's own modules; they are small, so that each unit carries them."""
     versions: Mapping[str, str]
+    """Those that each worker must have."""
     live: bool
+    """Whether a unit needs its process for itself (:attr:`Arms.live`)."""
 
     @property
     def share_folders(self) -> bool:
