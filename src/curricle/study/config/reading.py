@@ -35,7 +35,6 @@ from curricle.study.config.tables import (
     wrong_names,
 )
 from curricle.study.config.tasks import FamilyTable
-from curricle.study.store import holds_study
 
 ONLY_ARM = "transfer"
 """The name of the arm of a study without arms."""
@@ -85,8 +84,11 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
 
 def toml_of(path: Path) -> tuple[str, dict[str, Any]]:
     """Return a file's text and what it says; ConfigError where it cannot be read as TOML."""
-    if holds_study(path):
-        raise ConfigError(f"{path} is a folder of results, which StudyResults(FOLDER) reads")
+    if path.is_dir():
+        from curricle.study.store import holds_study  # with pyarrow, which a file does not need
+
+        if holds_study(path):
+            raise ConfigError(f"{path} is a folder of results, which StudyResults(FOLDER) reads")
     try:
         text = text_of(path)
     except ValueError as error:
