@@ -12,19 +12,20 @@ import pyarrow.parquet as pq
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import Comparison, as_html
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues, source_values, sources_read
 from curricle.deep.policy import policies_of
-from curricle.errors import CurriculumError, StoreError, StudyError
+from curricle.display import block, shortened
+from curricle.errors import CurricleError, CurriculumError, StoreError, StudyError
 from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, curve_columns, joined_results
 from curricle.learning.saved_result import check_result_arrays
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
-from curricle.study.record import Analysis, RunRecord, ShownStudy, StudyRecord, read_record
+from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record
 from curricle.study.serialization import RUN, SNAPSHOTS, VALUES
 from curricle.study.store import (
     STUDY,
@@ -34,6 +35,7 @@ from curricle.study.store import (
     read_failures,
     stored_values,
 )
+from curricle.text_tables import counted
 
 # -- Whether studies that are compared have one target ---------------------------------------------
 
@@ -128,7 +130,7 @@ HEADERS, FLOAT32 = 2**16, 4
 """Bytes of the headers of some arrays, at most, and of a number in a snapshot."""
 
 
-class StudyResults(ShownStudy):
+class StudyResults:
     """The results in a study's folder, also while the study is still running.
 
     Only plain data are read: no module that the study names is imported, no task is made, and no
@@ -157,6 +159,23 @@ class StudyResults(ShownStudy):
         if "record" not in study:
             raise StoreError(f"{path} holds results that are not those of a study")
         self.record = self.store.checked(STUDY, lambda: read_record(StudyRecord, study["record"]))
+
+    def __repr__(self) -> str:
+        return shortened(f"StudyResults({self.record.name!r}, {self._so_far()})")
+
+    def _repr_html_(self) -> str:
+        """Return the comparison of the arms, or why there is none yet, and what failed."""
+        failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
+        title = f"Study {self.record.name!r}: {self._so_far()}"
+        try:
+            compared = as_html(self.comparison)
+        except CurricleError as error:
+            return block(title, str(error), *failed)
+        return block(title, *failed) + compared
+
+    def _so_far(self) -> str:
+        arms, whole = counted(len(self.record.arms), "arm"), counted(len(self.record.seeds), "seed")
+        return f"{arms}, {len(self.seeds)} of {whole} complete"
 
     @cached_property
     def stored(self) -> dict[str, dict[int, StoredUnit]]:

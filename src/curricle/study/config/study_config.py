@@ -20,7 +20,7 @@ from curricle.comparison.comparing import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import DEFAULT_STEPS, SETTINGS
 from curricle.deep.learner import DeepLearner
-from curricle.display import shortened
+from curricle.display import block, shortened, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
 from curricle.statistics.curves import SCRATCH
@@ -44,7 +44,7 @@ from curricle.study.config.tables import (
     wrong_at,
 )
 from curricle.study.config.tasks import TASKS, AnyTask, FamilyTable, FamilyTask, started
-from curricle.study.record import VariantRecord, config_html
+from curricle.study.record import VariantRecord
 from curricle.tasks.families.family import FamilyMember
 from curricle.text_tables import counted
 
@@ -400,7 +400,22 @@ class StudyConfig(RunTable):
         return shortened(f"StudyConfig({self.name!r}, {seeds}; arms: {arms})")
 
     def _repr_html_(self) -> str:
-        return config_html(self)
+        tasks = [
+            (arm, name, one.type, "" if one.budget is None else str(one.budget))
+            for arm, tables in self.arms.items()
+            for name, one in tables.tasks.items()
+        ]
+        transfers = [
+            (arm, one.source, one.target, str(one.mapping))
+            for arm, tables in self.arms.items()
+            for one in tables.transfers
+        ]
+        return block(
+            f"Study {self.name!r}, {counted(len(self.seeds), 'seed')}",
+            html_table(["arm", "task", "type", "budget"], tasks, wide=["budget"]),
+            transfers
+            and html_table(["arm", "source", "target", "mapping"], transfers, wide=["mapping"]),
+        )
 
     __hash__ = None  # type: ignore[assignment]
 
