@@ -92,20 +92,6 @@ def analysed(
 
     `results` are by arm, the sources' values read; `record` is of the same arms, and `of` a digest
     of the results.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Transfer, same_position
-    >>> from curricle.study.recording import curricula_record
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
-    >>> results = {"corner first": plan.train()}
-    >>> section, = analysed(results, curricula_record({"corner first": plan}, {})).sections
-    >>> [row.name for row in section.forecast.rows], len(section.certificates)
-    (['mean'], 1)
     """
     groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
     sections = tuple(_section(arms, results, len(groups)) for arms in groups)

@@ -66,15 +66,6 @@ def code_of(data: Any, folder: Path) -> dict[str, str]:
     has equal digests on any machine.
 
     Any text in the data may be a ``module:function``; `folder` is the study's.
-
-    Examples
-    --------
-    >>> from tempfile import mkdtemp
-    >>> folder = Path(mkdtemp())
-    >>> _ = (folder / "own.py").write_text("from .rules import LONG")
-    >>> _ = (folder / "rules.py").write_text("LONG = 3")
-    >>> sorted(code_of({"factory": "own:line", "others": ["json:dumps"]}, folder))
-    ['own.py', 'rules.py']
     """
     found = dict[str, str]()
     for name, file in own_files(data, folder).items():

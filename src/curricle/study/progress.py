@@ -59,22 +59,7 @@ class Progress:
 
 
 class Pace:
-    """The rate at which units were stored in the last minute, and what follows from it.
-
-    Examples
-    --------
-    >>> from curricle.study.units import Unit
-    >>> units = tuple(Unit("0f", "scratch", "maze", (seed,), {}, {}, 0) for seed in range(9))
-    >>> now = 0.0
-    >>> pace = Pace(lambda: now)
-    >>> pace.note(Progress(units, workers=2))
-    >>> pace.line()
-    '0 of 9 units, 2 workers'
-    >>> now = 10.0
-    >>> pace.note(Progress(units, units[0], workers=2))
-    >>> pace.line()
-    '1 of 9 units, 2 workers, 6 units a minute, 0:01:20 left'
-    """
+    """The rate at which units were stored in the last minute, and what follows from it."""
 
     def __init__(self, clock: Callable[[], float] = monotonic):
         self.clock = clock

@@ -33,17 +33,6 @@ class Queue:
     its own sources and seeds alone.
 
     `done` has the seeds that are trained, by key.
-
-    Examples
-    --------
-    >>> source = Unit("0f", "chain", "corner", (0, 1), {}, {}, 0)
-    >>> target = Unit("1e", "chain", "maze", (0, 1), {"corner": "0f"}, {}, 0)
-    >>> queue = Queue([target, source], {})
-    >>> queue.pop().task, bool(queue.ready)
-    ('corner', False)
-    >>> queue.trained(source)
-    >>> queue.pop().task
-    'maze'
     """
 
     def __init__(self, units: Iterable[Unit], done: Mapping[str, Collection[int]]):

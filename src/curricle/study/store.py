@@ -684,13 +684,7 @@ class Failures:
 
 
 def without_folders(text: str) -> str:
-    """Return an error's text with the names of files only: folders are those of one machine.
-
-    Examples
-    --------
-    >>> without_folders("cannot read '/home/me/thesis 2/maze.txt': 1/2 is there")
-    "cannot read 'maze.txt': 1/2 is there"
-    """
+    """Return an error's text with the names of files only: folders are those of one machine."""
     quoted = re.sub(r"""(['"])(?:[A-Za-z]:)?[/\\][^'"\n]*[/\\]([^'"\n/\\]+)\1""", r"\1\2\1", text)
     return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
 

@@ -64,18 +64,6 @@ def called(function: Callable[[Any], Result], argument: Any) -> Result:
 
     Errors of classes in the study's own modules, and those that do not survive pickling, become a
     ForeignError in the same words. A note has the traceback.
-
-    Examples
-    --------
-    >>> class Slipped(Exception):
-    ...     __module__ = "curricle_study_0f.rules"
-    >>> def slip(place):
-    ...     raise Slipped(f"off the map at {place}")
-    >>> try:
-    ...     called(slip, (3, 4))
-    ... except ForeignError as error:
-    ...     print(error)
-    Slipped: off the map at (3, 4)
     """
     try:
         return function(argument)
@@ -345,16 +333,7 @@ ENGINE_PACKAGES = {"dask": "distributed", "ray": "ray"}
 
 
 def parsed(on: str) -> tuple[str, str | None]:
-    """Return the engine of a word and the address in it, host:port; SettingError if it has none.
-
-    Examples
-    --------
-    >>> parsed("dask"), parsed("ray://head:10001")
-    (('dask', None), ('ray', 'head:10001'))
-    >>> parsed("dask://me:secret@head:8786")
-    Traceback (most recent call last):
-    curricle.errors.SettingError: on is an address without a user or a password: got one before @
-    """
+    """Return the engine of a word and the address in it, host:port; SettingError if it has none."""
     match = WORD.fullmatch(on) if isinstance(on, str) else None
     if isinstance(on, str) and "@" in on:
         raise SettingError("on is an address without a user or a password: got one before @")
