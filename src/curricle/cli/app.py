@@ -272,9 +272,8 @@ def run(
         trackers=track or [],
         page=show_page,
     )
-    further = ["show", "report"] if results.has_baseline else ["show"]
-    pasted = ", ".join(f"curricle {each} {quote(str(folder))}" for each in further)
-    typer.echo(f"Stored in {folder}: {pasted}")
+    report = f", curricle report {quote(folder)}" * results.has_baseline
+    typer.echo(f"Stored in {folder}: curricle show {quote(folder)}{report}")
 
 
 @app.command()

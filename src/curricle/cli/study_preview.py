@@ -86,11 +86,8 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     by_key = {arms.keys[one.arm, one.task]: one.seconds / one.seeds for one in each}
     a_seed = sum(by_key[key] for key in sources)
     names = ", ".join(dict.fromkeys(sources.values()))
-    distilled = any(
-        one.node(source).takes_no_steps
-        for one in curricula.values()
-        for source in one.ancestors(one.target)
-    )
+    nodes = [one.node(name) for one in curricula.values() for name in one.ancestors(one.target)]
+    distilled = any(node.takes_no_steps for node in nodes)
     longest = LONGEST_DISTILLED if distilled else LONGEST
     counts = [n for n in (min(SEEDS, len(study.seeds)), 1) if n * a_seed <= longest]
     if not counts:
