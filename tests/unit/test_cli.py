@@ -9,7 +9,6 @@ import pytest
 from typer.testing import CliRunner
 
 from curricle.cli.app import app
-from curricle.cli.commands import COMMANDS
 
 
 def curricle(*arguments, cwd):
@@ -24,7 +23,7 @@ def test_help_names_the_commands(tmp_path):
     assert "paper" in done.stdout
 
 
-@pytest.mark.parametrize("command", [one.__name__ for one in COMMANDS])
+@pytest.mark.parametrize("command", [one.callback.__name__ for one in app.registered_commands])
 def test_nothing_is_cut_in_the_help_at_80_columns(command):
     shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80"}).stdout
     assert f" {command} [OPTIONS]" in shown

@@ -9,7 +9,7 @@ from itertools import islice
 import pytest
 
 import curricle as cr
-from curricle.cli.commands import KINDS as COMPLETED
+from curricle.cli.app import KINDS as COMPLETED
 from curricle.study import StudyResults, StudyStore, read_study
 from curricle.study.config.templates import KINDS
 

@@ -244,7 +244,7 @@ def test_code_that_changes_during_a_run_ends_it(own):
 
     with pytest.raises(StudyError, match=r"long, .* aggregates.py is not as it was when the run"):
         run_study(study, own / "new", workers=1, progress=edit)
-    assert {unit.task for unit in StudyStore(own / "new").units()} <= {"short", "long"}
+    assert {unit.about.task for unit in StudyStore(own / "new").units()} <= {"short", "long"}
     again(own, out="new")
     shutil.rmtree(own / "out")
     (own / "new").rename(own / "out")

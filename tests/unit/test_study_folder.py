@@ -310,7 +310,7 @@ def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
     stored = StudyStore(out).units()
     assert stored
     assert all(unit.whole for unit in stored)
-    assert {unit.task for unit in stored} <= {"corner", "easy"}
+    assert {unit.about.task for unit in stored} <= {"corner", "easy"}
     complete = StudyStore(whole).finished()
     for unit in stored:
         wanted = StudyStore(whole).result(complete[unit.key][unit.seeds[0]], unit.seeds).arrays

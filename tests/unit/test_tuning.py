@@ -20,7 +20,6 @@ from curricle.study import (
     merge,
     read_study,
     run_study,
-    running,
 )
 from curricle.study.effects import sweep_effects, tuning_effects
 from curricle.study.record import plain
@@ -183,18 +182,19 @@ def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
 
 def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, tmp_path, monkeypatch):
     study = read_study(tuned_file, set=["tune.trials=2", "tune.seeds=1"])
-    exists, write = RemotePath.exists, running.write_tuning
+    exists, write = RemotePath.exists, StudyStore.write_record
 
     def failing(path):
         if path.name == STUDY:
             raise OSError("nothing answers")
         return exists(path)
 
-    def last(*given):
-        write(*given)
-        monkeypatch.setattr(RemotePath, "exists", failing)
+    def last(store, name, record):
+        write(store, name, record)
+        if name == TUNING:
+            monkeypatch.setattr(RemotePath, "exists", failing)
 
-    monkeypatch.setattr(running, "write_tuning", last)
+    monkeypatch.setattr(StudyStore, "write_record", last)
     with pytest.raises(LostStoreError, match="cannot be read: nothing answers"):
         run_study(study, (tmp_path / "out").as_uri(), workers=1)
 

@@ -86,7 +86,8 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     by_key = {arms.keys[one.arm, one.task]: one.seconds / one.seeds for one in each}
     a_seed = sum(by_key[key] for key in sources)
     names = ", ".join(dict.fromkeys(sources.values()))
-    distilled = any(_distils(one) for one in curricula.values())
+    nodes = [one.node(name) for one in curricula.values() for name in one.ancestors(one.target)]
+    distilled = any(node.takes_no_steps for node in nodes)
     longest = LONGEST_DISTILLED if distilled else LONGEST
     counts = [n for n in (min(SEEDS, len(study.seeds)), 1) if n * a_seed <= longest]
     if not counts:
@@ -113,12 +114,6 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     sys.stdout.flush()
     trial = None if quick else False
     _print_trained(curricula, arms, seeds, trial=trial, threshold=study.threshold)
-
-
-def _distils(curriculum: Curriculum) -> bool:
-    """Return whether a source's exact answers are fitted by a network."""
-    sources = curriculum.ancestors(curriculum.target)
-    return any(curriculum.node(source).takes_no_steps for source in sources)
 
 
 def _first_settings(study: StudyConfig) -> set[str]:
@@ -193,7 +188,8 @@ def _print_trained(
                 continue  # perfect values would change nothing
             perfect = _forecast(judged, curriculum, perfect=True, only_used=True)
             if isinstance(perfect, Forecast):
-                print_text(_in_a_line(perfect))
+                used = perfect.used  # in a line: the potential that is used
+                print_text(f"{perfect.computed_from}: {used.name} {used.verdict}")
 
 
 def _print(arm: str, found: Forecast | str) -> None:
@@ -203,11 +199,6 @@ def _print(arm: str, found: Forecast | str) -> None:
         print(found.text(line_width()))
     else:
         print_text(found)
-
-
-def _in_a_line(found: Forecast) -> str:
-    """Return the forecast of the potential that is used, in a line."""
-    return f"{found.computed_from}: {found.used.name} {found.used.verdict}"
 
 
 def _forecast(judged: JudgedPotentials, curriculum: Curriculum, **settings: Any) -> Forecast | str:

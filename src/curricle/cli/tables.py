@@ -4,7 +4,7 @@ import io
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from shutil import get_terminal_size
 from textwrap import fill
 from typing import Any
@@ -42,14 +42,7 @@ def line_width() -> int:
 def print_table(
     heads: Sequence[str], rows: Iterable[Sequence[str]], *, words: bool = False
 ) -> None:
-    """Print a table of names and numbers to standard output.
-
-    Examples
-    --------
-    >>> print_table(("", "seeds", "steps"), [("scratch: maze", "20", "1,000")])
-                   seeds  steps
-    scratch: maze     20  1,000
-    """
+    """Print a table of names and numbers to standard output."""
     for line in text_table(heads, rows, table_width(), words=words):
         print(line)
 
@@ -105,24 +98,17 @@ EXPLANATIONS = {
 HINT = "(--explain says what the words mean)"
 
 
-class _Copied(io.TextIOBase):
-    """Standard output, of which a copy is kept."""
+class _Copied(io.StringIO):
+    """A copy of what is written to standard output, and written there too."""
 
     def __init__(self, out: Any):
-        self.out, self.copy = out, io.StringIO()
+        super().__init__()
+        self.isatty, self.flush = out.isatty, out.flush  # type: ignore[method-assign]
+        self.out = out
 
     def write(self, text: str) -> int:
-        """Write a text to both."""
-        self.copy.write(text)
-        return int(self.out.write(text))
-
-    def flush(self) -> None:
-        """Flush standard output."""
-        self.out.flush()
-
-    def isatty(self) -> bool:
-        """Return whether standard output is a terminal."""
-        return bool(self.out.isatty())
+        self.out.write(text)
+        return super().write(text)
 
 
 @contextmanager
@@ -137,14 +123,10 @@ def explained(wanted: bool) -> Iterator[None]:
         if out.isatty():
             print(HINT)
         return
-    copied: Any = _Copied(out)
-    sys.stdout = copied
-    try:
+    with redirect_stdout(_Copied(out)) as copied:
         yield
-    finally:
-        sys.stdout = out
     print()
-    for word, meaning in used(copied.copy.getvalue()).items():
+    for word, meaning in used(copied.getvalue()).items():
         print_text(f"{word}: {meaning}")
 
 

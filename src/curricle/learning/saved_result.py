@@ -164,8 +164,8 @@ def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of a :class:`LearningResult` by name.
 
     ``values`` are there if they were saved, or for each seed k the ``states_k`` and ``values_k`` of
-    its sparse table, or the parameters of its network, ``values_k/name``;
-    ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
+    its sparse table, or the parameters of its network, ``values_k/name``; ``snapshot_steps`` and
+    ``snapshot_values`` if there are snapshots.
 
     Examples
     --------
@@ -292,10 +292,10 @@ def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | No
     `pairs` are the states and actions of their task, None where that is not known; compiled loops
     read tables without looking whether a state lies in them.
     """
-    found = arrays.get("values")
-    if found is not None:
-        fits = pairs is None or found.shape[-2:] == pairs
-        if found.dtype not in FLOATS or found.ndim != 3 or len(found) != n_seeds or not fits:
+    table = arrays.get("values")
+    if table is not None:
+        fits = pairs is None or table.shape[-2:] == pairs
+        if table.dtype not in FLOATS or table.ndim != 3 or len(table) != n_seeds or not fits:
             raise ValueError(f"values must be a table for each seed ({n_seeds}), {_size(pairs)}")
     for k in range(n_seeds if "states_0" in arrays else 0):
         states, values = (arrays.get(f"{name}_{k}") for name in ("states", "values"))

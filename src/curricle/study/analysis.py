@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import blake2b
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ from curricle.study.record import (
     RowRecord,
     SectionRecord,
 )
-from curricle.study.results import StudyResults
+from curricle.study.results import ANALYSIS, StudyResults
 from curricle.tasks.grid_view import GridView
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
@@ -81,7 +82,7 @@ def analyse(study: StudyResults, arms: Arms) -> None:
         }
         given = study.trained(arm, curriculum, seeds)
         results[arm] = CurriculumResult(curriculum, nodes, {}, given=given)
-    study.write_analysis(analysed(results, study.record.only(curricula), of))
+    study.store.write_record(ANALYSIS, analysed(results, study.record.only(curricula), of))
 
 
 def analysed(
@@ -89,28 +90,8 @@ def analysed(
 ) -> Analysis:
     """Return the analysis of curricula that were trained.
 
-    Parameters
-    ----------
-    results : dict of str to CurriculumResult
-        Of each arm, the sources' values read.
-    record : CurriculaRecord
-        Of the same arms.
-    of : str
-        A digest of the results.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Transfer, same_position
-    >>> from curricle.study.recording import curricula_record
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
-    >>> results = {"corner first": plan.train()}
-    >>> section, = analysed(results, curricula_record({"corner first": plan}, {})).sections
-    >>> [row.name for row in section.forecast.rows], len(section.certificates)
-    (['mean'], 1)
+    `results` are by arm, the sources' values read; `record` is of the same arms, and `of` a digest
+    of the results.
     """
     groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
     sections = tuple(_section(arms, results, len(groups)) for arms in groups)
@@ -191,25 +172,13 @@ def _section(
 
 
 def _plain(found: Forecast) -> ForecastRecord:
-    rows = tuple(
-        RowRecord(
-            name=one.name,
-            aggregate=one.aggregate,
-            start=one.mean("start"),
-            optimistic=one.mean("optimistic"),
-            scale=one.scale,
-            verdict=one.verdict,
-        )
-        for one in found.rows
-    )
-    return ForecastRecord(
-        random_return=found.random_return,
-        optimum=found.optimum,
-        exact=found.exact,
-        solved=found.solved,
-        computed_from=found.computed_from,
-        rows=rows,
-    )
+    rows = list[RowRecord]()
+    for one in found.rows:
+        values: dict[str, Any] = {name: one.mean(name) for name in ("start", "optimistic")}
+        same = RowRecord.model_fields.keys() - values.keys()
+        rows.append(RowRecord(**values, **{name: getattr(one, name) for name in same}))
+    same = ForecastRecord.model_fields.keys() - {"rows"}
+    return ForecastRecord(rows=tuple(rows), **{name: getattr(found, name) for name in same})
 
 
 def _extent(
@@ -315,18 +284,9 @@ def stored_episode(
     No task is made and no module of the study imported. Of the rewards the folder keeps what they
     add up to, of the actions nothing.
 
-    Parameters
-    ----------
-    results : StudyResults
-    arm, task : str
-    seed : int, optional
-        The one that must have learnt it.
-
-    Raises
-    ------
-    StoreError
-        When the folder has no such arm or task, or no such episode: those of tasks with a grid and
-        snapshots are stored, of the first seed, when a run that compares arms has ended.
+    A `seed` is the one that must have learnt it. StoreError when the folder has no such arm or
+    task, or no such episode: those of tasks with a grid and snapshots are stored, of the first
+    seed, when a run that compares arms has ended.
     """
     _check_names(results, arm, task)
     analysis, about = results.analysis, results.record.task(arm, task)
@@ -368,21 +328,10 @@ def played_episode(
 ) -> tuple[int, Episode]:
     """Return an episode of a learnt policy in the task itself, and the seed that learnt it.
 
-    Parameters
-    ----------
-    results : StudyResults
-    study : StudyConfig
-        The file that was run; its tasks are made.
-    arm, task : str
-    seed : int, optional
-        By default the first of those that have the best last greedy return.
-
-    Raises
-    ------
-    StoreError
-        When the folder holds no such result, or the results of other settings.
-    SettingError
-        When the values were not saved, or the task has no time limit.
+    The tasks of `study`, the file that was run, are made. By default the seed is the first of those
+    that have the best last greedy return. StoreError when the folder holds no such result, or the
+    results of other settings; SettingError when the values were not saved, or the task has no time
+    limit.
     """
     _check_names(results, arm, task)
     learnt = results.result(arm, task)

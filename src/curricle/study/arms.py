@@ -9,10 +9,10 @@ from typing import Any
 
 from curricle.comparison.comparing import check_comparable, most_source_steps
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import OF_TARGETS
 from curricle.errors import ConfigError, SettingError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.config.sweeps import target_alone
 from curricle.study.dependencies import Dependencies, dependencies_of, key_of
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
@@ -20,38 +20,26 @@ from curricle.tasks.observation_task import is_observation_task
 
 @dataclass(frozen=True, eq=False)
 class Arms:
-    """What a study trains.
-
-    Attributes
-    ----------
-    curricula : dict of str to Curriculum
-        The budget of their target is the total, if there is one.
-    target : str
-        The task that all arms end with.
-    budget : int or None
-        Steps of the target, without those of sources; None where arms are not compared.
-    total : int or None
-        Steps that every arm spends, sources included.
-    eval_freq : int
-        Steps between checkpoints of the target.
-    keys : dict of (str, str) to str
-        For each arm and task a short hash of all that its result depends on, except the seed: arms
-        that share a source train it once.
-    dependencies : dict of (str, str) to dict
-        All that: settings, sources, Curricle's version, and digests of the user's own modules and
-        of the mappings that were found.
-    scratches : tuple of str
-        The arms that learn the target from scratch.
-    """
+    """What a study trains."""
 
     curricula: Mapping[str, Curriculum]
+    """The budget of their target is the total, if there is one."""
     target: str
+    """The task that all arms end with."""
     budget: int | None
+    """Steps of the target, without those of sources; None where arms are not compared."""
     total: int | None
+    """Steps that every arm spends, sources included."""
     eval_freq: int
+    """Steps between checkpoints of the target."""
     keys: Mapping[tuple[str, str], str]
+    """For each arm and task a short hash of all that its result depends on, except the seed: arms
+    that share a source train it once."""
     dependencies: Mapping[tuple[str, str], Dependencies]
+    """All that: settings, sources, Curricle's version, and digests of the user's own modules and of
+    the mappings that were found."""
     scratches: tuple[str, ...]
+    """The arms that learn the target from scratch."""
 
     @property
     def live(self) -> bool:
@@ -62,14 +50,6 @@ class Arms:
         """
         tasks = [task for one in self.curricula.values() for task in one.tasks.values()]
         return any(is_live(task) or is_observation_task(task) for task in tasks)
-
-    @property
-    def keys_by_arm(self) -> dict[str, dict[str, str]]:
-        """The keys of each arm's tasks."""
-        found: dict[str, dict[str, str]] = {}
-        for (arm, task), key in self.keys.items():
-            found.setdefault(arm, {})[task] = key
-        return found
 
     @property
     def code(self) -> dict[str, str]:
@@ -123,38 +103,23 @@ def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
 
     They are those of the study, or else follow from its first arm.
     """
-    first = next(iter(study["arms"].values()))
     given = study.get("scratches")
     if given is None:
-        own = {"tasks": first["tasks"], "transfers": []}
-        others = study["scratch_learners"].items()
-        given = {SCRATCH: own} | {
-            f"{SCRATCH}, {name}": _with_learner(own, target, learner) for name, learner in others
-        }
-    return {name: _without_sources(one, target) for name, one in given.items()}
-
-
-def _without_sources(arm: dict[str, Any], target: str) -> dict[str, Any]:
-    """Return an arm, as data, without the target's settings that only apply to sources."""
-    task = {key: value for key, value in arm["tasks"][target].items() if key not in OF_TARGETS}
-    return {**arm, "tasks": {**arm["tasks"], target: task}}
-
-
-def _with_learner(arm: dict[str, Any], target: str, learner: Any) -> dict[str, Any]:
-    """Return an arm, as data, whose target another learner learns."""
-    task = {**arm["tasks"][target], "learner": learner}
-    return {**arm, "tasks": {**arm["tasks"], target: task}}
+        own = target_alone(next(iter(study["arms"].values())))
+        task = own["tasks"][target]
+        given = {SCRATCH: own}
+        for name, learner in study["scratch_learners"].items():
+            tasks = {**own["tasks"], target: {**task, "learner": learner}}
+            given[f"{SCRATCH}, {name}"] = {**own, "tasks": tasks}
+    return {name: target_alone(one) for name, one in given.items()}
 
 
 @lru_cache(maxsize=4)
 def arms_from_json(config: str, folder: str, code: str) -> Arms:
     """Return the arms of the study that a JSON text describes; cached, as many units ask.
 
-    Raises
-    ------
-    ConfigError
-        When the user's own modules, or the mappings that are found, are not or no longer those of
-        `code`, the JSON of ``Arms.code``.
+    ConfigError when the user's own modules, or the mappings that are found, are not or no longer
+    those of `code`, the JSON of ``Arms.code``.
     """
     # Who began the run has printed what is found.
     study = StudyConfig.from_data(json.loads(config), Path(folder), say=lambda _: None)

@@ -65,21 +65,7 @@ def code_of(data: Any, folder: Path) -> dict[str, str]:
     Files are named from the folder that holds them, and line ends do not count, so that equal code
     has equal digests on any machine.
 
-    Parameters
-    ----------
-    data
-        Any text in it may be a ``module:function``.
-    folder : Path
-        The study's.
-
-    Examples
-    --------
-    >>> from tempfile import mkdtemp
-    >>> folder = Path(mkdtemp())
-    >>> _ = (folder / "own.py").write_text("from .rules import LONG")
-    >>> _ = (folder / "rules.py").write_text("LONG = 3")
-    >>> sorted(code_of({"factory": "own:line", "others": ["json:dumps"]}, folder))
-    ['own.py', 'rules.py']
+    Any text in the data may be a ``module:function``; `folder` is the study's.
     """
     found = dict[str, str]()
     for name, file in own_files(data, folder).items():
@@ -89,16 +75,7 @@ def code_of(data: Any, folder: Path) -> dict[str, str]:
 
 
 def own_files(data: Any, folder: Path) -> dict[str, Path]:
-    """Return the files of the own modules that plain data name, as in :func:`code_of`.
-
-    Examples
-    --------
-    >>> from tempfile import mkdtemp
-    >>> folder = Path(mkdtemp())
-    >>> _ = (folder / "own.py").write_text("LONG = 3")
-    >>> own_files({"factory": "own:line"}, folder) == {"own.py": folder / "own.py"}
-    True
-    """
+    """Return the files of the own modules that plain data name, as in :func:`code_of`."""
     found = dict[str, Path]()
     modules = {match[1] for text in _texts(data) if (match := REFERENCE.fullmatch(text))}
     for words in (tuple(module.split(".")) for module in sorted(modules)):
@@ -200,18 +177,8 @@ def dependencies_of(
 ) -> Iterator[tuple[str, str, Dependencies]]:
     """Yield each task of an arm with its key and its dependencies, sources first.
 
-    Parameters
-    ----------
-    arm : dict
-        As data.
-    curriculum : Curriculum
-        The arm.
-    total : int or None
-        Steps of the target with those of its sources.
-    folder : Path
-        Of the modules with the study's own functions.
-    choose : callable
-        Dependencies -> key.
+    The arm is given as data and as a curriculum; `total` are the steps of its target with those of
+    its sources, `folder` has the study's own modules, and `choose` gives dependencies their key.
     """
     keys: dict[str, str] = {}
     graph = NameGraph.of(dict(arm))
@@ -287,7 +254,7 @@ def replaced_keys(wanted: Mapping[str, Dependencies], stored: Stored) -> dict[st
 
 
 def _of(units: Mapping[int, Any]) -> Dependencies:
-    found: Dependencies = next(iter(units.values())).dependencies
+    found: Dependencies = next(iter(units.values())).about.dependencies
     return found
 
 

@@ -1,10 +1,10 @@
 """The main effects of the settings of a sweep or a tuning: the mean return with each value."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,19 +27,24 @@ class Setting:
     """As in the study's file."""
     levels: tuple[str, ...]
     """The values in words, or parts of its range."""
-    low: float
-    high: float
-    """Of its range."""
-    log: bool
-    is_range: bool
+    range: SpaceRecord | None = None
 
     def level(self, value: Any) -> str:
         """Return the level that a value belongs to."""
-        if not self.is_range:
+        if self.range is None:
             return value_text(value)
-        low, high, here = ((math.log(x) if self.log else x) for x in (self.low, self.high, value))
+        ends: tuple[Any, ...] = self.range.low, self.range.high, value
+        low, high, here = (math.log(x) if self.range.log else x for x in ends)
         number = int((here - low) / (high - low) * len(self.levels))
         return self.levels[min(max(number, 0), len(self.levels) - 1)]
+
+
+class Tried(NamedTuple):
+    """The arm that values of settings were tried for, and what came of it."""
+
+    arm: str
+    values: Mapping[str, Any]
+    result: Any
 
 
 @dataclass(frozen=True)
@@ -90,25 +95,20 @@ def sweep_effects(
     A main effect is the mean over all arms with a value, with its 95 % interval over seeds.
     """
     tuned = set() if tuning is None else {*tuning.space}
-    arms, returns = list[str](), list[FloatArray]()
-    values = list[dict[str, Any]]()
-    for name, one in record.arms.items():
-        if one.variant is not None and name in comparison.arms:
-            arms.append(one.variant.arm)
-            values.append({k: v for k, v in one.variant.values.items() if k not in tuned})
-            returns.append(comparison.returns[name])
-    settings = tuple(
-        _listed(key, values) for key in dict.fromkeys(k for one in values for k in one)
-    )
-    if not settings:
-        return None
-    levels = {}
-    for arm, setting in _pairs(arms, values, settings):
-        levels[arm, setting.key] = tuple(
-            _over_seeds(text, [returns[n] for n in where])
-            for text, where in _where(arm, setting, arms, values)
+    tried = [
+        Tried(
+            one.variant.arm,
+            {key: value for key, value in one.variant.values.items() if key not in tuned},
+            comparison.returns[name],
         )
-    return Effects(SWEEP, settings, levels)
+        for name, one in record.arms.items()
+        if one.variant is not None and name in comparison.arms
+    ]
+    keys = dict.fromkeys(key for one in tried for key in one.values)
+    settings = tuple(
+        _listed(key, [one.values[key] for one in tried if key in one.values]) for key in keys
+    )
+    return Effects(SWEEP, settings, _levels(tried, settings, _over_seeds)) if settings else None
 
 
 def tuning_effects(tuning: TuningRecord) -> Effects:
@@ -117,36 +117,48 @@ def tuning_effects(tuning: TuningRecord) -> Effects:
     The levels of a range are its thirds; each has the mean of its trials, the lowest and the
     highest. Trials crowd where returns are high, so they are no fair sample of a range.
     """
-    arms, values, scores = list[str](), list[dict[str, Any]](), list[float]()
-    for tuned in tuning.arms.values():
-        for trial in tuned.trials:
-            if trial.score is not None:
-                arms.append(tuned.arm)
-                values.append(dict(trial.values))
-                scores.append(trial.score)
+    tried = [
+        Tried(tuned.arm, trial.values, trial.score)
+        for tuned in tuning.arms.values()
+        for trial in tuned.trials
+        if trial.score is not None
+    ]
     settings = tuple(_searched(key, one) for key, one in tuning.space.items())
-    levels = {}
-    for arm, setting in _pairs(arms, values, settings):
-        levels[arm, setting.key] = tuple(
-            Level(text, len(where), float(np.mean(of)), min(of), max(of))
-            for text, where in _where(arm, setting, arms, values)
-            if (of := [scores[n] for n in where])
-        )
-    return Effects(TUNING, settings, levels)
+    return Effects(TUNING, settings, _levels(tried, settings, _over_trials))
 
 
-def _listed(key: str, values: Sequence[Mapping[str, Any]]) -> Setting:
-    texts = dict.fromkeys(value_text(one[key]) for one in values if key in one)
-    return Setting(key, tuple(texts), 0.0, 0.0, False, False)
+def _levels(
+    tried: Sequence[Tried], settings: Sequence[Setting], level_of: Callable[[str, Any], Level]
+) -> dict[tuple[str, str], tuple[Level, ...]]:
+    """Return the main effect of each setting on each arm; `level_of` sums up what came of it."""
+    found = {}
+    for arm in dict.fromkeys(one.arm for one in tried):
+        for setting in settings:
+            own = [one for one in tried if one.arm == arm and setting.key in one.values]
+            places = [setting.level(one.values[setting.key]) for one in own]
+            results = [
+                (
+                    text,
+                    [one.result for one, place in zip(own, places, strict=True) if place == text],
+                )
+                for text in setting.levels
+            ]
+            if own:
+                found[arm, setting.key] = tuple(level_of(*each) for each in results if each[1])
+    return found
+
+
+def _listed(key: str, values: Iterable[Any]) -> Setting:
+    return Setting(key, tuple(dict.fromkeys(map(value_text, values))))
 
 
 def _searched(key: str, space: SpaceRecord) -> Setting:
     if space.values:
-        return _listed(key, [{key: one} for one in space.values])
+        return _listed(key, space.values)
     low, high = float(space.low or 0.0), float(space.high or 0.0)
     bounds = (np.geomspace if space.log else np.linspace)(low, high, THIRDS + 1)
     texts = tuple(f"{short(a)} to {short(b)}" for a, b in pairwise(bounds.tolist()))
-    return Setting(key, texts, low, high, space.log, True)
+    return Setting(key, texts, space)
 
 
 def short(number: float) -> str:
@@ -160,26 +172,10 @@ def short(number: float) -> str:
     return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
 
 
-def _pairs(
-    arms: Sequence[str], values: Sequence[Mapping[str, Any]], settings: Sequence[Setting]
-) -> Iterator[tuple[str, Setting]]:
-    """Yield each arm with each setting that it has."""
-    has = {(arm, key) for arm, one in zip(arms, values, strict=True) for key in one}
-    for arm in dict.fromkeys(arms):
-        yield from ((arm, setting) for setting in settings if (arm, setting.key) in has)
-
-
-def _where(
-    arm: str, setting: Setting, arms: Sequence[str], values: Sequence[Mapping[str, Any]]
-) -> Iterator[tuple[str, list[int]]]:
-    """Yield each level of a setting, and the numbers of what was tried there for an arm."""
-    own = [n for n, one in enumerate(values) if arms[n] == arm and setting.key in one]
-    for text in setting.levels:
-        where = [n for n in own if setting.level(values[n][setting.key]) == text]
-        if where:
-            yield text, where
-
-
 def _over_seeds(text: str, returns: Sequence[FloatArray]) -> Level:
     found = mean_interval(np.mean(returns, axis=0))
     return Level(text, len(returns), float(found.estimate), float(found.low), float(found.high))
+
+
+def _over_trials(text: str, scores: Sequence[float]) -> Level:
+    return Level(text, len(scores), float(np.mean(scores)), min(scores), max(scores))

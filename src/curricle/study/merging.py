@@ -7,11 +7,11 @@ from curricle.checks import BEYOND_64_BITS
 from curricle.errors import StoreError
 from curricle.files import Place
 from curricle.study.packing import files_of, pack
-from curricle.study.results import StudyResults
+from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.running import Done
-from curricle.study.serialization import without_snapshots
+from curricle.study.serialization import SNAPSHOTS, group_of
 from curricle.study.store import StoredUnit, StudyStore, read_failures, write_failures
-from curricle.study.tuning import read_tuning, write_tuning
+from curricle.study.tuning import TUNING, read_tuning
 
 
 def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
@@ -48,9 +48,9 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
             )
         for unit in units:  # damage is found before anything is written
             study.store.result(unit, unit.seeds, study.most_bytes)
-    analysis = next(
-        (one.analysis for one in sorted(studies, key=_first_seed) if one.analysis), None
-    )
+    # That of the first seeds, which a part has finished, is that of all.
+    by_seed = sorted(studies, key=lambda study: min(study.seeds, default=BEYOND_64_BITS))
+    analysis = next((one.analysis for one in by_seed if one.analysis), None)
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
         failures, before = read_failures(target), target.runs()
         done = target.finished()
@@ -68,9 +68,9 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         merged = StudyResults(path)
         merged.write_tables()
         if analysis is not None:
-            merged.write_analysis(analysis)
+            target.write_record(ANALYSIS, analysis)
         if (tuning := read_tuning(stores[0])) is not None:
-            write_tuning(target, tuning)
+            target.write_record(TUNING, tuning)
         write_failures(target, failures)
     return StudyResults(path)
 
@@ -85,11 +85,6 @@ def _take(
         if new:
             result = store.result(unit, new)
             if first not in new:  # a study keeps the snapshots of its first seed alone
-                result = without_snapshots(result)
-            taken = target.write_unit(unit.about.model_copy(update={"seeds": new}), result)
-            there |= dict.fromkeys(new, taken)
-
-
-def _first_seed(study: StudyResults) -> int:
-    """Return the first seed that a study has finished; the analysis of the first is that of all."""
-    return min(study.seeds, default=BEYOND_64_BITS)
+                learnt = {k: v for k, v in result.arrays.items() if group_of(k) != SNAPSHOTS}
+                result = result._replace(arrays=learnt)
+            there |= dict.fromkeys(new, target.write_unit(unit.about, result))

@@ -5,7 +5,7 @@ second are written together, and a file holds a block of seeds in the end. What 
 after a run does not depend on when its units ended: each block is one file then.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from time import monotonic
 from typing import Any
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from curricle.curriculum.node import Node
 from curricle.errors import StoreError
-from curricle.study.record import CurriculaRecord, UnitRecord
+from curricle.study.record import CurriculaRecord
 from curricle.study.serialization import UnitResult, joined_units
 from curricle.study.store import StoredUnit, StudyStore, read_errors, write_errors
 from curricle.study.units import Unit
@@ -53,14 +53,7 @@ def seeds_per_file(node: Node) -> int:
 
 
 def bytes_a_seed(node: Node) -> int:
-    """Return the bytes of what a seed learns in tables, and of its curves, at most.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld
-    >>> bytes_a_seed(Curriculum(tasks={"maze": GridWorld("S..T")}, budget=1000).node("maze"))
-    4296
-    """
+    """Return the bytes of what a seed learns in tables, and of its curves, at most."""
     model = generative_model(node.task)
     tables = TABLES * model.states.size * model.actions.size
     checkpoints = node.most_steps // node.eval_freq + 1
@@ -76,13 +69,7 @@ def files_of(record: CurriculaRecord) -> dict[str, int]:
 class Packing:
     """The units of a run on their way into files.
 
-    Parameters
-    ----------
-    store : StudyStore
-    done : dict
-        Key -> seed -> unit; those that are stored are added.
-    per_file : dict of str to int
-        As :func:`files_of`.
+    `done`, key -> seed -> unit, gets those that are stored; `per_file` is as :func:`files_of`.
     """
 
     def __init__(
@@ -148,25 +135,19 @@ class Packing:
 
     def _store(self, block: Block, unit: Unit, result: UnitResult) -> None:
         files = self._files.setdefault(block, [])
-        files.append(self.store.write_unit(about_of(unit, result), result))
+        files.append(self.store.write_unit(unit, result))
         if len(files) > MOST_FILES:
             files[:] = [merged_files(self.store, files)]
         self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))
 
 
-def about_of(unit: Unit | UnitRecord, result: UnitResult) -> UnitRecord:
-    """Return what the file of a result says that it is, from one of its units."""
-    return UnitRecord(
-        key=unit.key,
-        dependencies=dict(unit.dependencies),
-        task=unit.task,
-        seeds=tuple(result.arrays["seeds"].tolist()),
-    )
-
-
 def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
     """Merge the files of each block of seeds in a folder into one; `per_file` is as `files_of`."""
-    for files in _blocks(store.units(), per_file):
+    blocks = dict[Block, list[StoredUnit]]()
+    for file in store.units():
+        if file.key in per_file:
+            blocks.setdefault(_block(file, per_file), []).append(file)
+    for files in blocks.values():
         if len(files) > 1:
             merged_files(store, files)
 
@@ -181,21 +162,12 @@ def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
         if new := set(file.seeds) - taken:
             parts.append(store.result(file, new))
             taken |= new
-    whole = joined_units(parts)
-    found = store.write_unit(about_of(files[0].about, whole), whole)
+    found = store.write_unit(files[0].about, joined_units(parts))
     with write_errors(store.path):
         for file in files:
             if file.path != found.path:
                 file.path.unlink()
     return found
-
-
-def _blocks(files: Iterable[StoredUnit], per_file: Mapping[str, int]) -> Iterator[list[StoredUnit]]:
-    found = dict[Block, list[StoredUnit]]()
-    for file in files:
-        if file.key in per_file:
-            found.setdefault(_block(file, per_file), []).append(file)
-    yield from found.values()
 
 
 def _block(unit: Any, per_file: Mapping[str, int]) -> Block:

@@ -59,39 +59,19 @@ class Progress:
 
 
 class Pace:
-    """The rate at which units were stored in the last minute, and what follows from it.
-
-    Examples
-    --------
-    >>> from curricle.study.units import Unit
-    >>> units = tuple(Unit("0f", "scratch", "maze", (seed,), {}, {}, 0) for seed in range(9))
-    >>> now = 0.0
-    >>> pace = Pace(lambda: now)
-    >>> pace.note(Progress(units, workers=2))
-    >>> pace.line()
-    '0 of 9 units, 2 workers'
-    >>> now = 10.0
-    >>> pace.note(Progress(units, units[0], workers=2))
-    >>> pace.line()
-    '1 of 9 units, 2 workers, 6 units a minute, 0:01:20 left'
-    """
+    """The rate at which units were stored in the last minute, and what follows from it."""
 
     def __init__(self, clock: Callable[[], float] = monotonic):
         self.clock = clock
         self.stored = 0
         self._units: int | None = None
-        self._workers: int | None = None
-        self._repeated = 0
-        self._link: str | None = None
-        self._tuning = False
+        self._last: Progress | None = None
         self._marks = deque[tuple[float, int]]()
         """When so many had been stored, at the beginning of what the rate is measured over."""
 
     def note(self, progress: Progress) -> None:
         """Note the beginning, or that a unit is stored."""
-        self._units = len(progress.units)
-        self._workers, self._repeated = progress.workers, progress.repeated
-        self._link, self._tuning = progress.link, bool(progress.tuning)
+        self._units, self._last = len(progress.units), progress
         if progress.stored is None:  # further units, after those of a tuning
             self._marks.clear()
             self._mark(0)
@@ -113,12 +93,13 @@ class Pace:
 
         Those that were stored before, and those of other shards, are in the folder's numbers alone.
         """
-        if not units or (self._units == units and not self._tuning):
+        tuning = self._last is not None and bool(self._last.tuning)
+        if not units or (self._units == units and not tuning):
             return self.line()
         whole = f"{stored:,} of {counted(units, 'unit')}"
         if self._units is None:
             return whole
-        return f"{whole}; {'its tuning' if self._tuning else 'this run'}: {self.line()}"
+        return f"{whole}; {'its tuning' if tuning else 'this run'}: {self.line()}"
 
     def _mark(self, stored: int) -> None:
         """Note that so many are stored now."""
@@ -141,17 +122,18 @@ class Pace:
         if self._units is None:
             return ""
         words = [f"{self.stored:,} of {counted(self._units, 'unit')}"]
-        if (workers := self._workers) is not None:
-            words.append(counted(workers, "worker"))
+        if self._last is not None:
+            words.append(counted(self._last.workers, "worker"))
         if rate := self.rate():
             words.append(_in_words(rate))
             if left := self._units - self.stored:
                 words.append(f"{timedelta(seconds=round(left / rate))} left")
-        return ", ".join([*words, *filter(None, [self.repeated(), self._link])])
+        link = None if self._last is None else self._last.link
+        return ", ".join([*words, *filter(None, [self.repeated(), link])])
 
     def repeated(self) -> str:
         """Return how many units were begun again, in words; nothing if none were."""
-        number = self._repeated
+        number = 0 if self._last is None else self._last.repeated
         return f"{counted(number, 'unit')} begun again" if number else ""
 
 

@@ -9,7 +9,6 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    JsonValue,
     PlainSerializer,
     PlainValidator,
     ValidationError,
@@ -17,14 +16,9 @@ from pydantic import (
 )
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.checks import listed
-from curricle.comparison.comparison import as_html
 from curricle.comparison.task_differences import TaskSummary
-from curricle.display import block, shortened, table
-from curricle.errors import CurricleError
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.grid_view import MOST_CELLS, GridView, Marker
-from curricle.text_tables import counted
 
 # -- Parts of records in plain data: their types are fixed, and arrays are lists of numbers --------
 
@@ -172,12 +166,12 @@ class TransferRecord(Plain):
     """Equal for transfers that are the same."""
 
 
-class VariantRecord(Plain):
+class VariantRecord(Plain, strict=False):  # a configuration makes it of a dict
     """The settings that a sweep or a tuning gave to an arm."""
 
     arm: str
     """The arm as the file calls it; "scratch" of learning from scratch."""
-    values: dict[str, JsonValue]
+    values: dict[str, Any]
     """By their keys in the file."""
 
 
@@ -242,29 +236,19 @@ class CurriculaRecord(Plain):
 
 
 class StudyRecord(CurriculaRecord):
-    """A study.
-
-    Attributes
-    ----------
-    name, seeds, window, snapshots
-        As in its file.
-    threshold : float or None
-        The file's, or what the target's optimum gives; None where that is not known.
-    target : str
-    problem : TaskSummary
-        Of the target: what tells whether two studies have the same.
-    budget, total, eval_freq
-        Of the target, as in :class:`Arms`.
-    """
+    """A study, with the name, seeds, window and snapshots of its file."""
 
     name: str
     seeds: tuple[Count, ...]
     threshold: float | None
+    """The file's, or what the target's optimum gives; None where that is not known."""
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
     target: str
     problem: TaskSummary
+    """Of the target: what tells whether two studies have the same."""
     budget: Count | None
+    """Of the target, as are total and eval_freq, and as in :class:`Arms`."""
     total: Count | None
     eval_freq: Annotated[int, Field(ge=1)]
 
@@ -396,10 +380,7 @@ class RunRecord(Plain):
 def read_record(model: type[Model], value: Any) -> Model:
     """Return a record from what a JSON file says.
 
-    Raises
-    ------
-    ValueError
-        Naming the first place that is wrong, and what is wrong there, in one line.
+    ValueError names the first place that is wrong, and what is wrong there, in one line.
 
     Examples
     --------
@@ -420,54 +401,3 @@ def read_record(model: type[Model], value: Any) -> Model:
 def plain(record: BaseModel) -> dict[str, Any]:
     """Return a record as JSON holds it; :func:`read_record` reads it."""
     return record.model_dump(mode="json")
-
-
-# -- A study and its results: in a few words, and as HTML for a notebook ---------------------------
-
-
-class ShownStudy:
-    """How the results of a study show themselves."""
-
-    def __repr__(self: Any) -> str:
-        return shortened(f"StudyResults({self.record.name!r}, {_so_far(self)})")
-
-    def _repr_html_(self: Any) -> str:
-        """Return the comparison of the arms, or why there is none yet, and what failed."""
-        failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
-        title = f"Study {self.record.name!r}: {_so_far(self)}"
-        try:
-            compared = as_html(self.comparison)
-        except CurricleError as error:
-            return block(title, str(error), *failed)
-        return block(title, *failed) + compared
-
-
-def _so_far(results: Any) -> str:
-    arms = counted(len(results.record.arms), "arm")
-    whole = counted(len(results.record.seeds), "seed")
-    return f"{arms}, {len(results.seeds)} of {whole} complete"
-
-
-def config_in_brief(study: Any) -> str:
-    """Return a study in a few words: its seeds and arms."""
-    seeds, arms = counted(len(study.seeds), "seed"), listed(study.arms)
-    return shortened(f"StudyConfig({study.name!r}, {seeds}; arms: {arms})")
-
-
-def config_html(study: Any) -> str:
-    """Return a study as a table of the tasks of each arm, and one of the transfers."""
-    tasks = [
-        (arm, name, one.type, "" if one.budget is None else str(one.budget))
-        for arm, tables in study.arms.items()
-        for name, one in tables.tasks.items()
-    ]
-    transfers = [
-        (arm, one.source, one.target, str(one.mapping))
-        for arm, tables in study.arms.items()
-        for one in tables.transfers
-    ]
-    return block(
-        f"Study {study.name!r}, {counted(len(study.seeds), 'seed')}",
-        table(["arm", "task", "type", "budget"], tasks, wide=["budget"]),
-        transfers and table(["arm", "source", "target", "mapping"], transfers, wide=["mapping"]),
-    )

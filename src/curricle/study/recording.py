@@ -10,7 +10,7 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig, VariantTable
+from curricle.study.config.study_config import StudyConfig
 from curricle.study.packing import seeds_per_file
 from curricle.study.record import (
     ArmRecord,
@@ -40,27 +40,18 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
         node = first.node(arms.target)
         threshold = threshold_of_optimum(target_of(node.task, node.evaluation))
-    return StudyRecord(
-        tasks=curricula.tasks,
-        arms=curricula.arms,
-        name=study.name,
-        seeds=study.seeds,
-        threshold=threshold,
-        window=study.window,
-        snapshots=study.snapshots,
-        target=arms.target,
-        problem=task_summary(first.tasks[arms.target]),
-        budget=arms.budget,
-        total=arms.total,
-        eval_freq=arms.eval_freq,
-    )
+    of_study = {name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots")}
+    of_arms = {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
+    problem = task_summary(first.tasks[arms.target])
+    both = {"tasks": curricula.tasks, "arms": curricula.arms, **of_study, **of_arms}
+    return StudyRecord(threshold=threshold, problem=problem, **both)
 
 
 def curricula_record(
     curricula: Mapping[str, Curriculum],
     keys: Keys,
     scratches: Collection[str] = (),
-    variants: Mapping[str, VariantTable] = MappingProxyType({}),
+    variants: Mapping[str, VariantRecord] = MappingProxyType({}),
 ) -> CurriculaRecord:
     """Return the record of curricula by arm; `keys` are those of the stored results, if any.
 
@@ -93,7 +84,7 @@ def curricula_record(
             transfers=transfers,
             potential=_potential(curriculum),
             scratch=arm in scratches,
-            variant=VariantRecord(**variants[arm].model_dump()) if arm in variants else None,
+            variant=variants.get(arm),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
 

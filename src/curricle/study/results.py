@@ -9,23 +9,24 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from curricle.archives import sealed
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import Comparison, as_html
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues, source_values, sources_read
 from curricle.deep.policy import policies_of
-from curricle.errors import CurriculumError, StoreError, StudyError
+from curricle.display import block, shortened
+from curricle.errors import CurricleError, CurriculumError, StoreError, StudyError
 from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
-from curricle.learning.result import LearningResult, joined_results
+from curricle.learning.result import LearningResult, curve_columns, joined_results
+from curricle.learning.saved_result import check_result_arrays
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
-from curricle.study.record import Analysis, RunRecord, ShownStudy, StudyRecord, plain, read_record
-from curricle.study.serialization import RUN, SNAPSHOTS, VALUES, check_arrays, curve_table
+from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record
+from curricle.study.serialization import RUN, SNAPSHOTS, VALUES
 from curricle.study.store import (
     STUDY,
     StoredUnit,
@@ -34,6 +35,7 @@ from curricle.study.store import (
     read_failures,
     stored_values,
 )
+from curricle.text_tables import counted
 
 # -- Whether studies that are compared have one target ---------------------------------------------
 
@@ -122,11 +124,13 @@ RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.par
 ANALYSIS = "analysis.json"
 MOST_CHECKPOINTS = 10_000_000
 """Of a curve in a comparison: 80 MB a seed."""
+SPENT = ("source_steps", "steps_used")
+"""Arrays of steps."""
 HEADERS, FLOAT32 = 2**16, 4
 """Bytes of the headers of some arrays, at most, and of a number in a snapshot."""
 
 
-class StudyResults(ShownStudy):
+class StudyResults:
     """The results in a study's folder, also while the study is still running.
 
     Only plain data are read: no module that the study names is imported, no task is made, and no
@@ -155,6 +159,23 @@ class StudyResults(ShownStudy):
         if "record" not in study:
             raise StoreError(f"{path} holds results that are not those of a study")
         self.record = self.store.checked(STUDY, lambda: read_record(StudyRecord, study["record"]))
+
+    def __repr__(self) -> str:
+        return shortened(f"StudyResults({self.record.name!r}, {self._so_far()})")
+
+    def _repr_html_(self) -> str:
+        """Return the comparison of the arms, or why there is none yet, and what failed."""
+        failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
+        title = f"Study {self.record.name!r}: {self._so_far()}"
+        try:
+            compared = as_html(self.comparison)
+        except CurricleError as error:
+            return block(title, str(error), *failed)
+        return block(title, *failed) + compared
+
+    def _so_far(self) -> str:
+        arms, whole = counted(len(self.record.arms), "arm"), counted(len(self.record.seeds), "seed")
+        return f"{arms}, {len(self.seeds)} of {whole} complete"
 
     @cached_property
     def stored(self) -> dict[str, dict[int, StoredUnit]]:
@@ -206,10 +227,9 @@ class StudyResults(ShownStudy):
         """Return the arrays of a unit of an arm, which have the shapes that the record states."""
         task = self.record.task(arm, name)
         arrays = self.store.arrays(unit, *groups, most=self.most_bytes)
-        return self.store.checked(
-            unit.path,
-            lambda: check_arrays(arrays, unit.seeds, (task.states, task.actions)),
-        )
+        given = arrays, unit.seeds, (task.states, task.actions), SPENT
+        self.store.checked(unit.path, lambda: check_result_arrays(*given))
+        return arrays
 
     @property
     def most_bytes(self) -> int:
@@ -334,19 +354,12 @@ class StudyResults(ShownStudy):
     @property
     def analysis(self) -> Analysis | None:
         """Forecasts, certificates and episodes; None before the run has ended."""
-        if not self.store.has(ANALYSIS):
-            return None
-        found = self.store.read_sealed(ANALYSIS)
-        return self.store.checked(ANALYSIS, lambda: read_record(Analysis, found))
+        return self.store.record(ANALYSIS, Analysis) if self.store.has(ANALYSIS) else None
 
     @property
     def runs(self) -> list[RunRecord]:
         """Each run so far."""
         return self.store.runs()
-
-    def write_analysis(self, analysis: Analysis) -> None:
-        """Write ``analysis.json``."""
-        self.store.write(ANALYSIS, sealed(plain(analysis)))
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps each seed of an arm spent before a task, (K,), seeds ascending.
@@ -378,7 +391,7 @@ class StudyResults(ShownStudy):
 
     def _table(self, name: str, arm: str, task: str, unit: StoredUnit) -> pa.Table:
         if name == CURVES:
-            return curve_table(task, self._arrays(arm, task, unit, RUN))
+            return pa.table(curve_columns(self._arrays(arm, task, unit, RUN), task))
         return self.store.decisions(unit)
 
     def write_tables(self) -> None:

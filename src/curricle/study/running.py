@@ -42,17 +42,17 @@ from curricle.study.store import (
 )
 from curricle.study.study_arguments import Study, study_of
 from curricle.study.tuning import (
+    BEGUN,
     TRIALS,
+    TUNING,
     BegunTrials,
     check_tuning,
     digest_of,
     number_of_trials,
+    read_tuning,
     tune,
     tuned_study,
-    tuning_at,
     with_trials,
-    write_begun,
-    write_tuning,
 )
 from curricle.study.units import Unit, given_to_all, numbered_seeds, seeds_of, units_of
 from curricle.text_tables import counted
@@ -84,8 +84,10 @@ def tuned_before(
     A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
     version aside where stale units are kept. `report` is called with a sentence about a stale one.
     """
-    there = None if study.tune is None else tuning_at(place_at(path))
-    if there is None:
+    place = place_at(path)
+    if study.tune is None or not holds_study(place):
+        return study, arms
+    if (there := read_tuning(StudyStore(place))) is None:
         return study, arms
     if there.of != digest_of(study):
         if not keep_stale or there.of_settings != digest_of(study, settings_key_of):
@@ -335,7 +337,8 @@ def _tuned(
 
         def train(config: StudyConfig, of_trials: Arms, words: str) -> StudyStore:
             begun.extend(of_trials.keys[one, of_trials.target] for one in of_trials.curricula)
-            write_begun(store, BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun)))
+            now = BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun))
+            store.write_record(BEGUN, now)
             failures = Failures(of_trials.keys)
             per_file = files_of(curricula_record(of_trials.curricula, of_trials.keys))
             done = store.finished()
@@ -348,7 +351,7 @@ def _tuned(
 
         found = tune(study, train, choose)
         store.remove_checkpoints()
-    write_tuning(training.store, found)
+    training.store.write_record(TUNING, found)
     return tuned_study(study, found)
 
 

@@ -32,22 +32,7 @@ class Queue:
     All of a unit, from waiting to being sent, costs time in the logarithm of their number and in
     its own sources and seeds alone.
 
-    Parameters
-    ----------
-    units : iterable of Unit
-    done : dict of str to collection of int
-        The seeds that are trained, by key.
-
-    Examples
-    --------
-    >>> source = Unit("0f", "chain", "corner", (0, 1), {}, {}, 0)
-    >>> target = Unit("1e", "chain", "maze", (0, 1), {"corner": "0f"}, {}, 0)
-    >>> queue = Queue([target, source], {})
-    >>> queue.pop().task, bool(queue.ready)
-    ('corner', False)
-    >>> queue.trained(source)
-    >>> queue.pop().task
-    'maze'
+    `done` has the seeds that are trained, by key.
     """
 
     def __init__(self, units: Iterable[Unit], done: Mapping[str, Collection[int]]):

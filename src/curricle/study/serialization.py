@@ -3,6 +3,7 @@
 import io
 import re
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,8 +12,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from curricle.learning.result import curve_columns, lengthened
-from curricle.learning.saved_result import CURVES, Arrays, check_result_arrays
+from curricle.learning.result import LearningResult, joined_results
+from curricle.learning.saved_result import Arrays, arrays_of
 
 RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"
 """Groups of a unit's arrays: curves and counts, what was learnt, values on the way."""
@@ -29,8 +30,8 @@ DECISION_SCHEMA = {
 """Columns of a unit's decisions, and their types."""
 OWN = re.compile(r"(states|values)_(\d+)(/.*)?")
 """An array of one seed, by its row."""
-SPENT = ("source_steps", "steps_used")
-"""Arrays of steps."""
+OF_UNITS = ("source_steps", "scale", "refusal")
+"""Arrays by seed that a unit has beside those of its result, the last two if it was calibrated."""
 LARGEST_TABLE = 2**28
 """Bytes of a table at most."""
 
@@ -39,8 +40,7 @@ class UnitResult(NamedTuple):
     """What training a unit returns."""
 
     arrays: Arrays
-    """Those of the :class:`LearningResult` (:func:`arrays_of`), and by seed (K,) ``source_steps``,
-    and ``scale`` and ``refusal`` if it was calibrated."""
+    """Those of the :class:`LearningResult` (:func:`arrays_of`), and `OF_UNITS`."""
     decisions: pa.Table
     """Why each seed went on or stopped, a row a checkpoint, of `DECISION_SCHEMA`."""
 
@@ -64,57 +64,23 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
 def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
     """Return the results of several units of a task as that of one, seeds ascending.
 
-    Shorter curves are held to the longest, as by :func:`joined_results`. Snapshots stay if they are
-    of the first seed of all. How the units were grouped does not change a byte.
+    Shorter curves are held to the longest. Snapshots stay if they are of the first seed of all. How
+    the units were grouped does not change a byte.
     """
     if len(parts) == 1:
         return parts[0]
     parts = sorted(parts, key=lambda part: part.arrays["seeds"][0])
-    steps = max((part.arrays["steps"] for part in parts), key=len)
-    seeds = np.concatenate([part.arrays["seeds"] for part in parts])
-    order = np.argsort(seeds)
-    own = _own_arrays(parts, np.argsort(order).tolist())
-    arrays = dict[str, npt.NDArray[Any]]()
-    for name, first in parts[0].arrays.items():
-        if name == "steps":
-            arrays[name] = steps
-        elif name.startswith("snapshot_"):
-            arrays[name] = first
-        elif OWN.fullmatch(name):
-            arrays |= own  # in the place of the first of them
-        else:
-            each = [part.arrays[name] for part in parts]
-            if name in CURVES:
-                each = [lengthened(name, one, len(steps)) for one in each]
-            arrays[name] = np.concatenate(each)[order]
+    whole = joined_results([LearningResult.of_arrays(part.arrays) for part in parts])
+    if whole.snapshots is not None and whole.snapshots.seed != whole.seeds[0]:
+        whole = replace(whole, snapshots=None)
+    arrays = arrays_of(whole)
+    order = np.argsort(np.concatenate([part.arrays["seeds"] for part in parts]))
+    for name in OF_UNITS:
+        if name in parts[0].arrays:
+            arrays[name] = np.concatenate([part.arrays[name] for part in parts])[order]
     decisions = pa.concat_tables([part.decisions for part in parts])
     ascending = pc.sort_indices(decisions, [("seed", "ascending")])  # stable
     return UnitResult(arrays, decisions.take(ascending))
-
-
-def _own_arrays(parts: Sequence[UnitResult], rows: Sequence[int]) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays that each seed has for itself, by row; `rows` are those of the parts."""
-    found, before = list[tuple[int, str, npt.NDArray[Any]]](), 0
-    for part in parts:
-        for name, array in part.arrays.items():
-            if own := OWN.fullmatch(name):
-                row = rows[before + int(own[2])]
-                found.append((row, f"{own[1]}_{row}{own[3] or ''}", array))
-        before += len(part.arrays["seeds"])
-    return {name: array for _, name, array in sorted(found, key=lambda one: one[0])}
-
-
-def check_arrays(
-    arrays: dict[str, npt.NDArray[Any]],
-    seeds: Sequence[int],
-    pairs: tuple[int, int],
-) -> dict[str, npt.NDArray[Any]]:
-    """Return a unit's arrays as they are; ValueError if they are not those of a result.
-
-    `pairs` are the states and actions of its task.
-    """
-    check_result_arrays(arrays, seeds, pairs, SPENT)
-    return arrays
 
 
 def group_of(name: str) -> str:
@@ -165,17 +131,6 @@ def _text_size(column: pa.ChunkedArray) -> int:
         )
         for chunk in column.chunks
     )
-
-
-def without_snapshots(result: UnitResult) -> UnitResult:
-    """Return a unit's result without snapshots."""
-    kept = {name: one for name, one in result.arrays.items() if not name.startswith("snapshot_")}
-    return result._replace(arrays=kept)
-
-
-def curve_table(task: str, arrays: Arrays) -> pa.Table:
-    """Return a unit's curves as a tidy table, each seed up to its own end."""
-    return pa.table(curve_columns(arrays, task))
 
 
 def as_parquet(table: pa.Table) -> bytes:

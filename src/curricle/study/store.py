@@ -49,8 +49,8 @@ from curricle.files import (
 )
 from curricle.learning.saved_result import checkpoints_of, values_of
 from curricle.statistics.curves import SCRATCH
-from curricle.study.dependencies import Dependencies, differences, shown
-from curricle.study.record import RunRecord, UnitRecord, plain, read_record
+from curricle.study.dependencies import differences, shown
+from curricle.study.record import Plain, RunRecord, UnitRecord, plain, read_record
 from curricle.study.serialization import (
     DECISION_SCHEMA,
     GROUPS,
@@ -167,6 +167,8 @@ def lost_errors() -> Iterator[None]:
 
 # -- The file of a unit: a sealed archive of its arrays that says what it is of --------------------
 
+NamedArrays = dict[str, npt.NDArray[Any]]
+"""Arrays by name."""
 ABOUT, DECISIONS = "unit.json", "decisions.parquet"
 """Members of the archive beside its arrays."""
 ENDING = ".npz"
@@ -194,43 +196,26 @@ def _snapshots_of(names: Iterable[str]) -> list[str]:
     return [name for name in names if group_of(name) == SNAPSHOTS]
 
 
-@dataclass(frozen=True)
-class UnitFile:
-    """A unit's file that is open."""
-
-    archive: ArrayArchive
-
-    def about(self) -> UnitRecord:
-        """Return what the unit is; ValueError if the archive does not say."""
-        return read_record(UnitRecord, parsed_json(self.archive.content(ABOUT, LARGEST_ABOUT)))
-
-    def arrays(self, *groups: str, most: int | None = None) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays of some groups, without pickles.
-
-        Snapshots may unpack to `most` bytes, and nothing else is compressed; ValueError otherwise.
-        """
-        names = [name for name in self.archive.names if group_of(name) in groups]
-        return self.archive.read(*names, compressed=_snapshots_of(names), most=most)
-
-    def decisions(self, seeds: int) -> pa.Table:
-        """Return the table of decisions, one a seed and checkpoint; ValueError if it is another."""
-        most = seeds * (1 + checkpoints_of(self.archive.read("steps")))
-        member = self.archive.members.get(DECISIONS)
-        size = 0 if member is None else member.file_size
-        return read_parquet(self.archive.content(DECISIONS, size), DECISION_SCHEMA, most)
+def about_in(archive: ArrayArchive) -> UnitRecord:
+    """Return what the unit of a file is; ValueError if the file does not say."""
+    return read_record(UnitRecord, parsed_json(archive.content(ABOUT, LARGEST_ABOUT)))
 
 
-@contextmanager
-def opened_unit(path: Place) -> Iterator[UnitFile]:
-    """Open a unit's file to read some of it; it raises as :func:`opened_archive`."""
-    with opened_archive(path) as archive:
-        yield UnitFile(archive)
+def groups_in(archive: ArrayArchive, groups: Collection[str], most: int | None) -> NamedArrays:
+    """Return the arrays of some groups in a unit's file, without pickles.
+
+    Snapshots may unpack to `most` bytes, and nothing else is compressed; ValueError otherwise.
+    """
+    names = [name for name in archive.names if group_of(name) in groups]
+    return archive.read(*names, compressed=_snapshots_of(names), most=most)
 
 
-def checked_unit(path: Place) -> UnitRecord:
-    """Return what a whole file is of; all of it is read once. It raises as :func:`opened_unit`."""
-    with opened_whole(path) as archive:
-        return UnitFile(archive).about()
+def decisions_in(archive: ArrayArchive, seeds: int) -> pa.Table:
+    """Return the decisions in a unit's file, one a seed and checkpoint; ValueError if wrong."""
+    most = seeds * (1 + checkpoints_of(archive.read("steps")))
+    member = archive.members.get(DECISIONS)
+    size = 0 if member is None else member.file_size
+    return read_parquet(archive.content(DECISIONS, size), DECISION_SCHEMA, most)
 
 
 def place_of(key: str, task: str, seeds: str) -> str:
@@ -254,6 +239,7 @@ SCHEMA_VERSION = 3
 LARGEST_JSON = 2**26
 """Bytes of a JSON file at most: a study of 100,000 seeds has a hundredth of that."""
 Result = TypeVar("Result")
+Record = TypeVar("Record", bound=Plain)
 
 
 @dataclass(frozen=True)
@@ -269,13 +255,13 @@ class StoredUnit:
         """Return the unit of a file; StoreError where its name is cut and it cannot be read."""
         seeds = seeds_in(path.stem.removeprefix("seeds-"))
         if seeds is None:
-            seeds = read_unit(path, UnitFile.about).seeds
+            seeds = read_unit(path, about_in).seeds
         return cls(path, path.parent.name.rpartition("-")[2], seeds)
 
     @cached_property
     def about(self) -> UnitRecord:
         """What its file says of it; StoreError where that is damaged or of another unit."""
-        found: UnitRecord = read_unit(self.path, UnitFile.about)
+        found: UnitRecord = read_unit(self.path, about_in)
         if not self._is_place_of(found):
             raise damage(self.path)
         return found
@@ -287,8 +273,8 @@ class StoredUnit:
         A file system that does not answer damages nothing: what is damaged is deleted.
         """
         try:
-            with read_errors(self.path):
-                return self._is_place_of(checked_unit(self.path))
+            with read_errors(self.path), opened_whole(self.path) as archive:
+                return self._is_place_of(about_in(archive))
         except (Damaged, ValueError):
             return False
 
@@ -296,43 +282,35 @@ class StoredUnit:
         place = place_of(about.key, about.task, seed_ranges(about.seeds))
         return place == f"{self.path.parent.name}/{self.path.name}"
 
-    @property
-    def task(self) -> str:
-        """The name of its task."""
-        return self.about.task
 
-    @property
-    def dependencies(self) -> Dependencies:
-        """What its key is a hash of."""
-        return self.about.dependencies
-
-
-def read_unit(path: Place, read: Callable[[UnitFile], Result]) -> Result:
+def read_unit(path: Place, read: Callable[[ArrayArchive], Result]) -> Result:
     """Return what a function reads of a unit's file; StoreError where that cannot be."""
     try:
-        with read_errors(path), opened_unit(path) as file:
-            return read(file)
+        with read_errors(path), opened_archive(path) as archive:
+            return read(archive)
     except Damaged:
         raise damage(path) from None
     except ValueError as error:
         raise StoreError(f"{path} is not as Curricle writes it: {error}") from None
 
 
-def arrays_in(
-    stored: StoredUnit, *groups: str, most: int | None = None
-) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of some groups of a unit; see :meth:`StudyStore.arrays`."""
-    return read_unit(stored.path, lambda file: file.arrays(*groups, most=most))
+def arrays_in(stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
+    """Return the arrays of some groups, such as ``run``, that a unit has.
+
+    Snapshots may unpack to `most` bytes; StoreError names a file where they have more.
+    """
+    return read_unit(stored.path, lambda archive: groups_in(archive, groups, most))
 
 
 def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
-    """Write the result of a unit into a folder of results in one move, and return where it is."""
+    """Write what some seeds of a unit learnt in one move, and return where it is."""
+    seeds = tuple(result.arrays["seeds"].tolist())
     about = UnitRecord(
-        key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=unit.seeds
+        key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=seeds
     )
-    place = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(unit.seeds))}"
+    place = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(seeds))}"
     _write(folder, place, unit_content(about, result))
-    return StoredUnit(folder / place, unit.key, unit.seeds)
+    return StoredUnit(folder / place, unit.key, seeds)
 
 
 def _write(folder: Place, name: str, content: bytes) -> None:
@@ -506,6 +484,15 @@ class StudyStore:
             raise damage(self.path / name)
         return found
 
+    def write_record(self, name: str, record: Plain) -> None:
+        """Write a record with its own checksum."""
+        self.write(name, sealed(plain(record)))
+
+    def record(self, name: str, model: type[Record]) -> Record:
+        """Return what :meth:`write_record` wrote; StoreError if it is damaged."""
+        found = self.read_sealed(name)
+        return self.checked(name, lambda: read_record(model, found))
+
     def _bytes(self, name: str, most: int) -> bytes:
         with read_errors(self.path / name):
             return read_bounded(self.path / name, most)
@@ -569,18 +556,13 @@ class StudyStore:
         """Remove those of all units."""
         remove_folder(self.path / CHECKPOINTS)
 
-    def arrays(
-        self, stored: StoredUnit, *groups: str, most: int | None = None
-    ) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays of some groups, such as ``run``, that a unit has.
-
-        Snapshots may unpack to `most` bytes; StoreError names a file where they have more.
-        """
+    def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
+        """Return the arrays of some groups of a unit, as :func:`arrays_in`."""
         return arrays_in(stored, *groups, most=most)
 
     def decisions(self, stored: StoredUnit) -> pa.Table:
         """Return the table of a unit's decisions."""
-        return read_unit(stored.path, lambda file: file.decisions(len(stored.seeds)))
+        return read_unit(stored.path, lambda archive: decisions_in(archive, len(stored.seeds)))
 
     def result(
         self, stored: StoredUnit, seeds: Collection[int], most: int | None = None
@@ -592,8 +574,8 @@ class StudyStore:
         if not stored.whole:
             raise damage(stored.path)
 
-        def read(file: UnitFile) -> tuple[dict[str, npt.NDArray[Any]], pa.Table]:
-            return file.arrays(*GROUPS, most=most), file.decisions(len(stored.seeds))
+        def read(archive: ArrayArchive) -> tuple[NamedArrays, pa.Table]:
+            return groups_in(archive, GROUPS, most), decisions_in(archive, len(stored.seeds))
 
         arrays, decisions = read_unit(stored.path, read)
         wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
@@ -621,14 +603,7 @@ def stored_values(
 ) -> StoredValues:
     """Return what seeds learnt in a task, its values only if they are to be `read`.
 
-    Parameters
-    ----------
-    arrays_of : callable
-        As :meth:`StudyStore.arrays`.
-    done : dict of int to StoredUnit
-        The unit that holds each seed.
-    seeds : sequence of int
-    read : bool
+    `arrays_of` is as :meth:`StudyStore.arrays`, and `done` has the unit that holds each seed.
     """
     units = {done[seed].path: done[seed] for seed in seeds}
     names = (RUN, VALUES) if read else (RUN,)
@@ -653,21 +628,13 @@ Keys = Mapping[tuple[str, str], str]
 
 @dataclass
 class Failures:
-    """The units that failed in a run.
-
-    Attributes
-    ----------
-    keys : dict of (str, str) to str
-        As in :class:`Arms`.
-    each : list of (Unit, Exception)
-        In the order in which they failed.
-    executor_failed : bool
-        Whether one of them was never trained, as the executor failed.
-    """
+    """The units that failed in a run."""
 
     keys: Keys
     each: list[tuple[Unit, BaseException]] = field(default_factory=list)
+    """In the order in which they failed."""
     executor_failed: bool = False
+    """Whether one of them was never trained, as the executor failed."""
     _kept: set[str] = field(default_factory=set, init=False)
     """The keys that arms without a failure need, once there is one."""
 
@@ -717,13 +684,7 @@ class Failures:
 
 
 def without_folders(text: str) -> str:
-    """Return an error's text with the names of files only: folders are those of one machine.
-
-    Examples
-    --------
-    >>> without_folders("cannot read '/home/me/thesis 2/maze.txt': 1/2 is there")
-    "cannot read 'maze.txt': 1/2 is there"
-    """
+    """Return an error's text with the names of files only: folders are those of one machine."""
     quoted = re.sub(r"""(['"])(?:[A-Za-z]:)?[/\\][^'"\n]*[/\\]([^'"\n/\\]+)\1""", r"\1\2\1", text)
     return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
 

@@ -26,12 +26,8 @@ Result = TypeVar("Result")
 def study_of(given: Study) -> StudyConfig:
     """Return a study as it is, or the one that a file describes.
 
-    Raises
-    ------
-    ConfigError
-        With all that is wrong in the file.
-    SettingError
-        When it is neither a study nor a path.
+    ConfigError says all that is wrong in the file; SettingError that it is neither a study nor a
+    path.
 
     Examples
     --------

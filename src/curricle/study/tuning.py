@@ -11,11 +11,9 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, JsonValue, model_validator
 
-from curricle.archives import sealed
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import most_source_steps
 from curricle.errors import SettingError
-from curricle.files import Place
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.metrics import mean_return
@@ -23,9 +21,9 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.sweeps import RangeTable, Tuning, ends_of, value_text, with_values
 from curricle.study.dependencies import Dependencies, key_of, settings_key_of
-from curricle.study.record import Count, Plain, plain, read_record
+from curricle.study.record import Count, Plain
 from curricle.study.serialization import RUN, of_seeds
-from curricle.study.store import StoredUnit, StudyStore, holds_study
+from curricle.study.store import StoredUnit, StudyStore
 from curricle.text_tables import counted
 
 # -- What a results folder says about a tuning: every trial, and the best of each arm --------------
@@ -117,25 +115,7 @@ class BegunTrials(Plain):
 
 def read_tuning(store: StudyStore) -> TuningRecord | None:
     """Return the tuning of a study's folder; None if there is none, or it has not ended."""
-    if not store.has(TUNING):
-        return None
-    found = store.read_sealed(TUNING)
-    return store.checked(TUNING, lambda: read_record(TuningRecord, found))
-
-
-def tuning_at(path: Place) -> TuningRecord | None:
-    """Return the tuning in a folder that may not be there."""
-    return read_tuning(StudyStore(path)) if holds_study(path) else None
-
-
-def write_tuning(store: StudyStore, record: TuningRecord) -> None:
-    """Write ``tuning.json``."""
-    store.write(TUNING, sealed(plain(record)))
-
-
-def write_begun(trials: StudyStore, begun: BegunTrials) -> None:
-    """Write ``begun.json`` into the folder of the trials."""
-    trials.write(BEGUN, sealed(plain(begun)))
+    return store.record(TUNING, TuningRecord) if store.has(TUNING) else None
 
 
 def tuning_words(store: StudyStore) -> str:
@@ -147,8 +127,7 @@ def tuning_words(store: StudyStore) -> str:
     if not store.has(f"{TRIALS}/{BEGUN}"):
         return f"{words}: no trial has begun"
     trials = StudyStore(store.path / TRIALS)
-    found = trials.read_sealed(BEGUN)
-    begun = trials.checked(BEGUN, lambda: read_record(BegunTrials, found))
+    begun = trials.record(BEGUN, BegunTrials)
     stored = trials.finished()
     done = sum({*begun.seeds} <= stored.get(key, {}).keys() for key in begun.keys)
     number = counted(begun.number, "trial")
@@ -193,13 +172,9 @@ def check_tuning(study: StudyConfig) -> int:
     They are the same for all trials: those of the target, and of the sources with the largest
     budgets in the space.
 
-    Raises
-    ------
-    ConfigError
-        Naming each setting whose smallest, largest or listed value makes no sense.
-    SettingError
-        When Optuna is not installed, or Stable-Baselines3 where a network learns; when the target
-        has no budget in steps, or too many combinations of budgets are listed.
+    ConfigError names each setting whose smallest, largest or listed value makes no sense;
+    SettingError when Optuna is not installed, or Stable-Baselines3 where a network learns; when the
+    target has no budget in steps, or too many combinations of budgets are listed.
     """
     _optuna()
     tune = tuning_of(study)
@@ -304,17 +279,8 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
 
     It depends on the study and on Optuna's version alone: trials that were trained before are read.
 
-    Parameters
-    ----------
-    study : StudyConfig
-    train : callable
-    choose : callable
-        Gives trials their keys: those of stale units, where these are kept.
-
-    Raises
-    ------
-    SettingError, ConfigError
-        As :func:`check_tuning`.
+    `choose` gives trials their keys: those of stale units, where these are kept. It raises as
+    :func:`check_tuning`.
     """
     total, tuning = check_tuning(study), tuning_of(study)
     searches = {name: Search(tuning, name) for name in (*(study.scratches or {}), *study.arms)}

@@ -1,10 +1,8 @@
 """Units of work: one task of one arm for some seeds, a pure function of the study."""
 
 import json
-import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,11 +14,11 @@ from curricle.curriculum.sources import StoredValues, source_values
 from curricle.display import brief_repr
 from curricle.files import Place
 from curricle.learning.saved_result import arrays_of
-from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.stopping import ended_by
 from curricle.learning.storage import Storage
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.config.study_config import StudyConfig
+from curricle.study.config.tables import seeds_in_ranges
 from curricle.study.dependencies import Dependencies
 from curricle.study.serialization import DECISION_SCHEMA, UnitResult
 
@@ -102,15 +100,7 @@ def seeds_in(ranges: str) -> tuple[int, ...] | None:
     >>> seeds_in("0-2+7"), seeds_in("0-2_0f"), seeds_in("5-2")
     ((0, 1, 2, 7), None, None)
     """
-    if not re.fullmatch(r"\d{1,19}(-\d{1,19})?(\+\d{1,19}(-\d{1,19})?)*", ranges):
-        return None
-    found = list[range]()
-    for each in ranges.split("+"):
-        first, _, last = each.partition("-")
-        found.append(range(int(first), int(last or first) + 1))
-    if not all(found) or sum(map(len, found)) > MOST_SEEDS:
-        return None
-    return tuple(chain.from_iterable(found))
+    return tuple(seeds_in_ranges(ranges.replace("+", ","))) or None
 
 
 def units_of(

@@ -97,13 +97,6 @@ def assignment(text: str) -> tuple[tuple[str, ...], Raw]:
     """Return what ``--set key=value`` assigns: the key's parts, and the value in nested tables.
 
     The value is read as TOML, or else taken as text. ConfigError says that it is no assignment.
-
-    Examples
-    --------
-    >>> assignment("tasks.chase.budget=1_000")
-    (('tasks', 'chase', 'budget'), {'tasks': {'chase': {'budget': 1000}}})
-    >>> assignment("aggregate=mean")
-    (('aggregate',), {'aggregate': 'mean'})
     """
     key, equals, value = text.partition("=") if isinstance(text, str) else ("", "", "")
     keys = dotted(key)
@@ -329,12 +322,6 @@ def line_numbers(text: str) -> dict[KeyPath, int]:
     r"""Return the line on which each table, key and list entry of a TOML text begins, from 1.
 
     The standard library's parser does not report them. It has accepted the text before.
-
-    Examples
-    --------
-    >>> lines = line_numbers("[tasks.chase] # '''\nsize = 5\nends = ['a',\n'b']")
-    >>> lines["tasks", "chase", "size"], lines["tasks", "chase", "ends", 1]
-    (2, 4)
     """
     return _Scanner(text).lines
 

@@ -34,8 +34,7 @@ from curricle.study.config.tables import (
     unknown,
     wrong_names,
 )
-from curricle.study.config.tasks import FamilyTable, wrong_families
-from curricle.study.store import holds_study
+from curricle.study.config.tasks import FamilyTable
 
 ONLY_ARM = "transfer"
 """The name of the arm of a study without arms."""
@@ -85,8 +84,11 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
 
 def toml_of(path: Path) -> tuple[str, dict[str, Any]]:
     """Return a file's text and what it says; ConfigError where it cannot be read as TOML."""
-    if holds_study(path):
-        raise ConfigError(f"{path} is a folder of results, which StudyResults(FOLDER) reads")
+    if path.is_dir():
+        from curricle.study.store import holds_study  # with pyarrow, which a file does not need
+
+        if holds_study(path):
+            raise ConfigError(f"{path} is a folder of results, which StudyResults(FOLDER) reads")
     try:
         text = text_of(path)
     except ValueError as error:
@@ -137,9 +139,11 @@ def configured(study: Raw, folder: Path, positions: Positions) -> StudyConfig:
 
 def _wrong_families(study: Raw) -> list[tuple[KeyPath, str]]:
     """Return what is wrong with a study's families, on which its tasks depend."""
-    wrong: list[tuple[KeyPath, str]] = list(wrong_families(study))
+    wrong: list[tuple[KeyPath, str]] = []
     for name, family in table(study.get("families")).items():
         found: list[tuple[KeyPath, str]] = []
+        if ":" in name:
+            found.append(((), "must have a name without a colon, which functions have"))
         with _collected(found):
             FamilyTable.model_validate(family)
         wrong += [(("families", name, *path), text) for path, text in found]

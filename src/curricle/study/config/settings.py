@@ -32,7 +32,7 @@ from curricle.study.config.tables import (
     Whole,
     built,
     load,
-    not_one_of,
+    named,
     only,
     shown,
     table_of,
@@ -128,13 +128,6 @@ StorageTable = table_of(
 )
 
 
-def _shaping(value: Any) -> Any:
-    by_name = {one.__name__: one for one in SHAPINGS}
-    if not isinstance(value, str) or value not in by_name:
-        raise wrong(not_one_of(value, by_name))
-    return by_name[value]()
-
-
 AnyLearner = Annotated[Any, tagged(*LEARNERS, DeepLearnerTable, default="QLearning")]
 AnyBudget = Annotated[
     Any,
@@ -146,7 +139,7 @@ AnyBudget = Annotated[
     ),
 ]
 AnyShaping = Annotated[
-    Any, tagged(*SHAPINGS, default="QInitialisation", simple=_shaping, simple_type=str)
+    Any, tagged(*SHAPINGS, default="QInitialisation", simple=named(*SHAPINGS), simple_type=str)
 ]
 AnyAggregate = Annotated[
     str,

@@ -15,10 +15,12 @@ from pydantic import (
     model_validator,
 )
 
+from curricle.checks import listed
 from curricle.comparison.comparing import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import DEFAULT_STEPS, SETTINGS
 from curricle.deep.learner import DeepLearner
+from curricle.display import block, shortened, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
 from curricle.statistics.curves import SCRATCH
@@ -42,8 +44,9 @@ from curricle.study.config.tables import (
     wrong_at,
 )
 from curricle.study.config.tasks import TASKS, AnyTask, FamilyTable, FamilyTask, started
-from curricle.study.record import config_html, config_in_brief
+from curricle.study.record import VariantRecord
 from curricle.tasks.families.family import FamilyMember
+from curricle.text_tables import counted
 
 # -- The tables of a study: as a file writes them, and as they are with all settings filled in -----
 
@@ -296,15 +299,6 @@ def _check(which: str, value: Any, found: dict[str, Any], has_sources: bool) -> 
 # -- What a study file says, complete and checked, and the curricula that it describes -------------
 
 
-class VariantTable(Table):
-    """The settings of an arm that a sweep or a tuning made."""
-
-    arm: str
-    """The arm as the file calls it; "scratch" of learning from scratch."""
-    values: dict[str, Any]
-    """By their keys in the file."""
-
-
 class StudyConfig(RunTable):
     """A study of which nothing is left to fill in: every arm is complete, every map is there.
 
@@ -321,7 +315,7 @@ class StudyConfig(RunTable):
     scratches : dict of str to ArmTables, optional
         The arms that learn the target from scratch, where a sweep or a tuning gives them settings;
         else they follow from the first arm.
-    variants : dict of str to VariantTable, optional
+    variants : dict of str to VariantRecord, optional
         The settings of each arm that a sweep or a tuning gave it, scratch included.
     tune : Tuning, optional
         What is to be searched for every arm before the study is run.
@@ -341,7 +335,7 @@ class StudyConfig(RunTable):
 
     arms: dict[str, ArmTables]
     scratches: dict[str, ArmTables] | None = None
-    variants: dict[str, VariantTable] | None = None
+    variants: dict[str, VariantRecord] | None = None
     tune: Tuning | None = None
     own_learners: Flag | None = None
     total: Count | None = None
@@ -402,10 +396,26 @@ class StudyConfig(RunTable):
         return isinstance(other, StudyConfig) and self.to_data() == other.to_data()
 
     def __repr__(self) -> str:
-        return config_in_brief(self)
+        seeds, arms = counted(len(self.seeds), "seed"), listed(self.arms)
+        return shortened(f"StudyConfig({self.name!r}, {seeds}; arms: {arms})")
 
     def _repr_html_(self) -> str:
-        return config_html(self)
+        tasks = [
+            (arm, name, one.type, "" if one.budget is None else str(one.budget))
+            for arm, tables in self.arms.items()
+            for name, one in tables.tasks.items()
+        ]
+        transfers = [
+            (arm, one.source, one.target, str(one.mapping))
+            for arm, tables in self.arms.items()
+            for one in tables.transfers
+        ]
+        return block(
+            f"Study {self.name!r}, {counted(len(self.seeds), 'seed')}",
+            html_table(["arm", "task", "type", "budget"], tasks, wide=["budget"]),
+            transfers
+            and html_table(["arm", "source", "target", "mapping"], transfers, wide=["mapping"]),
+        )
 
     __hash__ = None  # type: ignore[assignment]
 

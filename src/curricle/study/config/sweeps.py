@@ -296,15 +296,6 @@ def variants_of(study: Raw, complete: Mapping[str, Raw]) -> dict[str, Variant]:
     """Return the arms that the sweep of a study makes; the arms themselves without a sweep.
 
     An arm that a setting does not apply to is there once for all its values.
-
-    Examples
-    --------
-    >>> study = {"sweep": {"learner": {"epsilon": [0.1, 0.2]}}}
-    >>> list(variants_of(study, {"long": {"tasks": {"maze": {}}}}))
-    ['long']
-    >>> study["tasks"] = {"maze": {}}
-    >>> list(variants_of(study, {"long": {"tasks": {"maze": {}}}}))
-    ['long, epsilon=0.1', 'long, epsilon=0.2']
     """
     keys, points = swept_in(study), points_of(study)
     short, found = short_names(keys), dict[str, Variant]()
@@ -455,12 +446,9 @@ class TuneTable(Table):
     )
 
 
-class Tuning(Table):
+class Tuning(TuneTable):
     """A tuning of which nothing is left to fill in."""
 
-    trials: Count
-    seeds: tuple[int, ...]
-    seed: Whole
     space: dict[str, RangeTable | tuple[Any, ...]]
     places: dict[str, dict[str, tuple[KeyPath, ...]]]
     """Arm -> name of a setting -> where it stands in the arm's curriculum; none if nowhere."""
@@ -572,12 +560,8 @@ class VariedArms(NamedTuple):
 def varied_arms(study: Raw, complete: Mapping[str, Raw]) -> VariedArms:
     """Return the arms of a study that sweeps or tunes settings.
 
-    Parameters
-    ----------
-    study : dict
-        As read, nothing wrong with its sweep and its tuning.
-    complete : dict of str to dict
-        The curricula of its arms without them.
+    Nothing is wrong with its sweep and its tuning; `complete` are the curricula of its arms without
+    them.
     """
     variants, scratches = variants_of(study, complete), scratch_variants(study, complete)
     each, first = {**scratches, **variants}, next(iter(complete))

@@ -81,16 +81,7 @@ def text_of(path: Path) -> str:
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """Return what a TOML text says; ValueError says why it is none.
-
-    Examples
-    --------
-    >>> parsed("a.b = 1")
-    {'a': {'b': 1}}
-    >>> parsed("a = " + "[" * 60 + "]" * 60)
-    Traceback (most recent call last):
-    ValueError: tables and lists must be at most 50 deep
-    """
+    """Return what a TOML text says; ValueError says why it is none."""
     found: dict[str, Any]
     try:
         found = tomllib.loads(text)
@@ -475,11 +466,6 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
     modules of the same name in two folders stay apart. It imports its neighbours relatively
     (``from .rules import slip``). ConfigError says that there is no such module or function, or
     that importing the module failed.
-
-    Examples
-    --------
-    >>> load("math:hypot", Path())(3, 4)
-    5.0
     """
     module_name, colon, name = reference.partition(":")
     words = [*module_name.split("."), name]
@@ -578,14 +564,8 @@ def _stamp(module: str) -> tuple[int, int] | None:
 
 
 def seeds_of(value: Any) -> tuple[int, ...]:
-    """Return what a file says of seeds, such as 30, [0, 1, 7] or "0-9,20-29".
-
-    Examples
-    --------
-    >>> seeds_of(2), seeds_of("0-1,7")
-    ((0, 1), (0, 1, 7))
-    """
-    numbers: Any = _ranges(value) if isinstance(value, str) else value
+    """Return what a file says of seeds, such as 30, [0, 1, 7] or "0-9,20-29"."""
+    numbers: Any = seeds_in_ranges(value) if isinstance(value, str) else value
     if type(numbers) is int:
         numbers = range(min(numbers, MOST_SEEDS + 1))
     listed = isinstance(numbers, list | tuple | range) and 0 < len(numbers) <= MOST_SEEDS
@@ -598,13 +578,13 @@ def seeds_of(value: Any) -> tuple[int, ...]:
     return tuple(numbers)
 
 
-def _ranges(text: str) -> list[int]:
+def seeds_in_ranges(text: str) -> list[int]:
     """Return the seeds in ranges such as "0-9,20-29"; none if malformed or far too many."""
     numbers = list[int]()
     for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part, re.ASCII)
+        match = re.fullmatch(r"\s*(\d{1,19})\s*(?:-\s*(\d{1,19})\s*)?", part, re.ASCII)
         named = range(int(match[1]), int(match[2] or match[1]) + 1) if match else range(0)
-        if not 0 < len(named) <= MOST_SEEDS:
+        if not named or len(numbers) + named.stop - named.start > MOST_SEEDS:
             return []
         numbers += named
     return numbers
@@ -656,17 +636,9 @@ def table_of(
 ) -> Any:
     """Return the table of a dataclass or function of the library.
 
-    Parameters
-    ----------
-    makes : class or function
-    base : type
-        Of the table; its own keys come on top.
-    tag : str, optional
-        Value of the key ``type``, for a table that is one of several.
-    without : tuple of str
-        Parameters that a file cannot give.
-    **annotations
-        Types of parameters that TOML writes in another way than Python.
+    Keys of the table `base` come on top; `tag` is the value of its key ``type``, where it is one of
+    several; parameters `without` cannot be given; `annotations` are types of parameters that TOML
+    writes in another way than Python.
 
     Examples
     --------
@@ -780,21 +752,25 @@ _SIMPLE = (
 )
 
 
-def _by_name(*tables: Any) -> Any:
-    """Return the choice among tables by their names, or a reference to a function."""
+def named(*tables: Any, function: bool = False) -> Callable[[Any], Any]:
+    """Return the validator of a table's name in its place, or of ``module:function``."""
     known = {str(table.model_fields["type"].default): table for table in tables}
 
     def simple(value: Any) -> Any:
-        if isinstance(value, str) and ":" in value:
+        if function and isinstance(value, str) and ":" in value:
             return value
         if not isinstance(value, str) or value not in known:
-            raise wrong(f"{not_one_of(value, known)} (or module:function)")
+            raise wrong(not_one_of(value, known) + " (or module:function)" * function)
         needed = [key for key, one in known[value].model_fields.items() if one.is_required()]
         if needed:
             raise wrong(f"must be a table, as {value} needs {' and '.join(needed)}: got {value!r}")
         return known[value]()
 
-    return Annotated[Any, tagged(*tables, simple=simple, simple_type=str)]
+    return simple
+
+
+def _encoder_of(*tables: Any) -> Any:
+    return Annotated[Any, tagged(*tables, simple=named(*tables, function=True), simple_type=str)]
 
 
 class _StackedFramesTable(ObjectTable):
@@ -804,9 +780,11 @@ class _StackedFramesTable(ObjectTable):
         return {**given, "of": encoder(given["of"], folder)}
 
 
-AnyEncoder: Any = _by_name(
+AnyEncoder: Any = _encoder_of(
     *_SIMPLE,
-    table_of(StackedFrames, _StackedFramesTable, tag="StackedFrames", of=_by_name(*_SIMPLE) | None),
+    table_of(
+        StackedFrames, _StackedFramesTable, tag="StackedFrames", of=_encoder_of(*_SIMPLE) | None
+    ),
 )
 """An encoder: ``"MiniGridView"``, ``{ type = "FlatDict", ... }`` or ``"module:function"``."""
 

@@ -53,7 +53,7 @@ from curricle.tasks.block_dude import BlockDude
 from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.domain import MOVES
 from curricle.tasks.families.built_in import BUILT_IN
-from curricle.tasks.families.family import FamilyMember, Parameter, TaskFamily
+from curricle.tasks.families.family import FamilyMember, TaskFamily
 from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.frozen_lake import FrozenLake
 from curricle.tasks.gridworld import GridWorld
@@ -467,42 +467,13 @@ def _checked_by(family: TaskFamily, given: Mapping[str, Any]) -> dict[str, Any]:
             wrong.append(((name,), unknown(name, by_name)))
             continue
         try:
-            found[name] = _checked(by_name[name], value, family.name)
+            none = by_name[name].optional and value == NONE  # which data hold as it is written
+            found[name] = NONE if none else by_name[name].checked(value, family.name)
         except TaskError as error:
             wrong.append(((name,), str(error).removeprefix(f"{name} of {family.name} ")))
     if wrong:
         raise wrong_at(*wrong)
     return found
-
-
-def _checked(parameter: Parameter, value: Any, family: str) -> Any:
-    """Return a parameter's value as data hold it: None is written "none"."""
-    if parameter.optional and value == NONE:
-        return NONE
-    return parameter.checked(value, family)
-
-
-def all_parameters(family: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters of a built-in family's member, those that are not given too."""
-    if family not in BUILT_IN:
-        return dict(given)
-    defaults = {one.name: one.default for one in BUILT_IN[family].parameters if not one.required}
-    complete = {**defaults, **given}
-    return {name: NONE if value is None else value for name, value in complete.items()}
-
-
-def member_of(family: str, given: Mapping[str, Any], folder: Path) -> FamilyMember:
-    """Return the member with these parameters of a family, which may be the user's own."""
-    found = BUILT_IN.get(family) or _own(family, folder)
-    return found(**_plain(found, _checked_by(found, given)))
-
-
-def _plain(family: TaskFamily, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters with None where a file writes "none" for it."""
-    optional = {one.name for one in family.parameters if one.optional}
-    return {
-        name: None if value == NONE and name in optional else value for name, value in given.items()
-    }
 
 
 def _own(reference: str, folder: Path) -> TaskFamily:
@@ -521,19 +492,6 @@ def _own(reference: str, folder: Path) -> TaskFamily:
     return found
 
 
-def task_of(member: FamilyMember, family: str) -> Any:
-    """Return a member's task; what a user's function raises names the function."""
-    with users_code(family):
-        return member.task
-
-
-def wrong_families(study: Mapping[str, Any]) -> Iterator[tuple[KeyPath, str]]:
-    """Yield what is wrong with the names of a study's families, each with its key path."""
-    for name in table(study.get("families")):
-        if ":" in name:
-            yield ("families", name), "must have a name without a colon, which functions have"
-
-
 class FamilyTask(TaskTable):
     """A member of a task family; its other keys are the member's parameters."""
 
@@ -550,16 +508,25 @@ class FamilyTask(TaskTable):
     def _known_parameters(self, info: ValidationInfo) -> Self:
         families = (info.context or {}).get("families", ())
         given = checked_parameters(self.family, self.__pydantic_extra__, families)
-        self.__pydantic_extra__.update(all_parameters(self.family, given))
+        defaults = BUILT_IN[self.family].parameters if self.family in BUILT_IN else ()
+        given = {**{one.name: one.default for one in defaults if not one.required}, **given}
+        if self.family in BUILT_IN:
+            given = {name: NONE if value is None else value for name, value in given.items()}
+        self.__pydantic_extra__.update(given)
         return self
 
     def member(self, folder: Path) -> FamilyMember:
-        """Return the address of the task in its family."""
-        return member_of(self.family, self.__pydantic_extra__, folder)
+        """Return the address of the task in its family, which may be the user's own."""
+        family = BUILT_IN.get(self.family) or _own(self.family, folder)
+        optional = {one.name for one in family.parameters if one.optional}
+        values = _checked_by(family, self.__pydantic_extra__).items()
+        return family(**{k: None if v == NONE and k in optional else v for k, v in values})
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the task that the family makes."""
-        task = task_of(whole or self.member(folder), self.family)
+        member = whole or self.member(folder)
+        with users_code(self.family):
+            task = member.task
         generative_model(task)
         return task
 
@@ -580,11 +547,16 @@ def _without_margins(drawing: str) -> str:
     return "\n".join(line.strip() for line in drawing.strip().splitlines())
 
 
-Start = Annotated[
-    Literal["map", "uniform"] | tuple[Pair, ...],
-    word("be 'map', 'uniform' or a list of cells", ("map", "uniform"), lists=tuple[Pair, ...]),
-    AfterValidator(_in_order),
-]
+def _cells_or(*words: str) -> Any:
+    """Return the type of one of some words, or of a list of cells that stands for a set."""
+    rule = f"be {', '.join(map(repr, words))} or a list of cells"
+    cells = tuple[Pair, ...]
+    return Annotated[
+        Literal[words] | cells, word(rule, words, lists=cells), AfterValidator(_in_order)
+    ]
+
+
+Start: Any = _cells_or("map", "uniform")
 Ends = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator(_in_order)]
 
 
@@ -615,15 +587,13 @@ def _text(name: Any, folder: Path) -> str:
         raise wrong_at((("file",), f"cannot be read: {shown(name)}, {error}")) from None
 
 
-MazeTask = table_of(
-    GridWorld,
-    _MazeTask,
-    tag="maze",
-    map=Annotated[str, AfterValidator(_without_margins)],
-    ends=Ends,
-    start=Start,
-    time_limit=TimeLimit,
-)
+def _task_table(makes: Any, tag: str, base: type[TaskTable] = TaskTable, **types: Any) -> Any:
+    """Return the table of a task of the library's."""
+    return table_of(makes, base, tag=tag, time_limit=TimeLimit, **types)
+
+
+Map = Annotated[str, AfterValidator(_without_margins)]
+MazeTask = _task_table(GridWorld, "maze", _MazeTask, map=Map, ends=Ends, start=Start)
 
 
 def _level(value: Any) -> int | str:
@@ -631,30 +601,20 @@ def _level(value: Any) -> int | str:
     return _without_margins(value) if isinstance(value, str) else whole_number(value)
 
 
-FourRoomsTask = table_of(
+FourRoomsTask = _task_table(
     FourRooms,
-    TaskTable,
-    tag="four_rooms",
+    "four_rooms",
     goal=Annotated[
         Literal["north", "east", "south", "west"] | Pair,
         word("be a hallway or a list of a row and a column", tuple(MOVES), lists=Pair),
     ],
-    start=Annotated[
-        Literal["corner", "uniform"] | tuple[Pair, ...],
-        word(
-            "be 'corner', 'uniform' or a list of cells",
-            ("corner", "uniform"),
-            lists=tuple[Pair, ...],
-        ),
-        AfterValidator(_in_order),
-    ],
-    time_limit=TimeLimit,
+    start=_cells_or("corner", "uniform"),
 )
-KeyLockPitTask = table_of(
+KeyLockPitTask = _task_table(
     KeyLockPit,
+    "key_lock_pit",
     _MazeTask,
-    tag="key_lock_pit",
-    map=Annotated[str, AfterValidator(_without_margins)],
+    map=Map,
     needs=Annotated[
         Literal["all"] | tuple[tuple[Whole, ...], ...],
         word(
@@ -664,41 +624,20 @@ KeyLockPitTask = table_of(
         ),
     ],
     start=Start,
-    time_limit=TimeLimit,
 )
-BlockDudeTask = table_of(
-    BlockDude,
-    TaskTable,
-    tag="block_dude",
-    level=Annotated[int | str, BeforeValidator(_level)],
-    time_limit=TimeLimit,
+BlockDudeTask = _task_table(
+    BlockDude, "block_dude", level=Annotated[int | str, BeforeValidator(_level)]
 )
-RiverSwimTask = table_of(
+RiverSwimTask = _task_table(
     RiverSwim,
-    TaskTable,
-    tag="river_swim",
+    "river_swim",
     start=Annotated[
         Literal["uniform"] | tuple[Whole, ...],
         word("be 'uniform' or a list of positions", ("uniform",), lists=tuple[Whole, ...]),
         AfterValidator(_in_order),
     ],
-    time_limit=TimeLimit,
 )
-DeepSeaTask = table_of(
-    DeepSea,
-    TaskTable,
-    tag="deep_sea",
-    start=Annotated[
-        Literal["surface", "uniform"] | tuple[Pair, ...],
-        word(
-            "be 'surface', 'uniform' or a list of cells",
-            ("surface", "uniform"),
-            lists=tuple[Pair, ...],
-        ),
-        AfterValidator(_in_order),
-    ],
-    time_limit=TimeLimit,
-)
+DeepSeaTask = _task_table(DeepSea, "deep_sea", start=_cells_or("surface", "uniform"))
 
 
 # The tables below that are not derived stand for functions, some of whose parameters are a task, a
@@ -736,10 +675,10 @@ class _PursuitTask(TaskTable):
         return given
 
 
-PursuitTask = table_of(
+PursuitTask = _task_table(
     Pursuit,
+    "pursuit",
     _PursuitTask,
-    tag="pursuit",
     capture=Annotated[
         Literal["all", "any", "as_published"] | int,
         word(
@@ -757,7 +696,6 @@ PursuitTask = table_of(
             lists=tuple[tuple[Number, ...], ...],
         ),
     ],
-    time_limit=TimeLimit,
 )
 
 
@@ -794,11 +732,12 @@ TASKS = (
     DistilledTask,
 )
 _BY_TYPE = tagged(*TASKS)
-
-
-def _table_of_task(value: dict[str, Any]) -> type[Table]:
-    """Return the table that a task is meant to be: by its type, or a member of a family."""
-    return FamilyTask if "family" in value and "type" not in value else _BY_TYPE.choose(value)
-
-
-AnyTask = Annotated[Any, Choice(TASKS, _table_of_task)]
+AnyTask = Annotated[
+    Any,
+    Choice(
+        TASKS,
+        lambda value: (
+            FamilyTask if "family" in value and "type" not in value else _BY_TYPE.choose(value)
+        ),
+    ),
+]

@@ -22,11 +22,7 @@ REACHED_IN = 10
 class DaskEngine:
     """A Dask cluster through its client.
 
-    Parameters
-    ----------
-    client : distributed.Client
-    cluster : distributed.LocalCluster, optional
-        One that was started here.
+    `cluster` is one that was started here.
     """
 
     def __init__(self, client: Client, cluster: LocalCluster | None):

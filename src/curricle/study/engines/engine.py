@@ -64,18 +64,6 @@ def called(function: Callable[[Any], Result], argument: Any) -> Result:
 
     Errors of classes in the study's own modules, and those that do not survive pickling, become a
     ForeignError in the same words. A note has the traceback.
-
-    Examples
-    --------
-    >>> class Slipped(Exception):
-    ...     __module__ = "curricle_study_0f.rules"
-    >>> def slip(place):
-    ...     raise Slipped(f"off the map at {place}")
-    >>> try:
-    ...     called(slip, (3, 4))
-    ... except ForeignError as error:
-    ...     print(error)
-    Slipped: off the map at (3, 4)
     """
     try:
         return function(argument)
@@ -149,24 +137,13 @@ def versions_here() -> dict[str, str]:
     """Return the versions that must be equal everywhere.
 
     Of Python these are the first two numbers: the third changes no result.
-
-    Examples
-    --------
-    >>> sorted(versions_here())
-    ['Python', 'curricle', 'numba']
     """
     found = {name: metadata.version(name) for name in ("curricle", "numba")}
     return {**found, "Python": ".".join(platform.python_version_tuple()[:2])}
 
 
 def difference(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """Return how versions differ, in words; nothing if they are equal.
-
-    Examples
-    --------
-    >>> difference({"numba": "0.68.1"}, {"numba": "0.67.0"})
-    'numba 0.67.0 and the run has 0.68.1'
-    """
+    """Return how versions differ, in words; nothing if they are equal."""
     each = [
         f"{k} {there.get(k)} and the run has {here[k]}" for k in here if there.get(k) != here[k]
     ]
@@ -206,42 +183,6 @@ ANSWERS_IN = 10
 """Seconds in which a scheduler or a head must take a connection."""
 
 
-class Workers(Protocol):
-    """What the units of a study are sent to."""
-
-    @property
-    def share_folders(self) -> bool:
-        """Whether they see the folders of this machine."""
-
-    @property
-    def link(self) -> str | None:
-        """Of their cluster's own page, if there is one."""
-
-    @property
-    def repeated(self) -> int:
-        """How many units were begun again so far, as a worker died."""
-
-    def see(self, place: Place) -> bool:
-        """Return whether they read and write the study's files themselves."""
-
-    def train(
-        self,
-        given: UnitInput,
-        stored: Mapping[str, StoredSource] | None = None,
-        place: Place | None = None,
-    ) -> "Future[Any]":
-        """Return the future result of a unit, or the file that it was written to.
-
-        Workers that see the study's files read the sources that are `stored`, and write at `place`.
-        """
-
-    def number(self) -> int:
-        """How many there are now."""
-
-    def lost(self) -> Exception:
-        """Return why a unit was cancelled that nobody here cancelled."""
-
-
 class Engine(Protocol):
     """A cluster that calls functions, places them and repeats those whose machine died."""
 
@@ -272,14 +213,7 @@ class Engine(Protocol):
 
 @dataclass(frozen=True)
 class ExecutorWorkers:
-    """The workers of an executor, as many as is said.
-
-    Examples
-    --------
-    >>> from concurrent.futures import ThreadPoolExecutor
-    >>> ExecutorWorkers(ThreadPoolExecutor(2), 2).number()
-    2
-    """
+    """The workers of an executor, as many as is said."""
 
     executor: Executor
     workers: int
@@ -313,26 +247,17 @@ class ExecutorWorkers:
 
 @dataclass(frozen=True)
 class EngineWorkers:
-    """The workers of an engine, which get the study's own modules with each unit.
-
-    Attributes
-    ----------
-    engine : Engine
-    on : str
-        The word for it.
-    files : dict of str to bytes
-        The study's own modules; they are small, so that each unit carries them.
-    versions : dict of str to str
-        Those that each worker must have.
-    live : bool
-        Whether a unit needs its process for itself (:attr:`Arms.live`).
-    """
+    """The workers of an engine, which get the study's own modules with each unit."""
 
     engine: Engine
     on: str
+    """The word for it."""
     files: Mapping[str, bytes]
+    """The study's own modules; they are small, so that each unit carries them."""
     versions: Mapping[str, str]
+    """Those that each worker must have."""
     live: bool
+    """Whether a unit needs its process for itself (:attr:`Arms.live`)."""
 
     @property
     def share_folders(self) -> bool:
@@ -359,7 +284,10 @@ class EngineWorkers:
         stored: Mapping[str, StoredSource] | None = None,
         place: Place | None = None,
     ) -> "Future[Any]":
-        """Return the future result of a unit, or the file that it was written to."""
+        """Return the future result of a unit, or the file that it was written to.
+
+        Workers that see the study's files read the sources that are `stored`, and write at `place`.
+        """
         sent = SentUnit(given, self.files, self.versions, self.live, stored or {}, place)
         try:
             return self.engine.submit(train_sent, sent)
@@ -378,6 +306,10 @@ class EngineWorkers:
         return EngineError(f"{self.on} was lost or cancelled it{why}: go on with --resume")
 
 
+Workers = ExecutorWorkers | EngineWorkers
+"""What the units of a study are sent to."""
+
+
 def answers(host: str, port: int) -> bool:
     """Return whether something takes connections there."""
     try:
@@ -388,13 +320,7 @@ def answers(host: str, port: int) -> bool:
 
 
 def failed(error: Exception) -> "Future[Any]":
-    """Return a future that has failed.
-
-    Examples
-    --------
-    >>> failed(KeyError("a")).exception()
-    KeyError('a')
-    """
+    """Return a future that has failed."""
     found = Future[Any]()
     found.set_exception(error)
     return found
@@ -407,16 +333,7 @@ ENGINE_PACKAGES = {"dask": "distributed", "ray": "ray"}
 
 
 def parsed(on: str) -> tuple[str, str | None]:
-    """Return the engine of a word and the address in it, host:port; SettingError if it has none.
-
-    Examples
-    --------
-    >>> parsed("dask"), parsed("ray://head:10001")
-    (('dask', None), ('ray', 'head:10001'))
-    >>> parsed("dask://me:secret@head:8786")
-    Traceback (most recent call last):
-    curricle.errors.SettingError: on is an address without a user or a password: got one before @
-    """
+    """Return the engine of a word and the address in it, host:port; SettingError if it has none."""
     match = WORD.fullmatch(on) if isinstance(on, str) else None
     if isinstance(on, str) and "@" in on:
         raise SettingError("on is an address without a user or a password: got one before @")
@@ -431,17 +348,8 @@ def parsed(on: str) -> tuple[str, str | None]:
 def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
     """Give the engine that a word names, its workers compared with this machine; close it then.
 
-    Parameters
-    ----------
-    on : str
-    workers : int, optional
-        Of an engine that is started here.
-
-    Raises
-    ------
-    SettingError
-        When the word names none, its package is not installed, nothing answers at the address, or
-        a worker has other versions.
+    One that is started here has so many `workers`. SettingError when the word names none, its
+    package is not installed, nothing answers at the address, or a worker has other versions.
     """
     name, address = parsed(on)
     if address is not None and workers is not None:
@@ -475,12 +383,7 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
 
 
 def check_versions(on: str, found: Mapping[str, Any]) -> None:
-    """Raise SettingError, which names the worker, unless all have the versions that are here.
-
-    Examples
-    --------
-    >>> check_versions("dask", {"tcp://a:1": versions_here()})
-    """
+    """Raise SettingError, which names the worker, unless all have the versions that are here."""
     for worker, versions in sorted(found.items()):
         if isinstance(versions, BaseException):
             raise SettingError(

@@ -65,15 +65,7 @@ def environment_study(name: str) -> str:
     Environments of numbered states and MiniGrid's levels are learnt in tables; all others are seen
     through observations, and learnt by networks.
 
-    Raises
-    ------
-    ConfigError
-        When no environment has this id, or it cannot be made or learnt.
-
-    Examples
-    --------
-    >>> print(environment_study("CliffWalking-v1").splitlines()[0])
-    # CliffWalking-v1, learnt from scratch in a table. Run it with: curricle run FILE
+    ConfigError when no environment has this id, or it cannot be made or learnt.
     """
     name = _known(name)
     try:
