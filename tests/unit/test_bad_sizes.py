@@ -6,50 +6,50 @@ import pytest
 import curricle as cr
 from curricle import Component, Pursuit, Space
 from curricle.errors import CurricleError, TaskError
-from tests.refusals import cases, check_refusal
+from tests.refusals import check_refusal
 
 HUGE = Space([Component(f"c{i}", 10) for i in range(30)])
 WIDE = Pursuit(size=10, predators=6)
 ORIGIN = dict.fromkeys(HUGE.names, 0)
-REFUSED = {
-    "predators": (lambda: Pursuit(predators=2_000_000), r"predators must lie in \[1, 100\]"),
-    "size": (lambda: Pursuit(10**9), r"size must lie in \[2, 1000\]"),
-    "size of float": (lambda: Pursuit(size=1e308), "size must be a whole number below 2.63"),
-    "torus": (lambda: Pursuit(torus="yes"), "torus must be a bool: got 'yes'"),
-    "torus by number": (lambda: Pursuit(torus=1), "torus must be a bool: got 1"),
-    "capture by truth": (lambda: Pursuit(capture=True), "got True"),
-    "capture in a list": (lambda: Pursuit(capture=[1]), r"got \[1\]"),
-    "no name": (lambda: Component(None, 2), "name of a component must be text, not empty"),
-    "low": (lambda: Component("a", 2, low=2**63), "lowest value of component 'a' must be"),
-    "high": (lambda: Component("a", 2, low=2**63 - 1), "highest value of component 'a' must be"),
-    "labels of numbers": (lambda: Component("a", 2, labels=(1, 2)), "label .* must be text"),
-    "labels in one": (lambda: Component("a", 2, labels="ab"), "must be a list of text: got 'ab'"),
-    "components": (lambda: Space(["a"]), "components must be a list of Component"),
-    "no points": (lambda: Space([Component("a", 2)], np.zeros((0, 1), int)), "S at least 1"),
-    "encode": (lambda: HUGE.encode(**ORIGIN), r"fewer than 2\^63: this one has 2\^100"),
-    "decode": (lambda: HUGE.decode(3), r"fewer than 2\^63"),
-    "len": (lambda: len(HUGE), r"fewer than 2\^63"),
-    "all points": (WIDE.states.decode, "all points of a space must fit half of the machine's"),
-    "ends": (lambda: WIDE.terminal, "a flag for each state of a pursuit must fit half"),
-    "flags": (lambda: cr.GridWorld("S.T", ends=5), "ends must be names of objects: got 5"),
-    "no states": (
+REFUSED = [
+    (lambda: Pursuit(predators=2_000_000), r"predators must lie in \[1, 100\]"),
+    (lambda: Pursuit(10**9), r"size must lie in \[2, 1000\]"),
+    (lambda: Pursuit(size=1e308), "size must be a whole number below 2.63"),
+    (lambda: Pursuit(torus="yes"), "torus must be a bool: got 'yes'"),
+    (lambda: Pursuit(torus=1), "torus must be a bool: got 1"),
+    (lambda: Pursuit(capture=True), "got True"),
+    (lambda: Pursuit(capture=[1]), r"got \[1\]"),
+    (lambda: Component(None, 2), "name of a component must be text, not empty"),
+    (lambda: Component("a", 2, low=2**63), "lowest value of component 'a' must be"),
+    (lambda: Component("a", 2, low=2**63 - 1), "highest value of component 'a' must be"),
+    (lambda: Component("a", 2, labels=(1, 2)), "label .* must be text"),
+    (lambda: Component("a", 2, labels="ab"), "must be a list of text: got 'ab'"),
+    (lambda: Space(["a"]), "components must be a list of Component"),
+    (lambda: Space([Component("a", 2)], np.zeros((0, 1), int)), "S at least 1"),
+    (lambda: HUGE.encode(**ORIGIN), r"fewer than 2\^63: this one has 2\^100"),
+    (lambda: HUGE.decode(3), r"fewer than 2\^63"),
+    (lambda: len(HUGE), r"fewer than 2\^63"),
+    (WIDE.states.decode, "all points of a space must fit half of the machine's"),
+    (lambda: WIDE.terminal, "a flag for each state of a pursuit must fit half"),
+    (lambda: cr.GridWorld("S.T", ends=5), "ends must be names of objects: got 5"),
+    (
         lambda: cr.FiniteMDP.from_dense(
             np.zeros((0, 2, 0)), [], terminal=[], start=0, discount=0.9
         ),
         r"shape \(S, A, S\)",
     ),
-    "terminal by half": (
+    (
         lambda: cr.FiniteMDP.from_dense(
             [[[0.0, 1.0]], [[0.0, 1.0]]], [1, 0], terminal=[0.5, 1], start=0, discount=0.9
         ),
         "terminal must be flags",
     ),
-}
+]
 
 
-@pytest.mark.parametrize(("error", "call", "says"), cases({TaskError: REFUSED}))
-def test_what_no_task_has_is_refused_at_once(error, call, says):
-    check_refusal(error, call, says)
+@pytest.mark.parametrize(("call", "says"), REFUSED)
+def test_what_no_task_has_is_refused_at_once(call, says):
+    check_refusal(TaskError, call, says)
 
 
 @pytest.mark.parametrize("episodes", [10**30, 10**18, 1_000_001])
