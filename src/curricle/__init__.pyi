@@ -69,8 +69,6 @@ from .transfer.calibration import calibrate as calibrate
 from .transfer.component_mapping import project as project
 from .transfer.edges import Transfer as Transfer
 from .transfer.mapping import (
-    ENDED as ENDED,
-    UNMAPPED as UNMAPPED,
     from_function as from_function,
     same_position as same_position,
 )

@@ -10,7 +10,8 @@ import curricle as cr
 from curricle.deep import residual
 from curricle.deep.models import model_for
 from curricle.deep.networks import FEW, NetworkValues
-from curricle.deep.residual import PotentialCache, ResidualMlpPolicy, residual_policy
+from curricle.deep.residual import PotentialCache, ResidualMlpPolicy
+from curricle.deep.shaping import residual_policy
 from tests import hunters
 
 from .worlds import one_hot, random_task, table_potential

@@ -101,7 +101,7 @@ def pair_by_pair(task, edges, values, function, unknown_value):
         for edge, q, where in zip(edges, values, index, strict=True):
             if where[s, a] >= 0:
                 known.append(edge.scale * q.ravel()[where[s, a]] + edge.shift)
-            elif where[s, a] == cr.ENDED:
+            elif where[s, a] == cr.transfer.ENDED:
                 known.append(edge.shift)
             elif edge.mapping.unmapped_value is not None:
                 known.append(edge.mapping.unmapped_value)
@@ -174,16 +174,16 @@ def index_point_by_point(mapping):
         found = int(other.encode(**place))
         return None if found < 0 else found
 
-    index = np.full((target.states.size, target.actions.size), cr.UNMAPPED)
+    index = np.full((target.states.size, target.actions.size), cr.transfer.UNMAPPED)
     for s, a in itertools.product(range(target.states.size), range(target.actions.size)):
         state = counterpart(target.states, source.states, s)
         action = counterpart(target.actions, source.actions, a)
         if state is not None and action is not None:
             index[s, a] = state * source.actions.size + action
             if source.mdp.terminal[state]:
-                index[s, a] = cr.ENDED
+                index[s, a] = cr.transfer.ENDED
         if target.mdp.terminal[s]:
-            index[s, a] = cr.ENDED
+            index[s, a] = cr.transfer.ENDED
     return index
 
 

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 from hypothesis import given, strategies as st
 
-from curricle import ENDED, UNMAPPED, Component, FiniteMDP, Space
-from curricle.transfer import StateActionMapping, compose, identity
+from curricle import Component, FiniteMDP, Space
+from curricle.transfer import ENDED, UNMAPPED, StateActionMapping, compose, identity
 from curricle.transfer.aggregation import maximum, mean, minimum, total
 
 VALUES = st.floats(-100, 100)

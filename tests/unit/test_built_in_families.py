@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from curricle import ENDED, Curriculum, GreedyEvaluation, QLearning, Transfer, compare, solve
+from curricle import Curriculum, GreedyEvaluation, QLearning, Transfer, compare, solve
 from curricle.errors import MappingError, TaskError
 from curricle.tasks import (
     BlockDude,
@@ -27,7 +27,7 @@ from curricle.tasks import (
 from curricle.tasks.families.built_in import BUILT_IN, PARTS, part_of_lake, part_of_level
 from curricle.tasks.frozen_lake import random_lake
 from curricle.tasks.task import generative_model
-from curricle.transfer import family_mappings, same_position
+from curricle.transfer import ENDED, family_mappings, same_position
 
 RELATIVES = {
     "maze": [{"size": 5}, {"size": 3, "start": "uniform"}],

@@ -6,20 +6,12 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import (
-    UNMAPPED,
-    Curriculum,
-    Episodes,
-    FiniteMDP,
-    GreedyEvaluation,
-    GridWorld,
-    compare,
-)
+from curricle import Curriculum, Episodes, FiniteMDP, GreedyEvaluation, GridWorld, compare
 from curricle.comparison.comparison import MEASURES
 from curricle.planning import target as target_module
 from curricle.statistics.sequential import Looks, add_seeds
 from curricle.statistics.thresholds import midpoint
-from curricle.transfer import StateActionMapping
+from curricle.transfer import UNMAPPED, StateActionMapping
 from tests.comparisons import ALL, CORNER, HERE, MAZE, assert_same, copied, corner, pursuit
 
 NOWHERE = StateActionMapping(MAZE, CORNER, np.full(HERE.index.shape, UNMAPPED))

@@ -5,10 +5,12 @@ import pickle
 import numpy as np
 import pytest
 
-from curricle import ENDED, UNMAPPED, Component, FiniteMDP, Pursuit, Space, project, solve
+from curricle import Component, FiniteMDP, Pursuit, Space, project, solve
 from curricle.errors import MappingError
 from curricle.tasks import ComponentsByName, Parameter, maze_family, pursuit_family, task_family
 from curricle.transfer import (
+    ENDED,
+    UNMAPPED,
     ComponentMapping,
     StateActionMapping,
     family_mappings,

@@ -52,9 +52,9 @@ def test_a_pair_without_a_counterpart_is_not_judged():
     crop = MAZE.crop(rows=(1, 3), columns=(2, 4))
     scores = score_mapping(cr.same_position(MAZE, crop))
     live = ~MAZE.mdp.terminal
-    mapped = cr.same_position(MAZE, crop).index[live] != cr.UNMAPPED
+    mapped = cr.same_position(MAZE, crop).index[live] != cr.transfer.UNMAPPED
     assert scores.coverage == pytest.approx(mapped.mean())
-    nothing = cr.transfer.StateActionMapping(MAZE, crop, np.full((12, 4), cr.UNMAPPED))
+    nothing = cr.transfer.StateActionMapping(MAZE, crop, np.full((12, 4), cr.transfer.UNMAPPED))
     scores = score_mapping(nothing)
     assert scores.coverage == 0
     assert np.isnan([scores.dynamics_error, scores.bellman_inconsistency, scores.optimistic]).all()

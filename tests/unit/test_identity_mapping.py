@@ -27,12 +27,12 @@ def test_each_pair_reads_the_same_pair_whatever_names_are():
     mapping = identity(target, source)
     assert mapping.target is target
     assert mapping.source is source
-    assert mapping.index.tolist() == [[0, 1], [2, 3], [cr.ENDED, cr.ENDED]]
+    assert mapping.index.tolist() == [[0, 1], [2, 3], [cr.transfer.ENDED, cr.transfer.ENDED]]
 
 
 def test_the_end_of_the_source_has_value_0():
     target, source = cr.GridWorld("S.PT", ends=["treasure"]), cr.GridWorld("S.PT")
-    assert identity(target, source).index[2].tolist() == [cr.ENDED] * 4
+    assert identity(target, source).index[2].tolist() == [cr.transfer.ENDED] * 4
 
 
 def test_live_tasks_and_tables_may_be_mixed():

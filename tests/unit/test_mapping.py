@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from curricle import (
-    ENDED,
-    UNMAPPED,
     Component,
     CurricleError,
     FiniteMDP,
@@ -18,7 +16,14 @@ from curricle import (
     same_position,
 )
 from curricle.errors import MappingError
-from curricle.transfer import StateActionMapping, compose, identity, relative_objects
+from curricle.transfer import (
+    ENDED,
+    UNMAPPED,
+    StateActionMapping,
+    compose,
+    identity,
+    relative_objects,
+)
 from curricle.transfer.mapping import Coverage
 
 LINE = GridWorld("S..T")

@@ -3,7 +3,10 @@ from .learning import learn_deep as learn_deep
 from .miniature import miniatures as miniatures
 from .networks import NetworkValues as NetworkValues, SmallCNN as SmallCNN
 from .policy import TrainedPolicy as TrainedPolicy
-from .residual import residual_policy as residual_policy
 from .result import DeepResult as DeepResult
-from .shaping import PolicyReuse as PolicyReuse, WeightTransfer as WeightTransfer
+from .shaping import (
+    PolicyReuse as PolicyReuse,
+    WeightTransfer as WeightTransfer,
+    residual_policy as residual_policy,
+)
 from .vec_env import ShapedVecEnv as ShapedVecEnv

@@ -21,8 +21,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from curricle.deep.checkpoint import isolated
 from curricle.deep.learner import DeepLearner
 from curricle.deep.networks import NetworkValues
-from curricle.deep.residual import residual_policy
-from curricle.deep.shaping import PolicyReuse, WeightTransfer
+from curricle.deep.shaping import PolicyReuse, WeightTransfer, residual_policy
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import CurricleError, SettingError
 from curricle.learning.shaping import Shaping, StateShaping

@@ -1,4 +1,4 @@
-"""Ways of transfer for networks alone: the network itself, or its policy."""
+"""Ways of transfer for networks alone: the network itself, its policy, or a start at values."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
@@ -72,3 +72,49 @@ class PolicyReuse(_OfNetworks):
     >>> PolicyReuse().reads_values
     False
     """
+
+
+def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
+    """Return the policy class with which a network computes phi + a residual.
+
+    The network of a DQN computes phi(s, a) + residual(s, a). It acts, bootstraps and is evaluated
+    on the sum, in the online and the target network alike. The residual starts at 0, and the
+    potential is saved with the model. Among the ``policy_kwargs`` are
+
+    - ``potential``, an :class:`ObservationPotential`;
+    - ``reads``, which part of phi is an input of the residual beside the observation, standardised
+      by the first batch it learns from: "actions", phi(s, .), the default for fewer than 32
+      actions; "state", Phi(s) = max_a phi(s, a), the default for more; or "nothing". A linear
+      residual that reads nothing learns exactly what Q-learning from phi learns (Wiewiora 2003);
+      but where phi jumps, as tables do between cells, a network of the observation alone cannot
+      follow it, and may diverge.
+
+    Parameters
+    ----------
+    algorithm : type
+        DQN, or a class derived from it; others are refused with SettingError.
+    policy : {"MlpPolicy", "CnnPolicy", "MultiInputPolicy"}
+
+    Examples
+    --------
+    >>> from stable_baselines3 import DQN
+    >>> from curricle import observation_task
+    >>> from curricle.transfer import FunctionValues, ObservationPotential
+    >>> car = observation_task("MountainCar-v0", discount=0.98)
+    >>> push_along = FunctionValues(
+    ...     lambda cars, actions: np.sign(cars[:, 1:]) * (actions - 1.0), actions=3)
+    >>> phi = ObservationPotential.of(car, push_along)
+    >>> model = DQN(residual_policy(DQN), "MountainCar-v0", gamma=0.98,
+    ...             policy_kwargs={"potential": phi})
+    >>> import numpy as np
+    >>> model.predict(np.array([-0.5, 0.01], dtype=np.float32), deterministic=True)[0]
+    array(2)
+    """
+    from curricle.deep.residual import POLICIES  # needs Stable-Baselines3
+
+    if any(kind.__name__ == "DQN" for kind in algorithm.__mro__) and policy in POLICIES:
+        return POLICIES[policy]
+    raise SettingError(
+        f"initialising a network needs DQN and one of {', '.join(POLICIES)}: got "
+        f"{algorithm.__name__} with {policy}; StateShaping serves every algorithm"
+    )

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle import (
-    UNMAPPED,
     Curriculum,
     Episodes,
     GreedyEvaluation,
@@ -48,7 +47,7 @@ from curricle.planning import greedy_policy
 from curricle.plotting import draw_curve, new_figure
 from curricle.statistics import Curve, Interval, paired_difference
 from curricle.text_tables import counted
-from curricle.transfer import StateActionMapping, find_projections
+from curricle.transfer import UNMAPPED, StateActionMapping, find_projections
 
 TARGET_STEPS = 350_000
 SOURCE_BUDGET = Episodes(2_000)

@@ -33,6 +33,8 @@ from curricle.statistics.intervals import (
 
 EXACT = 14
 """The most seeds for which all 2^K sign vectors are counted, 16,384 of them."""
+AT_ONCE = 4_000_000
+"""Random signs drawn at once, 64 MB: all of 20,000 seeds would take 3 GB."""
 
 
 def performance_profile(
@@ -211,10 +213,15 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
     total = np.abs(array).sum()
     if array.size == 1 or total == 0:
         return 1.0
-    exact = array.size <= EXACT
-    signs = _all_signs(array.size) if exact else _drawn_signs(array.size, draws, seed)
-    as_far = np.abs(signs @ array) >= abs(array.sum()) - ROUNDING * total
-    return float(as_far.mean() if exact else (1 + as_far.sum()) / (1 + draws))
+    least = abs(array.sum()) - ROUNDING * total
+    if array.size <= EXACT:
+        return float((np.abs(_all_signs(array.size) @ array) >= least).mean())
+    rng, rows = np.random.default_rng(seed), max(1, AT_ONCE // array.size)
+    as_far = 0
+    for drawn in range(0, draws, rows):
+        signs = 2.0 * rng.integers(2, size=(min(rows, draws - drawn), array.size)) - 1.0
+        as_far += int((np.abs(signs @ array) >= least).sum())
+    return (1 + as_far) / (1 + draws)
 
 
 @lru_cache(maxsize=EXACT)
@@ -222,13 +229,6 @@ def _all_signs(seeds: int) -> FloatArray:
     """Return the sign vectors (2^(K - 1), K) with 1 first; their opposites are as far from 0."""
     numbers = np.arange(2 ** (seeds - 1))[:, np.newaxis]
     signs = 1 - 2 * (numbers >> np.arange(seeds - 1, -1, -1) & 1)
-    return signs.astype(np.float64)
-
-
-@lru_cache(maxsize=1)  # arms share them; of 20,000 seeds they take 1.6 GB
-def _drawn_signs(seeds: int, draws: int, seed: int) -> FloatArray:
-    """Return random sign vectors, (draws, K)."""
-    signs = 2 * np.random.default_rng(seed).integers(2, size=(draws, seeds)) - 1
     return signs.astype(np.float64)
 
 
