@@ -43,12 +43,7 @@ from curricle.learning.shaping import Shaping
 from curricle.study.config import settings, tasks
 from curricle.study.config.tables import table_of
 from curricle.transfer import Calibrate, aggregation
-from tests.studies import HUNT, MAZE, only, reader
-
-
-@pytest.fixture
-def read(tmp_path):
-    return reader(tmp_path)
+from tests.studies import HUNT, MAZE, only
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,7 @@ from curricle import (
 from curricle.study import read_study
 from curricle.study.config.merging import merged
 from curricle.transfer import aggregation
-from tests.studies import HUNT, MAZE, only, reader
-
-
-@pytest.fixture
-def read(tmp_path):
-    return reader(tmp_path)
-
+from tests.studies import HUNT, MAZE, only
 
 # Seeds.
 

@@ -19,13 +19,7 @@ from curricle.study.config.merging import Positions
 from curricle.study.config.reading import configured
 from curricle.study.config.study_config import json_schema
 from curricle.study.config.templates import KINDS, template
-from tests.studies import HUNT, MAZE, only, reader
-
-
-@pytest.fixture
-def read(tmp_path):
-    return reader(tmp_path)
-
+from tests.studies import HUNT, MAZE, only
 
 # As plain data.
 

@@ -243,8 +243,7 @@ def test_a_mistake_is_one_sentence_with_its_place(complaints, old, new, sentence
     ],
 )
 def test_mistakes_in_ones_own_families_are_sentences(complaints, old, new, sentence):
-    (line,) = complaints(LANES, (old, new))
-    assert sentence in line
+    assert any(sentence in line for line in complaints(LANES, (old, new)))
 
 
 @pytest.mark.parametrize("kind", ['type = "river_swim"', 'family = "river_swim"'])

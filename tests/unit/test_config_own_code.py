@@ -14,13 +14,7 @@ from curricle import (
 )
 from curricle.study import StudyConfig
 from curricle.study.config.tables import load
-from tests.studies import MAZE, only, reader
-
-
-@pytest.fixture
-def read(tmp_path):
-    return reader(tmp_path)
-
+from tests.studies import MAZE, only
 
 # Functions of the user's own.
 

@@ -5,15 +5,7 @@ import pytest
 from curricle.errors import ConfigError
 from curricle.study import read_study
 from curricle.study.config.tables import load
-from tests.studies import NUMBERED_HUNT as HUNT, NUMBERED_MAZES as MAZES, complaints_of
-
-
-@pytest.fixture
-def complaints(tmp_path, monkeypatch):
-    """The sentences about a text, changed or not, at reading or at building."""
-    monkeypatch.chdir(tmp_path)
-    return complaints_of
-
+from tests.studies import NUMBERED_HUNT as HUNT, NUMBERED_MAZES as MAZES
 
 # Names: tasks, crops, arms.
 

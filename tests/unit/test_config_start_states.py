@@ -10,7 +10,7 @@ from curricle.errors import ConfigError
 from curricle.planning import visit_distribution
 from curricle.study import StudyConfig
 from curricle.tasks import FourRooms, GoalDistance, taxi_family, with_start
-from tests.studies import OBSERVED_HUNT, complaints_of, reader
+from tests.studies import OBSERVED_HUNT
 
 STUDY = """\
 name = "starts"
@@ -40,17 +40,6 @@ target = "maze"
 mapping = "same_position"
 """
 MAZE = GridWorld(["S..P", "..#T", "...."])
-
-
-@pytest.fixture
-def read(tmp_path):
-    return reader(tmp_path)
-
-
-@pytest.fixture
-def complaints(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return complaints_of
 
 
 def task(read, text):
