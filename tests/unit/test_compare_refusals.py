@@ -5,12 +5,6 @@ from dataclasses import replace
 import pytest
 
 import curricle as cr
-from curricle import (
-    Curriculum,
-    Episodes,
-    GreedyEvaluation,
-    compare,
-)
 from curricle.errors import CurriculumError, SettingError
 from tests.comparisons import MAZE, copied, corner, pursuit
 
@@ -18,7 +12,7 @@ from tests.comparisons import MAZE, copied, corner, pursuit
 def test_targets_that_differ_are_refused_with_all_their_differences(calls):
     other = replace(MAZE, discount=0.5, time_limit=7)
     with pytest.raises(CurriculumError) as caught:
-        compare({"one": copied(MAZE), "two": copied(MAZE), "three": copied(other)}, seeds=1)
+        cr.compare({"one": copied(MAZE), "two": copied(MAZE), "three": copied(other)}, seeds=1)
     assert str(caught.value) == (
         "arms must share their target: those of 'one' and 'three' differ in discount "
         f"({MAZE.discount} against 0.5); time_limit ({MAZE.time_limit} against 7)"
@@ -29,7 +23,7 @@ def test_targets_that_differ_are_refused_with_all_their_differences(calls):
 @pytest.mark.parametrize(
     ("which", "mine", "yours"),
     [
-        ("evaluation", GreedyEvaluation(), GreedyEvaluation(discounted=False)),
+        ("evaluation", cr.GreedyEvaluation(), cr.GreedyEvaluation(discounted=False)),
         ("budget", 100, 200),
         ("learner", cr.QLearning(), cr.QLearning(epsilon=0.2)),
         ("learner", cr.QLearning(), cr.SARSA()),
@@ -39,7 +33,7 @@ def test_targets_that_differ_are_refused_with_all_their_differences(calls):
 def test_targets_with_different_settings_are_refused(which, mine, yours, calls):
     one, two = (copied(MAZE, **{which: {"far": setting}}) for setting in (mine, yours))
     with pytest.raises(CurriculumError) as caught:
-        compare({"one": one, "two": two}, seeds=1)
+        cr.compare({"one": one, "two": two}, seeds=1)
     assert str(caught.value) == (
         f"arms must share their target's {which}: 'one' and 'two' have {mine} and {yours}"
     )
@@ -48,7 +42,7 @@ def test_targets_with_different_settings_are_refused(which, mine, yours, calls):
 
 def test_targets_of_other_names_are_refused():
     with pytest.raises(CurriculumError) as caught:
-        compare({"one": copied(MAZE), "two": copied(MAZE, target="away")}, seeds=1)
+        cr.compare({"one": copied(MAZE), "two": copied(MAZE, target="away")}, seeds=1)
     assert str(caught.value) == (
         "arms must share their target: 'one' and 'two' have 'far' and 'away'"
     )
@@ -70,17 +64,17 @@ RING = cr.ComputedMDP(
         ({"mine": 3}, {}, "arm 'mine' must be a Curriculum: got 3"),
         ({"scratch": corner()}, {}, "the name 'scratch' is taken by the baseline: rename this arm"),
         (
-            corner(target=Episodes(9)),
+            corner(target=cr.Episodes(9)),
             {},
             "a comparison at one total budget needs the target's in steps: 'maze' has 9 episodes",
         ),
         (
-            Curriculum({"a": MAZE, "b": MAZE}),
+            cr.Curriculum({"a": MAZE, "b": MAZE}),
             {},
             "a curriculum must have one task that no other builds on: got a, b",
         ),
         (
-            copied(replace(MAZE, time_limit=None), budget={"near": Episodes(3), "far": 100}),
+            copied(replace(MAZE, time_limit=None), budget={"near": cr.Episodes(3), "far": 100}),
             {},
             "a budget in episodes needs a task with a time limit: none set",
         ),
@@ -91,7 +85,7 @@ RING = cr.ComputedMDP(
         ),
         (corner(), {"controls": "placebo"}, "controls must be a list of names: got 'placebo'"),
         (
-            {"plain": Curriculum({"maze": MAZE}, budget=100)},
+            {"plain": cr.Curriculum({"maze": MAZE}, budget=100)},
             {"controls": ["scaled"]},
             "controls need a transfer into the target: arm 'plain' has none into 'maze'",
         ),
@@ -134,5 +128,5 @@ RING = cr.ComputedMDP(
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_trained(arms, settings, message, calls):
     with pytest.raises((CurriculumError, SettingError, cr.errors.TaskError), match=message):
-        compare(arms, **({"seeds": 1} | settings))
+        cr.compare(arms, **({"seeds": 1} | settings))
     assert calls == []

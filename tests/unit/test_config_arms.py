@@ -3,11 +3,7 @@
 import pytest
 from hypothesis import given, strategies as st
 
-from curricle import (
-    QLearning,
-    mean,
-    minimum,
-)
+import curricle as cr
 from curricle.study import read_study
 from curricle.study.config.merging import merged
 from curricle.transfer import aggregation
@@ -48,8 +44,8 @@ def test_a_file_may_begin_with_a_byte_order_mark(read, tmp_path):
 
 def test_a_task_s_table_goes_over_the_one_for_all_key_by_key(read):
     study = read(HUNT, set=["tasks.chase.learner.epsilon=0.5"])
-    assert only(study).setting("learner", "chase") == QLearning(0.2, 0.5)
-    assert only(study).setting("learner", "hunt") == QLearning(0.2, 0.1)
+    assert only(study).setting("learner", "chase") == cr.QLearning(0.2, 0.5)
+    assert only(study).setting("learner", "hunt") == cr.QLearning(0.2, 0.1)
 
 
 def test_an_arm_changes_what_it_says_and_nothing_else(read):
@@ -70,11 +66,11 @@ def test_an_arm_changes_what_it_says_and_nothing_else(read):
     )
     arms = study.curricula
     assert list(arms) == ["minimum", "mean", "long-chase", "one-source", "scaled"]
-    assert [a.setting("aggregate", "hunt") for a in arms.values()].count(minimum) == 4
-    assert arms["mean"].setting("aggregate", "hunt") is mean
+    assert [a.setting("aggregate", "hunt") for a in arms.values()].count(cr.minimum) == 4
+    assert arms["mean"].setting("aggregate", "hunt") is cr.mean
     caps = [a.setting("budget", "chase").max_steps for a in arms.values()]
     assert caps == [2_000, 2_000, 9_000, 2_000, 2_000]
-    assert arms["long-chase"].setting("learner", "chase") == QLearning(0.2, 0.5)
+    assert arms["long-chase"].setting("learner", "chase") == cr.QLearning(0.2, 0.5)
     assert [len(a.transfers) for a in arms.values()] == [2, 2, 2, 1, 2]
     assert arms["one-source"].transfers[0].mapping.renaming == {"predator": "predator_2"}
     assert [t.scale for t in arms["scaled"].transfers] == [3, 2]

@@ -6,12 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from curricle import (
-    GridWorld,
-    Rewards,
-    minimum,
-    same_position,
-)
+import curricle as cr
 from curricle.study import StudyConfig
 from curricle.study.config.tables import load
 from tests.studies import MAZE, only
@@ -76,8 +71,8 @@ def test_functions_are_found_beside_the_file(read, own):
     before = list(sys.path)
     curriculum = only(read(LINES))
     assert sys.path == before
-    assert curriculum.tasks["short"] == GridWorld("S..T", rewards=Rewards(treasure=3))
-    assert curriculum.tasks["long"] == GridWorld("S......T")
+    assert curriculum.tasks["short"] == cr.GridWorld("S..T", rewards=cr.Rewards(treasure=3))
+    assert curriculum.tasks["long"] == cr.GridWorld("S......T")
     half, same = (transfer.mapping for transfer in curriculum.transfers)
     assert half.unmapped_value == -7
     assert half.index[:, 0].tolist() == [0, 0, 4, 4, 8, 8, -2, -2]
@@ -96,7 +91,7 @@ def test_modules_of_one_name_in_two_folders_stay_apart(read, own):
 
 
 def test_functions_are_found_on_the_path_too(tmp_path):
-    assert load("curricle.transfer.aggregation:minimum", tmp_path) is minimum
+    assert load("curricle.transfer.aggregation:minimum", tmp_path) is cr.minimum
 
 
 def test_a_module_beside_the_file_comes_first(tmp_path):
@@ -115,10 +110,10 @@ def test_a_prey_may_be_a_function(read, own):
 def test_other_mappings(read):
     words = MAZE + "[tasks.near]\ntype='crop'\nof='maze'\nrows=[0,3]\ncolumns=[0,5]\nstart='map'\n"
     edge = "[[transfers]]\nsource='near'\ntarget='maze'\n"
-    maze = GridWorld(["....T", ".PPP.", "S...."])
+    maze = cr.GridWorld(["....T", ".PPP.", "S...."])
     for name in ("identity", "same_position", "relative_objects"):
         curriculum = only(read(f"{words}{edge}mapping='{name}'"))
-        expected = same_position(maze, maze).index
+        expected = cr.same_position(maze, maze).index
         np.testing.assert_array_equal(curriculum.transfers[0].mapping.index, expected)
 
 
