@@ -41,12 +41,6 @@ def test_a_source_with_another_goal_is_refused_in_one_sentence():
         cr.Curriculum({"maze": MAZE, "other": other}, [Transfer("other", "maze")])
 
 
-def test_riverswim_has_nothing_to_say_of_pursuit():
-    for chase in (cr.Pursuit(3, 1), cr.Pursuit(3, 2)):
-        with pytest.raises(MappingError, match="a mapping is used unseen if"):
-            auto_mapping(chase, cr.tasks.RiverSwim())
-
-
 def test_a_task_without_tables_is_refused():
     edge = Transfer("ring", "maze")
     with pytest.raises(CurriculumError, match="with tables: the source has none, find_mappings"):

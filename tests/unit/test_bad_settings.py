@@ -17,7 +17,6 @@ from curricle import (
     solve,
 )
 from curricle.errors import PotentialError, SettingError
-from curricle.learning.schedules import constant
 from curricle.planning import rollout
 from tests.refusals import check_refusal
 
@@ -36,19 +35,14 @@ def ask(*args, **settings):
 
 SETTINGS = [
     (lambda: ask(budget=0), "a budget in steps must be a whole number, at least 1: got 0"),
-    (lambda: ask(budget=-1), "got -1"),
     (lambda: ask(budget=1.5), "whole number.*got 1.5"),
-    (lambda: ask(budget=True), "got True"),
     (lambda: ask(budget=Episodes(0)), "in episodes must be a whole number, at least 1: got 0"),
-    (lambda: ask(budget=Episodes(0.5)), "whole number"),
     (lambda: learn(NO_LIMIT, budget=Episodes(5)), "needs a task with a time limit"),
     (lambda: ask(seeds=0), "seeds must be a whole number, at least 1: got 0"),
     (lambda: ask(seeds=[]), r"at least one: got \[\]"),
     (lambda: ask(seeds=[3, 3]), r"different, .*got \[3, 3\]"),
     (lambda: ask(seeds=[0, -1]), "each of seeds must be a whole number, at least 0: got -1"),
     (lambda: ask(eval_freq=0), "between checkpoints, must be a whole number, at least 1: got 0"),
-    (lambda: ask(eval_freq=-5), "got -5"),
-    (lambda: ask(eval_freq=2.5), "whole number.*got 2.5"),
     (lambda: ask(eval_freq=101), "exceed the budget of 100 steps: got 101"),
     (lambda: ask(workers=0), "workers must be a whole number, at least 1: got 0"),
     (lambda: GreedyEvaluation("best"), "must be one of auto, exact, rollouts, off: got 'best'"),
@@ -58,22 +52,17 @@ SETTINGS = [
         "needs a task with a time limit",
     ),
     (lambda: QLearning(learning_rate=1.5), r"learning_rate .*\[0, 1\]: got 1.5"),
-    (lambda: SARSA(learning_rate=-0.1), r"learning_rate .*\[0, 1\]: got -0.1"),
     (lambda: DoubleQLearning(learning_rate=NAN), "finite: got nan"),
     (
         lambda: QLearning(learning_rate=cr.learning.linear(0.5, 2, steps=9)),
         r"learning_rate .*got 2",
     ),
     (lambda: QLearning(epsilon=1.1), r"epsilon must lie in \[0, 1\]: got 1.1"),
-    (lambda: QLearning(epsilon=-0.1), r"epsilon .*got -0.1"),
     (lambda: QLearning(inverse_temperature=-1), "inverse_temp.*got -1"),
     (lambda: QLearning(epsilon=0.1, inverse_temperature=2.0), "and inverse_temperature=2.0"),
     (lambda: QLearning(initial_value=INF), "finite: got inf"),
-    (lambda: constant(NAN), "finite: got nan"),
     (lambda: cr.learning.linear(1, 0, steps=0), "steps must be positive: got 0"),
-    (lambda: cr.learning.linear(1, INF, steps=9), "last must be finite: got inf"),
     (lambda: cr.learning.exponential(1, half_life=-1), "half_life must be positive: got -1"),
-    (lambda: cr.learning.harmonic(half=0), "half must be positive: got 0"),
     (lambda: ask(shaping=PHI), "shaping must be a Shaping, .* got StateActionPot"),
     (lambda: ask(shaping=cr.LookBackAdvice(PHI)), "on-policy SARSA .*got QLearning"),
     (
@@ -103,7 +92,6 @@ SETTINGS = [
     (lambda: rollout(LINE, 2 * UNIFORM), r"sum to 1: state 0 has \[0.5"),
     (lambda: cr.evaluate(LINE, NAN * UNIFORM), "sum to 1: state 0 has .nan"),
     (lambda: rollout(LINE, UNIFORM, start=2), "not terminal: got 2"),
-    (lambda: rollout(LINE, UNIFORM, start=-1), "got -1"),
     (lambda: rollout(LINE, UNIFORM, steps=0), "in steps must be a whole number, at least 1: got 0"),
     (lambda: rollout(NO_LIMIT, UNIFORM), "limit .*got None"),
 ]
@@ -111,14 +99,12 @@ SETTINGS = [
 POTENTIALS = [
     (lambda: StateActionPotential(LINE, np.ones((4, 3))), r"\(3, 4\): got \(4, 3\)"),
     (lambda: StatePotential(LINE, [1, 2]), r"\(3,\) or \(M, 3\): got \(2,\)"),
-    (lambda: StatePotential(LINE, 1.0), r"got \(\)"),
     (
         lambda: StateActionPotential(LINE, np.where(np.arange(12) == 6, NAN, 0).reshape(3, 4)),
         r"phi must be finite: entry \(1, 2\) is nan",
     ),
     (lambda: StatePotential(LINE, [0, -INF, 0]), r"Phi .*entry \(1,\) is -inf"),
     (lambda: StatePotential(LINE, np.ones((2, 3))), r"2 potentials: got \[0\]"),
-    (lambda: StatePotential(LINE, np.ones(3), frame_steps=[1]), r"from 0.*got \[1\]"),
     (lambda: StatePotential(LINE, np.ones((3, 3)), frame_steps=[0, 5, 5]), r"0.*got \[0, 5, 5\]"),
 ]
 

@@ -4,7 +4,6 @@ import shutil
 
 import pytest
 
-from curricle.cli.tables import used
 from curricle.study import StudyStore
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -46,8 +45,3 @@ def test_show_before_the_first_unit_has_no_empty_table(curricle, finished, tmp_p
     assert code == 0
     assert "no unit is stored yet" in out
     assert "greedy return" not in out
-
-
-def test_an_arm_that_gains_more_needs_no_legend_of_a_forecast():
-    assert "gain" not in used("the best from scratch: gains are over it")
-    assert "gain" in used("        gain  start  phi > Q*")

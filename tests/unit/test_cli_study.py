@@ -85,14 +85,6 @@ def test_a_new_study_of_an_environment_is_one(curricle, tmp_path, name, form):
     assert list(read_study(tmp_path / f"{name}.toml").curricula) == ["transfer"]
 
 
-def test_a_new_study_of_an_environment_runs_as_it_is(curricle):
-    assert curricle("new", "FrozenLake-v1", "lake.toml")[0] == 0
-    quick = ["--seeds", "2", "--set", "tasks.target.budget=400"]
-    code, _, complaint = curricle("run", "lake.toml", *quick)
-    assert code == 0, complaint
-    assert curricle("report", "lake-results")[0] == 0
-
-
 def test_the_words_are_explained_if_asked(curricle, finished):
     code, plain, _ = curricle("show", finished)
     assert "strong gain: mean return above" not in plain
@@ -147,18 +139,6 @@ def test_a_misspelt_key_is_named_with_its_place(refused, study_file, tmp_path, c
     refused(1, words, command, file)
     refused(1, "shaping", command, file)  # what was meant
     assert [path.name for path in tmp_path.iterdir()] == ["wrong.toml"]
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ("tasks.maze.budgte=3", "budget"),
-        ("budget", "key=value"),
-    ],
-)
-def test_a_setting_that_makes_no_sense_is_named(refused, study_file, tmp_path, change, words):
-    refused(1, words, "run", study_file, "--set", change)
-    assert not list(tmp_path.iterdir())
 
 
 # -- run ---------------------------------------------------------------------------------------

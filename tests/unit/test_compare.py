@@ -96,13 +96,6 @@ def test_an_arm_with_an_empty_mapping_is_scratch_after_its_source_steps():
     assert (charged[:, :5] == scratch.curve.values[:, :1]).all()
 
 
-def test_an_arm_is_the_training_of_its_curriculum():
-    found = compare(corner(), seeds=[3, 5])["transfer"]
-    alone = corner().train([3, 5])
-    np.testing.assert_array_equal(found.curve.values[:, :31], alone["maze"].greedy_return)
-    np.testing.assert_array_equal(found.training_return[:, :31], alone["maze"].training_return)
-
-
 def test_scratch_has_the_settings_of_the_target():
     learner, evaluation = cr.QLearning(epsilon=0.3), GreedyEvaluation(discounted=False)
     found = compare(corner(learner={"maze": learner}, evaluation={"maze": evaluation}), seeds=2)

@@ -110,14 +110,21 @@ def test_choices_are_those_of_the_library():
 @pytest.mark.parametrize(
     ("table", "made"),
     [
-        ("size = 5\npredators = 3", cr.Pursuit(5, 3)),
         (
-            "moves = 4\ntorus = true\ncapture = 'any'",
-            cr.Pursuit(moves=4, torus=True, capture="any"),
+            "size = 5\npredators = 3\nmoves = 4\ntorus = true\ncapture = 'any'\n"
+            "step_reward = -2\ncapture_reward = 5\ndiscount = 1",
+            cr.Pursuit(
+                5,
+                3,
+                moves=4,
+                torus=True,
+                capture="any",
+                step_reward=-2,
+                capture_reward=5,
+                discount=1,
+            ),
         ),
-        ("capture = 2\nstep_reward = -2", cr.Pursuit(capture=2, step_reward=-2)),
-        ("capture_reward = 5\ndiscount = 1", cr.Pursuit(capture_reward=5, discount=1)),
-        ("time_limit = 'none'", cr.Pursuit(time_limit=None)),
+        ("capture = 2\ntime_limit = 'none'", cr.Pursuit(capture=2, time_limit=None)),
         (
             "size = 2\nmoves = 4\nprey = [[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]",
             cr.Pursuit(2, moves=4, prey=[[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]),

@@ -246,18 +246,6 @@ def test_mistakes_in_ones_own_families_are_sentences(complaints, old, new, sente
     assert any(sentence in line for line in complaints(LANES, (old, new)))
 
 
-@pytest.mark.parametrize("kind", ['type = "river_swim"', 'family = "river_swim"'])
-def test_an_arm_changes_a_parameter_of_a_task(read, kind):
-    study = read(f"""
-        name = "river"
-        [tasks]
-        river = {{ {kind}, back = 0.2 }}
-        [arms.calm]
-        tasks.river.back = 0.05
-    """)
-    assert study.curriculum("calm").tasks["river"].back == 0.05
-
-
 def test_a_crop_of_what_is_no_maze_is_refused(read):
     text = HUNT.replace('mapping = "family"', "project = {}").replace(
         'chase = { family = "ring", size = 3, predators = 1 }',

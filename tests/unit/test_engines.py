@@ -246,11 +246,6 @@ def run_study_from(study, arms, out, monkeypatch):
     return run_study(study, out)
 
 
-def test_a_lost_engine_is_a_study_error_with_words_of_its_own():
-    assert issubclass(EngineError, StudyError)
-    assert str(EngineError("fake was lost")) == "fake was lost"
-
-
 class Recorder(Tracker):
     """Notes how many seeds each unit has."""
 
