@@ -296,9 +296,6 @@ def test_decisions_are_sentences(curricle, refused, finished):
     lines = out.splitlines()
     assert code == 0
     assert len(lines) == 4 * 9  # the last of each seed of each task of each arm
-    assert lines[0] == "scratch: maze, seed 0: ends; all steps used: 1,500 steps, " + (
-        f"{StudyResults(finished).result('scratch', 'maze').episodes_used[0]} episodes"
-    )
     code, out, _ = curricle(
         "show", finished, "--decisions", "--arm", "chain", "--task", "corner", "--seed", "1"
     )
@@ -306,30 +303,13 @@ def test_decisions_are_sentences(curricle, refused, finished):
         f"chain: corner, seed 1: {words}"
         for words in StudyResults(finished).decisions("chain", "corner")[1]
     ]
-    steps = StudyResults(finished).result("chain", "corner").steps_used[1]
-    assert out.splitlines()[-1] == (
-        "chain: corner, seed 1: ends; greedy 194.5 >= 194.5 over 3 evaluations; "
-        f"{steps} of at most 300 steps used"
-    )
-    refused(
-        1,
-        "holds no decision of arm any, task any, seed 9",
-        "show",
-        finished,
-        "--decisions",
-        "--seed",
-        "9",
-    )
-
-
-def test_show_refuses_a_seed_without_its_decisions(refused, finished):
+    refused(1, "arm any, task any, seed 9", "show", finished, "--decisions", "--seed", "9")
     refused(2, "a seed is that of --decisions", "show", finished, "--seed", "1")
 
 
-@pytest.mark.parametrize("more", [[], ["--decisions"]])
-def test_show_refuses_an_arm_or_a_task_that_is_not_there(refused, finished, more):
-    refused(1, "chian", "show", finished, "--arm", "chian", *more)
-    refused(1, "mace", "show", finished, "--task", "mace", *more)
+def test_show_refuses_an_arm_or_a_task_that_is_not_there(refused, finished):
+    refused(1, "chian", "show", finished, "--arm", "chian")
+    refused(1, "mace", "show", finished, "--task", "mace", "--decisions")
 
 
 @pytest.mark.parametrize("command", ["show", "compare", "watch"])

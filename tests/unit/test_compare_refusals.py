@@ -56,77 +56,58 @@ RING = cr.ComputedMDP(
 )
 
 
+SPARSE = cr.Storage(kind="sparse")
+THREE = {"near": cr.Episodes(3), "far": 100}
+
+
 @pytest.mark.parametrize(
-    ("arms", "settings", "message"),
+    ("arms", "message"),
     [
-        ({}, {}, "a comparison needs at least one curriculum: got none"),
-        ([corner()], {}, r"arms, unless they are one curriculum, must be a Mapping: got \["),
-        ({"mine": 3}, {}, "arm 'mine' must be a Curriculum: got 3"),
-        ({"scratch": corner()}, {}, "the name 'scratch' is taken by the baseline: rename this arm"),
-        (
-            corner(target=cr.Episodes(9)),
-            {},
-            "a comparison at one total budget needs the target's in steps: 'maze' has 9 episodes",
-        ),
-        (
-            cr.Curriculum({"a": MAZE, "b": MAZE}),
-            {},
-            "a curriculum must have one task that no other builds on: got a, b",
-        ),
-        (
-            copied(replace(MAZE, time_limit=None), budget={"near": cr.Episodes(3), "far": 100}),
-            {},
-            "a budget in episodes needs a task with a time limit: none set",
-        ),
-        (
-            corner(),
-            {"controls": ["negated", "magic"]},
-            "a control must be one of random_start, .*, negated: got 'magic'",
-        ),
-        (corner(), {"controls": "placebo"}, "controls must be a list of names: got 'placebo'"),
-        (
-            {"plain": cr.Curriculum({"maze": MAZE}, budget=100)},
-            {"controls": ["scaled"]},
-            "controls need a transfer into the target: arm 'plain' has none into 'maze'",
-        ),
-        (
-            {"mine": copied(RING)},
-            {"controls": ["placebo"]},
-            "a task given by functions or played live has no tables",
-        ),
-        (
-            {"mine": pursuit(storage={"hunt": cr.Storage(kind="sparse")})},
-            {"controls": ["scaled", "pretraining"]},
-            "controls other than 'constant' and 'scaled' need dense tables of the target: the "
-            "storage of 'hunt' is sparse in arm 'mine'",
-        ),
-        (corner(), {"window": 0}, "window must be a whole number, at least 1: got 0"),
-        (
-            corner(),
-            {"window": 32},
-            "window must be at most 31, the checkpoints within the target's budget: got 32",
-        ),
-        (corner(), {"threshold": float("nan")}, "threshold must be finite: got nan"),
-        (corner(), {"seeds": 0}, "seeds must be a whole number, at least 1: got 0"),
-        (
-            corner(),
-            {"seeds": 1, "precision": 1.0},
-            "to begin adding with must be a whole number, at least 2",
-        ),
-        (corner(), {"seeds": 5, "precision": 0.0}, "precision must be above 0: got 0"),
-        (
-            corner(),
-            {"seeds": 5, "precision": 1.0, "difference": True},
-            "stops at a precision or at a difference, one of them",
-        ),
-        (
-            corner(),
-            {"seeds": 30, "difference": True, "most_seeds": 20},
-            "most must be a whole number, at least 30: got 20",
-        ),
+        ({}, "a comparison needs at least one curriculum: got none"),
+        ([corner()], r"arms, unless they are one curriculum, must be a Mapping: got \["),
+        ({"mine": 3}, "arm 'mine' must be a Curriculum: got 3"),
+        ({"scratch": corner()}, "the name 'scratch' is taken by the baseline: rename this arm"),
+        (corner(target=cr.Episodes(9)), "needs the target's in steps: 'maze' has 9 episodes"),
+        (cr.Curriculum({"a": MAZE, "b": MAZE}), "one task that no other builds on: got a, b"),
+        (copied(replace(MAZE, time_limit=None), budget=THREE), "with a time limit: none set"),
     ],
 )
-def test_what_makes_no_sense_is_refused_before_anything_is_trained(arms, settings, message, calls):
+def test_bad_arms_are_refused_before_anything_is_trained(arms, message, calls):
     with pytest.raises((CurriculumError, SettingError, cr.errors.TaskError), match=message):
-        cr.compare(arms, **({"seeds": 1} | settings))
+        cr.compare(arms, seeds=1)
+    assert calls == []
+
+
+@pytest.mark.parametrize(
+    ("arm", "controls", "message"),
+    [
+        (corner(), ["negated", "magic"], "must be one of random_start, .*, negated: got 'magic'"),
+        (corner(), "placebo", "controls must be a list of names: got 'placebo'"),
+        (cr.Curriculum({"maze": MAZE}, budget=9), ["scaled"], "arm 'mine' has none into 'maze'"),
+        (copied(RING), ["placebo"], "a task given by functions or played live has no tables"),
+        (pursuit(storage={"hunt": SPARSE}), ["pretraining"], "of 'hunt' is sparse in arm 'mine'"),
+    ],
+)
+def test_bad_controls_are_refused_before_anything_is_trained(arm, controls, message, calls):
+    with pytest.raises((CurriculumError, SettingError, cr.errors.TaskError), match=message):
+        cr.compare({"mine": arm}, seeds=1, controls=controls)
+    assert calls == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"window": 0}, "window must be a whole number, at least 1: got 0"),
+        ({"window": 32}, "at most 31, the checkpoints within the target's budget: got 32"),
+        ({"threshold": float("nan")}, "threshold must be finite: got nan"),
+        ({"seeds": 0}, "seeds must be a whole number, at least 1: got 0"),
+        ({"precision": 1.0}, "to begin adding with must be a whole number, at least 2"),
+        ({"seeds": 5, "precision": 0.0}, "precision must be above 0: got 0"),
+        ({"seeds": 5, "precision": 1.0, "difference": True}, "or at a difference, one of them"),
+        ({"seeds": 30, "difference": True, "most_seeds": 20}, "at least 30: got 20"),
+    ],
+)
+def test_bad_settings_are_refused_before_anything_is_trained(settings, message, calls):
+    with pytest.raises(SettingError, match=message):
+        cr.compare(corner(), **({"seeds": 1} | settings))
     assert calls == []

@@ -297,7 +297,6 @@ def test_the_table_holds_the_numbers():
     [
         ("moon", "a task must be one of near, far, other: got 'moon'"),
         ("near", "a forecast needs a task with transfers into it: 'near' has none"),
-        (None, "a curriculum must have one task that no other builds on: got far, other"),
     ],
 )
 def test_a_target_that_makes_no_sense(target, message, trained):
@@ -347,10 +346,10 @@ def test_an_aggregate_may_be_any_object_that_can_be_called():
 
 
 def test_wrong_types_are_refused(trained):
-    with pytest.raises(
-        cr.errors.CurriculumError, match="the curriculum of a forecast must be a Curriculum: got"
-    ):
+    with pytest.raises(cr.errors.CurriculumError, match="forecast must be a Curriculum: got"):
         look(cr.GridWorld("S.T"))
+    with pytest.raises(cr.errors.SettingError, match="episodes of an evaluation must be"):
+        look(pursuit(3, cr.mean, budget=100), episodes=0)
     with pytest.raises(cr.errors.CurriculumError, match=r"must be a function \(N, S, A\).*: got 3"):
         look(pursuit(3, cr.mean, budget=100), aggregates=[3])
     assert trained == []
