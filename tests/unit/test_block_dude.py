@@ -8,7 +8,6 @@ import pytest
 from curricle import solve
 from curricle.errors import TaskError
 from curricle.tasks import BlockDude
-from curricle.tasks.grid_view import GridView
 from tests.refusals import check_refusal
 
 WEST, EAST, UP, PICK_UP, PUT_DOWN = range(5)
@@ -283,18 +282,6 @@ def test_a_crop_is_the_part_with_its_coordinates():
     assert right.level == (".E.", "..>")
     kept = BlockDude("..<.E").crop(columns=(2, 5))
     assert kept.level == ("<.E",)
-
-
-def test_the_picture_has_walls_blocks_and_what_moves():
-    task = BlockDude(1)
-    view = GridView.for_replay(task)
-    assert [marker.letter for marker in view.markers] == ["A", "1", "2"]
-    assert len(view.walls) == 5
-    assert view.letters == (("1", 3, 9), ("2", 3, 13))
-    assert view.words == "E: exit, 1: block_1, 2: block_2, facing east, holding no"
-    moved = GridView.of(task, {"block_2": "(3,12)", "facing": "west"})
-    assert moved.letters == (("1", 3, 9), ("2", 3, 12))
-    assert len(moved.states) > 10
 
 
 REFUSED = [

@@ -131,7 +131,9 @@ def test_any_configuration_comes_back_equal(source, target, calibrate):
 def test_the_schema_says_what_each_key_means():
     schema = json_schema()
     tables = [schema, *(one for one in schema["$defs"].values() if "properties" in one)]
-    assert {"maze", "Transfer", "ArmPatch"} <= {table["title"] for table in tables}
+    assert {"maze", "Transfer", "ArmPatch", "FamilyTask"} <= {table["title"] for table in tables}
+    assert {"deep", "ObservationTaskTable", "MiniGridView", "TuneTable"} <= schema["$defs"].keys()
+    assert {"families", "sweep"} <= schema["properties"].keys()
     for table in tables:
         # Their keys are the parameters of a family, or those of any setting.
         if table["title"] not in ("FamilyTable", "FamilyTask", "SweepTable"):

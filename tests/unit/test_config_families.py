@@ -6,8 +6,7 @@ import pytest
 
 from curricle import GridWorld, Pursuit, project, run_study
 from curricle.errors import ConfigError
-from curricle.study import StudyConfig, read_study
-from curricle.study.config.study_config import json_schema
+from curricle.study import StudyConfig
 from curricle.tasks import maze_family
 from curricle.tasks.families.built_in import BUILT_IN
 from tests.studies import complaints_of, reader
@@ -186,12 +185,6 @@ def test_a_study_of_families_runs(read, tmp_path):
     assert len(results.record.arms["transfer"].transfers) == 2
 
 
-def test_what_is_set_from_outside_may_be_a_familys(tmp_path):
-    (tmp_path / "study.toml").write_text(HUNT)
-    study = read_study(tmp_path / "study.toml", set=["families.ring.torus=false"])
-    assert not study.curriculum("transfer").tasks["hunt"].torus
-
-
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
@@ -253,10 +246,3 @@ def test_a_crop_of_what_is_no_maze_is_refused(read):
     )
     with pytest.raises(ConfigError, match="what a crop is a part of must be one of GridWorld, "):
         _ = read(text).curricula
-
-
-def test_the_schema_has_families():
-    schema = json_schema()
-    assert schema["properties"]["families"]["description"]
-    titles = {one.get("title"): one for one in schema["$defs"].values()}
-    assert titles["FamilyTask"]["required"] == ["family"]

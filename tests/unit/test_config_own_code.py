@@ -90,10 +90,6 @@ def test_modules_of_one_name_in_two_folders_stay_apart(read, own):
     assert only(again).tasks["long"].states.size == 6
 
 
-def test_functions_are_found_on_the_path_too(tmp_path):
-    assert load("curricle.transfer.aggregation:minimum", tmp_path) is cr.minimum
-
-
 def test_a_module_beside_the_file_comes_first(tmp_path):
     (tmp_path / "json.py").write_text("def dumps(): return 'mine'")
     assert load("json:dumps", tmp_path)() == "mine"
@@ -115,20 +111,3 @@ def test_other_mappings(read):
         curriculum = only(read(f"{words}{edge}mapping='{name}'"))
         expected = cr.same_position(maze, maze).index
         np.testing.assert_array_equal(curriculum.transfers[0].mapping.index, expected)
-
-
-# Gymnasium.
-
-LAKE = """
-name = "lake"
-[tasks.lake]
-type = "gymnasium"
-id = "FrozenLake-v1"
-arguments = { map_name = "4x4", is_slippery = false }
-time_limit = 30
-"""
-
-
-def test_a_task_of_gymnasium_s(read):
-    made = only(read(LAKE)).tasks["lake"]
-    assert (made.states.size, made.actions.size) == (16, 4)

@@ -14,12 +14,6 @@ from tests.tasks import ring
 LABELS = ("constant mean", "constant maximum")
 
 
-def test_both_constants_follow_the_placebo():
-    found = compare(corner(), seeds=1, controls=["scaled", "constant", "placebo"])
-    assert list(found.arms)[2:5] == [f"transfer, {one}" for one in ("placebo", *LABELS)]
-    assert all(found[f"transfer, {one}"].control for one in LABELS)
-
-
 @pytest.mark.parametrize("plan", [corner, pursuit])
 def test_a_constant_is_phis_mean_and_its_maximum_and_0_at_ends(plan, calls):
     compare(plan(), seeds=[4, 9], controls=["constant"])

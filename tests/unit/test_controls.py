@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle import Pursuit, compare
-from tests.comparisons import ALL, HERE, MAZE, assert_same, copied, corner, pursuit
+from tests.comparisons import ALL, HERE, MAZE, copied, corner, pursuit
 
 LABELS = ("placebo", "scaled x 0.5", "scaled x 2", "negated", "random start", "pretraining")
 
@@ -108,11 +108,3 @@ def test_knowing_the_optimum_pays_and_its_negation_does_not():
     assert found.against("transfer, negated")["transfer"].answer == "yes"
     assert found.control_verdicts["transfer"].direction == 1
     assert found.contrasts["transfer"].jumpstart.estimate > 0
-
-
-def test_scaled_potentials_serve_sparse_tables_too():
-    plan = pursuit(storage={"hunt": cr.Storage(kind="sparse")})
-    found = compare(plan, seeds=1, controls=["scaled"])
-    dense = compare(pursuit(), seeds=1, controls=["scaled"])
-    for name in dense.arms:
-        assert_same(found[name], dense[name])

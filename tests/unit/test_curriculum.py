@@ -58,13 +58,6 @@ def test_ancestors_are_the_tasks_trained_before():
     assert diamond.ancestors("far")[0] == "near"
 
 
-def test_each_task_is_trained_once_and_in_order():
-    seen, diamond = [], build(DIAMOND)
-    diamond.train(progress=seen.append)
-    assert tuple(seen) == diamond.order
-    assert seen.count("near") == 1
-
-
 # -- source steps --------------------------------------------------------------------------------
 
 
@@ -84,12 +77,6 @@ def test_source_steps_are_those_each_seed_took():
 
 
 # -- potentials ----------------------------------------------------------------------------------
-
-
-def test_a_task_without_sources_starts_from_nothing():
-    result = build(CHAIN).train()
-    assert same(result["near"], cr.learn(TASKS["near"], budget=300, stream="near"))
-    assert result.potentials["near"] == []
 
 
 def test_a_target_starts_from_its_source_seed_by_seed():
@@ -117,15 +104,6 @@ def test_knowledge_passes_through_an_intermediate_task():
     for row, column in [(1, 2), (1, 3), (2, 2)]:
         here, there = TASKS["near"].state(row, column), MAZE.state(row, column)
         assert (through[there] == near[here]).all()
-
-
-@pytest.mark.parametrize("function", [cr.maximum, cr.mean, cr.minimum, cr.total])
-def test_several_sources_are_aggregated(function):
-    result = build(DIAMOND, aggregate=function).train()
-    phi = [e.potential(result[e.source].values[0]) for e in result.curriculum.in_edges("far")]
-    expected = np.nan_to_num(function(np.stack(phi)))
-    expected[MAZE.mdp.terminal] = 0
-    assert (result.potentials["far"][0].values == expected).all()
 
 
 def test_one_source_serves_through_two_mappings():

@@ -13,7 +13,6 @@ from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import json_schema
 from curricle.study.config.templates import template
 from tests.hunters import observed
 from tests.studies import OBSERVED_HUNT as HUNT, reader
@@ -273,11 +272,6 @@ def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):
     assert again.to_data() == study.to_data()
     assert Arms.of(again).keys == Arms.of(study).keys
     assert Arms.of(study).live
-
-
-def test_the_schema_knows_them():
-    schema = json_schema()
-    assert {"deep", "ObservationTaskTable"} <= schema["$defs"].keys()
 
 
 def test_the_template_is_what_it_says(read):

@@ -206,15 +206,6 @@ def test_a_scale_that_most_seeds_cannot_be_given_is_none():
 # -- rows ------------------------------------------------------------------------------------------
 
 
-def test_a_single_transfer_has_one_row():
-    plan, sources = copy_of(LINE, Q)
-    found = look(plan, trained=sources, seeds=1)
-    assert found.ranking == ("mean",)
-    assert [one.name for one in found.rows] == ["mean"]
-    assert found["mean"].used
-    assert list(found.coverage) == ["source -> target"]
-
-
 def test_custom_aggregates_have_rows_too():
     def mean(potentials):
         return np.sort(potentials, axis=0)[-1]
@@ -235,18 +226,6 @@ def test_custom_aggregates_have_rows_too():
         assert found[mine].seeds == found[theirs].seeds
     assert found["minimum"].seeds != found["mean [1]"].seeds != found["maximum"].seeds
     assert [one.name for one in found.rows if one.used] == ["<lambda> [1]"]
-
-
-def test_each_seed_is_judged_as_its_own_source():
-    plan = pursuit(3, cr.minimum, budget=20_000)
-    found = look(plan, seeds=[4, 9])
-    result = plan.train([4, 9], trained=found.trained)
-    target = cr.planning.Target.of(plan.tasks["hunt"])
-    for phi, one in zip(result.potentials["hunt"], found["minimum"].seeds, strict=True):
-        assert potential_quality(phi, target) == one
-    starts = [one.start for one in found["minimum"].seeds]
-    assert found["minimum"].mean("start") == pytest.approx(np.mean(starts))
-    assert starts[0] != starts[1]
 
 
 def test_the_target_may_be_any_task_with_transfers_into_it(trained):

@@ -79,11 +79,6 @@ def test_check_prints_the_forecast_of_the_sources_as_they_will_be_trained(check,
     assert line in " ".join(out.split())
 
 
-def test_seeds_of_check_are_the_studys(check):
-    out, study = check('seeds="7,9"')
-    assert str(cr.forecast(study.curriculum("transfer"), seeds=[7, 9])) in out
-
-
 def test_a_budget_too_long_for_a_look_is_not_trained(check, monkeypatch):
     def trained(*_):
         raise AssertionError("nothing is trained")
