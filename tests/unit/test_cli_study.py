@@ -351,16 +351,9 @@ def test_parts_are_merged(curricle, refused, study_file, finished, tmp_path):
 SWEPT = """
 name = "line"
 seeds = 2
-[tasks.line]
-type = "maze"
-map = "S...T"
-budget = 500
-[tasks.end]
-type = "crop"
-of = "line"
-rows = [0, 1]
-columns = [2, 5]
-budget = 100
+[tasks]
+line = { type = "maze", map = "S...T", budget = 500 }
+end = { type = "crop", of = "line", rows = [0, 1], columns = [2, 5], budget = 100 }
 [[transfers]]
 source = "end"
 target = "line"

@@ -176,11 +176,8 @@ def test_a_crop_is_a_part_of_another_task_and_of_a_part(read):
         rows = [0, 2]
         columns = [3, 5]
         start = [[1, 4]]
-        [tasks.right]
-        type = "crop"
-        of = "maze"
-        rows = [0, 3]
-        columns = [2, 5]
+        [tasks]
+        right = { type = "crop", of = "maze", rows = [0, 3], columns = [2, 5] }
         [[transfers]]
         source = "corner"
         target = "right"

@@ -88,10 +88,8 @@ def test_an_arm_without_a_source_is_without_its_task(read):
     three = (
         HUNT
         + """
-        [tasks.small]
-        type = "pursuit"
-        size = 2
-        predators = 1
+        [tasks]
+        small = { type = "pursuit", size = 2, predators = 1 }
         [[transfers]]
         source = "small"
         target = "chase"
@@ -115,9 +113,8 @@ def test_arms_may_fill_in_what_the_study_leaves_open(read):
     study = read(
         MAZE
         + """
-        [tasks.corner]
-        type = "crop"
-        of = "maze"
+        [tasks]
+        corner = { type = "crop", of = "maze" }
         [[transfers]]
         source = "corner"
         target = "maze"

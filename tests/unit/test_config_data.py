@@ -82,9 +82,8 @@ def test_an_arm_s_file_takes_the_place_of_the_study_s_map(read, tmp_path):
     study = read(
         MAZE
         + """
-        [tasks.line]
-        type = "maze"
-        map = "ST"
+        [tasks]
+        line = { type = "maze", map = "ST" }
         [[transfers]]
         source = "line"
         target = "maze"

@@ -36,13 +36,9 @@ def same(target, source):
 LINES = """
 name = "lines"
 aggregate = "own:second"
-[tasks.short]
-type = "factory"
-factory = "own:line"
-arguments = { length = 4, treasure = 3 }
-[tasks.long]
-type = "factory"
-factory = "own:line"
+[tasks]
+short = { type = "factory", factory = "own:line", arguments = { length = 4, treasure = 3 } }
+long = { type = "factory", factory = "own:line" }
 [[transfers]]
 source = "short"
 target = "long"

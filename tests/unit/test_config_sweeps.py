@@ -20,12 +20,8 @@ map = '''
     S....
 '''
 budget = 1_000
-[tasks.corner]
-type = "crop"
-of = "maze"
-rows = [0, 2]
-columns = [2, 5]
-budget = 200
+[tasks]
+corner = { type = "crop", of = "maze", rows = [0, 2], columns = [2, 5], budget = 200 }
 [[transfers]]
 source = "corner"
 target = "maze"

@@ -168,14 +168,9 @@ def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
 TUNED_LAKES = """
 name = "lakes"
 seeds = 1
-[tasks.lake]
-type = "factory"
-factory = "lakes:tabled"
-budget = 400
-[tasks.other]
-type = "factory"
-factory = "lakes:tabled"
-budget = 200
+[tasks]
+lake = { type = "factory", factory = "lakes:tabled", budget = 400 }
+other = { type = "factory", factory = "lakes:tabled", budget = 200 }
 [[transfers]]
 source = "other"
 target = "lake"

@@ -26,12 +26,8 @@ map = '''
 S....
 '''
 budget = 3_000
-[tasks.corner]
-type = "crop"
-of = "maze"
-rows = [0, 2]
-columns = [2, 5]
-budget = 2_000
+[tasks]
+corner = { type = "crop", of = "maze", rows = [0, 2], columns = [2, 5], budget = 2_000 }
 [[transfers]]
 source = "corner"
 target = "maze"
