@@ -7,7 +7,6 @@ import curricle as cr
 from curricle.learning.potential_rollouts import greedy_rollouts, greedy_start
 from curricle.learning.record import WarmUp
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.transfer import calibration
 from curricle.transfer.calibration import fit_calibration
 from curricle.transfer.edges import Calibrate
 from curricle.transfer.potentials import mapped_potential
@@ -117,19 +116,6 @@ def test_a_potential_that_reaches_nothing_is_refused_early():
         "200 steps had the reward -1"
     )
     assert found.episodes == 20
-
-
-def test_no_episode_is_rolled_out_twice_where_the_first_ones_are_all(monkeypatch):
-    asked = list[int]()
-
-    def recorded(potential, *, episodes, **stream):
-        asked.append(episodes)
-        return greedy_rollouts(potential, episodes=episodes, **stream)
-
-    monkeypatch.setattr(calibration, "greedy_rollouts", recorded)
-    for episodes in (5, 20, 21):
-        cr.calibrate(optimum(LINE), episodes=episodes)
-    assert asked == [5, 20, 20, 21]
 
 
 def test_a_potential_of_zeros_is_refused():

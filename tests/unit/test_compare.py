@@ -230,12 +230,6 @@ def test_every_interval_over_added_seeds_allows_for_the_looks():
         assert grown.mean_return(name).low < once.mean_return(name).low
 
 
-def test_progress_gets_the_name_of_each_arm():
-    names = []
-    found = compare(corner(), seeds=1, controls=["scaled"], progress=names.append)
-    assert names == list(found.arms)
-
-
 def test_a_curriculum_without_transfers_equals_scratch():
     plan = Curriculum({"maze": MAZE}, budget={"maze": 1000}, eval_freq=100)
     found = compare({"plain": plan}, seeds=3)

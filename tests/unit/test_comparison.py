@@ -9,7 +9,6 @@ import curricle as cr
 from curricle import compare
 from curricle.comparison import Arm, Comparison
 from curricle.comparison.comparison import MEASURES
-from curricle.errors import CurriculumError
 from curricle.statistics import Curve
 from curricle.statistics.curves import charge_source
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test
@@ -167,19 +166,3 @@ def test_rows_are_a_table():
     assert (misled["strongest_control"], scratch["beats_controls"]) == ("", "")
     assert scratch["mean_return"] == 1.125
     assert scratch["verdict"] == ""
-
-
-def test_a_comparison_prints_as_a_table():
-    lines = str(BY_HAND).split("\n")
-    assert lines[0] == "'maze' in 40 steps, sources charged, evaluations free; 2 seeds; threshold 2"
-    assert [line.split()[0] for line in lines[2:5]] == ["scratch", "helped", "misled"]
-    assert lines[5].startswith("helped gains more than its misled: too few seeds for a verdict (2")
-    assert lines[2].split(maxsplit=2)[1:] == ["30", "1.12"]
-    assert lines[3].endswith("3.25  too few seeds for a verdict (2; 6 or more)")
-    assert "> 35 (1 never)" in lines[4]
-
-
-def test_an_unknown_arm():
-    with pytest.raises(CurriculumError) as caught:
-        BY_HAND["best"]
-    assert str(caught.value) == "an arm must be one of scratch, helped, misled: got 'best'"

@@ -164,20 +164,6 @@ def test_components_are_mapped_by_their_names(folder):
     )
 
 
-@pytest.mark.parametrize(
-    ("new", "sentence"),
-    [
-        ("project = {}", "'x' must be read from a target component (row, column): got 'x'"),
-        ('project = { y = "row" }', "components of the source, action, row, x: got 'y'"),
-        ('mapping = "identity"', "the target's states have row[3], the source's row[2]; project"),
-    ],
-)
-def test_what_does_not_map_is_told_with_what_is_there(folder, new, sentence):
-    (said,) = complaints_of(PAIR, ('project = { x = "column" }', new))
-    assert said.startswith("line 9: transfers[0] is refused: ")
-    assert sentence in said
-
-
 def test_identity_by_name(folder):
     text = PAIR.replace('project = { x = "column" }', 'mapping = "identity"')
     curriculum = only(reader(folder)(text.replace("size = 2", "size = 3")), "transfer")

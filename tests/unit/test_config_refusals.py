@@ -209,23 +209,6 @@ def test_the_error_of_a_user_s_function_is_the_cause(tmp_path):
     assert isinstance(caught.value.__cause__.__cause__, ZeroDivisionError)
 
 
-@pytest.mark.parametrize(
-    ("function", "text"),
-    [
-        (
-            "def f(state, action): return state['nowhere'], action",
-            "a mapping's function must ask for components of the target's states, row, column: got "
-            "'nowhere'",
-        ),
-        ("def f(state, action): return state", "the function must return two dicts"),
-    ],
-)
-def test_a_function_that_maps_nothing(complaints, tmp_path, function, text):
-    (tmp_path / "own.py").write_text(function)
-    (found,) = complaints(MAZES, ('mapping = "same_position"', "function = 'own:f'"))
-    assert found.startswith(f"line 16: transfers[0] is refused: {text}")
-
-
 @pytest.mark.parametrize("which", ["factory = 'own:f'", "mapping = 'identity'"])
 def test_a_value_that_nobody_reads(complaints, which):
     (found,) = complaints(MAZES, ('mapping = "same_position"', f"{which}\nunmapped_value = 3"))

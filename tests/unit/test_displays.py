@@ -129,19 +129,6 @@ def test_names_are_escaped(results, name):
     assert "&lt;b&gt;&amp;" in html
 
 
-def test_a_result_says_what_it_found(results):
-    assert "settled return reached" in results["training"]._repr_html_()
-    assert results["forecast"].answer in results["forecast"]._repr_html_()
-    assert "Certificate of StateShaping: Safe" in results["certificate"]._repr_html_()
-    assert "Not the same" in results["refutation"]._repr_html_()
-    for words in ("steps to threshold", "constant mean", "<svg"):
-        assert words in results["comparison"]._repr_html_()
-    assert results["coverage"]._repr_html_().count("<td") == 8
-    stored = results["stored result"]
-    assert "NoneType" not in repr(stored) + stored._repr_html_()
-    assert "training return" in results["without evaluation"]._repr_html_()
-
-
 def test_a_table_shows_a_dash_for_no_number_and_leaves_out_what_is_too_much():
     shown = table(["steps"], [[float("nan")], *[[number] for number in range(99)]])
     assert ">-<" in shown

@@ -133,20 +133,6 @@ def test_steps_are_those_that_the_sources_were_trained_for():
     assert cr.forecast(longer, seeds=5, trained=found.trained).computed_from == found.computed_from
 
 
-def test_all_sources_are_named():
-    plan = cr.Curriculum(
-        tasks={"a": MAZE, "b": MAZE, "c": MAZE},
-        transfers=[
-            cr.Transfer("a", "c", cr.transfer.identity(MAZE)),
-            cr.Transfer("b", "c", cr.transfer.identity(MAZE)),
-        ],
-        budget={"a": cr.StoppingRule(100), "b": cr.StoppingRule(200), "c": 300},
-    )
-    found = cr.forecast(plan, seeds=1)
-    assert found.computed_from == "from 1 seed of a (100 steps) and b (200 steps)"
-    assert cr.forecast(plan, perfect=True).computed_from == "if a and b were learnt perfectly"
-
-
 def test_a_source_that_cannot_be_solved_has_no_perfect_forecast(monkeypatch):
     monkeypatch.setattr("curricle.planning.target.LARGEST_SOLVED", 0)
     with pytest.raises(CurriculumError, match="tasks that can be solved: 'chase' cannot"):
