@@ -44,6 +44,7 @@ MAPPINGS = [
     (lambda: StateActionMapping(LINE, LINE, INDEX[:2]), r"\(3, 4\): got int64 of shape \(2, 4\)"),
     (lambda: StateActionMapping(LINE, LINE, INDEX * 1.0), "integer array .*got float64"),
     (lambda: StateActionMapping(LINE, LINE, np.where(INDEX == 5, 12, INDEX)), r"action 1 has 12"),
+    (lambda: StateActionMapping(LINE, LINE, np.where(INDEX == 2, -3, INDEX)), "0, action 2 has -3"),
     (lambda: StateActionMapping(LINE, LINE, np.where(INDEX == 4, 8, INDEX)), "at source state 2"),
     (lambda: same_position(LINE, LINE, unmapped_value=NAN), "finite: got nan"),
     (lambda: identity(LINE).read(np.ones((4, 3))), r"\(3, 4\): got \(4, 3\)"),

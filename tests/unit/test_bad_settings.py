@@ -36,6 +36,7 @@ def ask(*args, **settings):
 SETTINGS = [
     (lambda: ask(budget=0), "a budget in steps must be a whole number, at least 1: got 0"),
     (lambda: ask(budget=1.5), "whole number.*got 1.5"),
+    (lambda: ask(budget=True), "got True"),
     (lambda: ask(budget=Episodes(0)), "in episodes must be a whole number, at least 1: got 0"),
     (lambda: learn(NO_LIMIT, budget=Episodes(5)), "needs a task with a time limit"),
     (lambda: ask(seeds=0), "seeds must be a whole number, at least 1: got 0"),
@@ -52,12 +53,14 @@ SETTINGS = [
         "needs a task with a time limit",
     ),
     (lambda: QLearning(learning_rate=1.5), r"learning_rate .*\[0, 1\]: got 1.5"),
+    (lambda: SARSA(learning_rate=-0.1), r"learning_rate .*\[0, 1\]: got -0.1"),
     (lambda: DoubleQLearning(learning_rate=NAN), "finite: got nan"),
     (
         lambda: QLearning(learning_rate=cr.learning.linear(0.5, 2, steps=9)),
         r"learning_rate .*got 2",
     ),
     (lambda: QLearning(epsilon=1.1), r"epsilon must lie in \[0, 1\]: got 1.1"),
+    (lambda: QLearning(epsilon=-0.1), r"epsilon .*got -0.1"),
     (lambda: QLearning(inverse_temperature=-1), "inverse_temp.*got -1"),
     (lambda: QLearning(epsilon=0.1, inverse_temperature=2.0), "and inverse_temperature=2.0"),
     (lambda: QLearning(initial_value=INF), "finite: got inf"),
@@ -92,6 +95,7 @@ SETTINGS = [
     (lambda: rollout(LINE, 2 * UNIFORM), r"sum to 1: state 0 has \[0.5"),
     (lambda: cr.evaluate(LINE, NAN * UNIFORM), "sum to 1: state 0 has .nan"),
     (lambda: rollout(LINE, UNIFORM, start=2), "not terminal: got 2"),
+    (lambda: rollout(LINE, UNIFORM, start=-1), "got -1"),
     (lambda: rollout(LINE, UNIFORM, steps=0), "in steps must be a whole number, at least 1: got 0"),
     (lambda: rollout(NO_LIMIT, UNIFORM), "limit .*got None"),
 ]
