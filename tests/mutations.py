@@ -138,7 +138,7 @@ MUTATIONS = [
     ),
     Mutation(
         "free steps saved are charged in the report",
-        "report/findings.py",
+        "report/sections.py",
         "strong=measure not in WEAK",
         "strong=True",
         ("tests/unit/report/test_findings.py",),

@@ -10,4 +10,5 @@ def test_it_can_be_made(mutation):
     text = (ROOT / PACKAGE / mutation.file).read_text("utf-8")
     assert mutation.applied(text) != text
     for test in mutation.tests:
-        assert (ROOT / test.partition("::")[0]).exists()
+        file, _, name = test.partition("::")
+        assert f"def {name.partition('[')[0]}" in (ROOT / file).read_text("utf-8")

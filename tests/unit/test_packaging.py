@@ -37,4 +37,5 @@ def test_the_citation_is_of_this_version():
 
 def test_the_changelog_has_the_version():
     changes = (ROOT / "CHANGELOG.md").read_text("utf-8")
-    assert f"## [{curricle.__version__}]" in changes
+    heading = "Unreleased" if ".dev" in curricle.__version__ else curricle.__version__
+    assert f"## [{heading}]" in changes

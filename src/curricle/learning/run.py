@@ -195,12 +195,10 @@ class Run:
         )
 
     def _train_optimistically(self, seed: _Seed, learner: OptimisticQLearning) -> Outcome:
-        assert seed.visits is not None
         assert learner.value_range is not None
         lowest, highest = learner.value_range
         q = self._filled(seed.initial, seed.out)
-        above = np.where(seed.visits == 0, highest - lowest, 0.0)
-        optimistic = np.add(q, above, casting="same_kind", dtype=q.dtype)
+        optimistic = np.add(q, highest - lowest, dtype=q.dtype)
         if self.task.terminal is not None:
             optimistic[self.task.terminal] = 0.0
         tables = (

@@ -164,8 +164,8 @@ def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of a :class:`LearningResult` by name.
 
     ``values`` are there if they were saved, or for each seed k the ``states_k`` and ``values_k`` of
-    its sparse table, or the parameters of its network, ``values_k/name``; ``visits`` if they were
-    counted; ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
+    its sparse table, or the parameters of its network, ``values_k/name``;
+    ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
 
     Examples
     --------
@@ -176,8 +176,6 @@ def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
     found = {name: getattr(result, name) for name in PLAIN}
     found["seeds"] = np.array(result.seeds, dtype=np.int64)
     found |= arrays_of_values(result.values)
-    if result.visits is not None:
-        found["visits"] = result.visits
     if result.snapshots is not None:
         found["snapshot_steps"] = result.snapshots.steps
         found["snapshot_values"] = result.snapshots.values
@@ -210,7 +208,6 @@ def fields_of(arrays: Arrays) -> dict[str, Any]:
     return {
         "seeds": seeds,
         "values": all_values_of(arrays, len(seeds)),
-        "visits": frozen(arrays["visits"]) if "visits" in arrays else None,
         "snapshots": snapshots,
         **{name: frozen(arrays[name]) for name in PLAIN},
     }
@@ -290,18 +287,16 @@ def check_result_arrays(
 
 
 def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | None) -> None:
-    """Raise ValueError unless the values and visits among arrays are those of so many seeds.
+    """Raise ValueError unless the values among arrays are those of so many seeds.
 
     `pairs` are the states and actions of their task, None where that is not known; compiled loops
     read tables without looking whether a state lies in them.
     """
-    for name, axes, kinds in (("values", 3, FLOATS), ("visits", 4, ("int64",))):
-        found = arrays.get(name)
-        if found is None:
-            continue
+    found = arrays.get("values")
+    if found is not None:
         fits = pairs is None or found.shape[-2:] == pairs
-        if found.dtype not in kinds or found.ndim != axes or len(found) != n_seeds or not fits:
-            raise ValueError(f"{name} must be a table for each seed ({n_seeds}), {_size(pairs)}")
+        if found.dtype not in FLOATS or found.ndim != 3 or len(found) != n_seeds or not fits:
+            raise ValueError(f"values must be a table for each seed ({n_seeds}), {_size(pairs)}")
     for k in range(n_seeds if "states_0" in arrays else 0):
         states, values = (arrays.get(f"{name}_{k}") for name in ("states", "values"))
         if states is None or values is None or states.ndim != 1 or values.ndim != 2:

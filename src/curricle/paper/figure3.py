@@ -22,8 +22,7 @@ from curricle.paper.settings import (
     whiskers,
 )
 from curricle.planning import rollout
-from curricle.plotting import COLOURS, new_figure
-from curricle.plotting.grids import draw_potential
+from curricle.plotting import COLOURS, draw_potential, new_figure
 from curricle.statistics import time_to_threshold
 from curricle.text_tables import counted
 
