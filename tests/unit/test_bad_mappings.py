@@ -17,7 +17,7 @@ from curricle import (
     same_position,
 )
 from curricle.errors import CurriculumError, MappingError, PotentialError, TaskError
-from curricle.transfer import StateActionMapping, compose, identity
+from curricle.transfer import StateActionMapping, compose, identity, relative_objects
 from tests.refusals import check_refusal
 
 NAN, INF = float("nan"), float("inf")
@@ -50,6 +50,7 @@ MAPPINGS = [
     (lambda: identity(LINE).read(np.ones((4, 3))), r"\(3, 4\): got \(4, 3\)"),
     (lambda: Transfer("chase", "hunt", FIRST).potential(np.ones((3, 3))), r"5\): got \(3, 3\)"),
     (lambda: same_position(LINE, CHASE), "GridWorld: the source is Pursuit"),
+    (lambda: relative_objects(CHASE, LINE), "GridWorld: the target is Pursuit"),
     (lambda: project(HUNT, CHASE), "must be read .*prey, predator_1, predator_2.*got 'predator'"),
     (lambda: project(HUNT, CHASE, predator="wolf"), r"predator_1, predator_2\): got 'wolf'"),
     (lambda: project(HUNT, CHASE, wolf="prey"), "of the source, predator, prey: got 'wolf'"),
@@ -69,10 +70,13 @@ MAPPINGS = [
 CURRICULA = [
     (lambda: Curriculum({}), "at least one task"),
     (lambda: curriculum(transfers=[Transfer("x", "hunt", FIRST)]), "one of chase, hunt: got 'x'"),
+    (lambda: curriculum(transfers=[Transfer("chase", "x", FIRST)]), "of chase, hunt: got 'x'"),
     (lambda: curriculum(transfers=[Transfer("hunt", "chase", FIRST)]), "'hunt' in hunt -> chase"),
+    (lambda: around("a"), "no cycle: a -> a"),
     (lambda: around("a", "b", "c"), "cycle: (a -> b -> c -> a|b -> c -> a -> b|c -> a -> b -> c)$"),
     (lambda: curriculum(budget={"x": 9}), "budget .*chase, hunt: got 'x'"),
     (lambda: Transfer("chase", "hunt", FIRST, scale=NAN), "chase -> hunt must be finite: got nan"),
+    (lambda: Transfer("chase", "hunt", FIRST, shift=INF), "chase -> hunt must be finite: got inf"),
     (lambda: curriculum().train(trained={"x": learn(CHASE, budget=9)}), "of the curriculum: 'x'"),
     (lambda: curriculum().train(trained={"hunt": learn(CHASE, budget=9)}), "'hunt' does not"),
     (

@@ -17,6 +17,7 @@ from curricle import (
     solve,
 )
 from curricle.errors import PotentialError, SettingError
+from curricle.learning.schedules import constant
 from curricle.planning import rollout
 from tests.refusals import check_refusal
 
@@ -64,8 +65,11 @@ SETTINGS = [
     (lambda: QLearning(inverse_temperature=-1), "inverse_temp.*got -1"),
     (lambda: QLearning(epsilon=0.1, inverse_temperature=2.0), "and inverse_temperature=2.0"),
     (lambda: QLearning(initial_value=INF), "finite: got inf"),
+    (lambda: constant(NAN), "finite: got nan"),
     (lambda: cr.learning.linear(1, 0, steps=0), "steps must be positive: got 0"),
+    (lambda: cr.learning.linear(1, INF, steps=9), "last must be finite: got inf"),
     (lambda: cr.learning.exponential(1, half_life=-1), "half_life must be positive: got -1"),
+    (lambda: cr.learning.harmonic(half=0), "half must be positive: got 0"),
     (lambda: ask(shaping=PHI), "shaping must be a Shaping, .* got StateActionPot"),
     (lambda: ask(shaping=cr.LookBackAdvice(PHI)), "on-policy SARSA .*got QLearning"),
     (
@@ -109,6 +113,7 @@ POTENTIALS = [
     ),
     (lambda: StatePotential(LINE, [0, -INF, 0]), r"Phi .*entry \(1,\) is -inf"),
     (lambda: StatePotential(LINE, np.ones((2, 3))), r"2 potentials: got \[0\]"),
+    (lambda: StatePotential(LINE, np.ones(3), frame_steps=[1]), r"from 0.*got \[1\]"),
     (lambda: StatePotential(LINE, np.ones((3, 3)), frame_steps=[0, 5, 5]), r"0.*got \[0, 5, 5\]"),
 ]
 

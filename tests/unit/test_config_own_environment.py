@@ -126,6 +126,7 @@ MISTAKES = [
     ('factory = "own:Room", ', "", "tasks.room must have id or factory: got neither"),
     ("own:Room", "owm:Room", "owm is neither beside the study file nor on Python's"),
     ("own:Room", "own:Rom", "own has no Rom to call, did you mean 'Room'?"),
+    ("own:Room", "own:Wall", "own has no Wall to call: it has Room, "),
     ("own:Room", "Room", "factory must name a function as module:function: got"),
     ("time_limit", "arguments = { sise = 3 }, time_limit", "own:Room failed: TypeError:"),
     ("time_limit", "arguments = 3, time_limit", "arguments must be a table: got 3"),
