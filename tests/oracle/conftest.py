@@ -11,16 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from curricle import (
-    DecayingAdvice,
-    LookAheadAdvice,
-    LookBackAdvice,
-    QInitialisation,
-    RewardBonus,
-    StateActionPotential,
-    StatePotential,
-    StateShaping,
-)
+import curricle as cr
 from curricle.learning.schedules import schedule
 from curricle.tasks.draws import stream_start
 from tests import tasks
@@ -164,7 +155,7 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
     kind, rates = type(learner).__name__, schedule(learner.learning_rate)
     potential = None if shaping is None else shaping.potential
     phi = None if potential is None else potential.values.tolist()
-    starts_at_phi = not literal and isinstance(shaping, QInitialisation | LookAheadAdvice)
+    starts_at_phi = not literal and isinstance(shaping, cr.QInitialisation | cr.LookAheadAdvice)
     start = stream_start(seed, stream)
     draw = random_bits(start)
     tables = [
@@ -186,7 +177,7 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
         row = list(tables[0][state])
         if len(tables) == 2:
             row = [0.5 * (x + y) for x, y in zip(row, tables[1][state], strict=True)]
-        if isinstance(shaping, DecayingAdvice) or literal:
+        if isinstance(shaping, cr.DecayingAdvice) or literal:
             weight = 1.0 if literal else value_of(shaping.weight, step)
             row = [x + weight * y for x, y in zip(row, phi[state], strict=True)]
         return row
@@ -215,15 +206,15 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
         length += 1
         ended = terminal[after]
 
-        if isinstance(shaping, StateShaping):
+        if isinstance(shaping, cr.StateShaping):
             there = 0.0 if ended else frame_at(after, step + 1)
             reward += gamma * there - frame_at(state, step)
-        elif isinstance(shaping, LookBackAdvice):
+        elif isinstance(shaping, cr.LookBackAdvice):
             # The end's own term, gamma (0 - phi(s, a) / gamma), takes this step's phi(s, a) off.
             here = phi[state][action]
             reward += (0.0 if ended else here) - before / gamma
             before = here
-        elif isinstance(shaping, RewardBonus):
+        elif isinstance(shaping, cr.RewardBonus):
             reward += phi[state][action]
 
         coin = next(draw) if len(tables) == 2 else 0
@@ -266,7 +257,7 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
             returns = []
 
     values = np.mean(tables, axis=0)
-    if isinstance(shaping, StateShaping):
+    if isinstance(shaping, cr.StateShaping):
         values += np.array([frame_at(s, step) for s in range(n_states)])[:, None]
     elif literal:
         values += potential.values
@@ -296,9 +287,9 @@ def random_shaping():
     def make(task, kind, seed=0, **extra):
         rng = np.random.default_rng([seed, 1])
         n_states, n_actions = task.mdp.outcome_row.shape
-        if kind is StateShaping:
+        if kind is cr.StateShaping:
             frames = len(extra.get("frame_steps", (0,)))
-            return kind(StatePotential(task, rng.normal(size=(frames, n_states)), **extra))
-        return kind(StateActionPotential(task, rng.normal(size=(n_states, n_actions))), **extra)
+            return kind(cr.StatePotential(task, rng.normal(size=(frames, n_states)), **extra))
+        return kind(cr.StateActionPotential(task, rng.normal(size=(n_states, n_actions))), **extra)
 
     return make

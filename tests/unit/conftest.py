@@ -10,6 +10,7 @@ from curricle.cli.app import main
 from curricle.study import read_study, run_study
 from tests.comparisons import calls  # noqa: F401  a fixture
 from tests.sent_folders import sent, sent_folder  # noqa: F401  fixtures
+from tests.studies import complaints_of, reader
 
 # The crop is a part of the target, the middle task has a source and is one, the stopping rule ends
 # each seed at its own step, and one arm pays for a calibration.
@@ -78,6 +79,19 @@ def curricle(monkeypatch, capfd, tmp_path):
         return ended.value.code or 0, told.out, told.err
 
     return run
+
+
+@pytest.fixture
+def read(tmp_path):
+    """A function: text, what is set, name -> the study that a file of it describes."""
+    return reader(tmp_path)
+
+
+@pytest.fixture
+def complaints(tmp_path, monkeypatch):
+    """A function: text, changes, what is set -> the sentences about it, at reading or building."""
+    monkeypatch.chdir(tmp_path)
+    return complaints_of
 
 
 @pytest.fixture(scope="session")

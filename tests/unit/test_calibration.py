@@ -7,7 +7,6 @@ import curricle as cr
 from curricle.learning.potential_rollouts import greedy_rollouts, greedy_start
 from curricle.learning.record import WarmUp
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.transfer import calibration
 from curricle.transfer.calibration import fit_calibration
 from curricle.transfer.edges import Calibrate
 from curricle.transfer.potentials import mapped_potential
@@ -63,12 +62,6 @@ def test_a_mapped_potential_has_the_rollouts_of_its_array(aggregate):
         assert greedy_start(lazy, evaluation) == greedy_start(array, evaluation)
 
 
-def test_the_greedy_start_is_the_first_checkpoint_of_learning():
-    phi = mapped()
-    first = cr.learn(HUNT, budget=1, shaping=cr.QInitialisation(phi)).greedy_return[0, 0]
-    assert greedy_start(phi, GreedyEvaluation()) == first
-
-
 @pytest.mark.parametrize("factor", [0.1, 1.0, 3.0])
 def test_a_scaled_optimum_is_scaled_back(factor):
     found = cr.calibrate(optimum(LINE).rescaled(1 / factor), episodes=5)
@@ -101,18 +94,6 @@ def test_an_endless_loop_has_its_long_run_cost():
     assert found.scale == pytest.approx(4.0)
 
 
-def test_equal_seeds_agree_and_different_ones_differ():
-    one, same, other = (cr.calibrate(mapped(), seed=seed) for seed in (1, 1, 2))
-    assert one.scale == same.scale != other.scale
-
-
-def test_a_calibration_prints_what_it_did():
-    assert str(cr.calibrate(mapped())) == (
-        "scale 1.37 fitted on 200 greedy episodes (830 steps, 200 ended): mean phi -1.68, "
-        "mean return to go -2.31"
-    )
-
-
 # -- refusals ------------------------------------------------------------------------------------
 
 
@@ -135,19 +116,6 @@ def test_a_potential_that_reaches_nothing_is_refused_early():
         "200 steps had the reward -1"
     )
     assert found.episodes == 20
-
-
-def test_no_episode_is_rolled_out_twice_where_the_first_ones_are_all(monkeypatch):
-    asked = list[int]()
-
-    def recorded(potential, *, episodes, **stream):
-        asked.append(episodes)
-        return greedy_rollouts(potential, episodes=episodes, **stream)
-
-    monkeypatch.setattr(calibration, "greedy_rollouts", recorded)
-    for episodes in (5, 20, 21):
-        cr.calibrate(optimum(LINE), episodes=episodes)
-    assert asked == [5, 20, 20, 21]
 
 
 def test_a_potential_of_zeros_is_refused():
@@ -176,19 +144,6 @@ def test_values_far_above_those_of_the_rollouts_are_not_raised():
     assert "that its episodes did not come near: a factor of 4" in found.refusal
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"episodes": 0}, "episodes of a calibration must be a whole number, at least 1: got 0"),
-        ({"max_steps": 0}, "max_steps of a calibration must be a whole number, at least 1: got 0"),
-    ],
-)
-def test_settings_out_of_range(settings, message):
-    with pytest.raises(cr.errors.SettingError) as caught:
-        Calibrate(**settings)
-    assert str(caught.value) == message
-
-
 def test_a_state_potential_cannot_be_calibrated():
     with pytest.raises(cr.errors.PotentialError, match="must be a StateActionPotential"):
         cr.calibrate(optimum(LINE).to_state())
@@ -198,15 +153,6 @@ def test_episodes_without_a_near_end_are_refused():
     long = cr.GridWorld("S..T", time_limit=1_000_000)
     with pytest.raises(cr.errors.SettingError, match=r"must not exceed 50,000,000 steps in all"):
         cr.calibrate(optimum(long))
-
-
-@pytest.mark.parametrize("aggregate", [cr.minimum, cr.mean, cr.maximum, cr.total])
-def test_rescaling_a_mapped_potential_is_rescaling_its_array(aggregate):
-    lazy = mapped(aggregate)
-    array = cr.StateActionPotential(HUNT, lazy.values)
-    for factor, shift in ((2.7, -0.75), (-1.0, 0.3)):
-        one, other = lazy.rescaled(factor, shift), array.rescaled(factor, shift)
-        np.testing.assert_array_equal(one.values, other.values)
 
 
 @pytest.mark.parametrize("bad", ["x", {"x": 1}, None, float("nan"), 1e400])
@@ -295,18 +241,6 @@ def test_a_refused_seed_is_learnt_uncalibrated_with_a_warning():
     with pytest.warns(UserWarning, match="2 of 2 seeds of 'hunt' take their potential as it is"):
         result = plan.train(seeds=2)
     assert all(found.refusal for found in result.calibrations["hunt"])
-
-
-def test_transfers_into_a_task_must_agree_on_calibration():
-    with pytest.raises(cr.errors.CurriculumError) as caught:
-        cr.Curriculum(
-            tasks={"chase": CHASE, "hunt": HUNT},
-            transfers=[EDGES[0], cr.Transfer("chase", "hunt", EDGES[1].mapping, calibrate=True)],
-        )
-    assert str(caught.value) == (
-        "all transfers into a task are calibrated together and must agree on it: those into "
-        "'hunt' do not"
-    )
 
 
 def test_calibrate_of_a_transfer_is_a_bool_or_settings():

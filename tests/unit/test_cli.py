@@ -17,12 +17,6 @@ def curricle(*arguments, cwd):
     )
 
 
-def test_help_names_the_commands(tmp_path):
-    done = curricle("--help", cwd=tmp_path)
-    assert done.returncode == 0
-    assert "paper" in done.stdout
-
-
 @pytest.mark.parametrize("command", [one.callback.__name__ for one in app.registered_commands])
 def test_nothing_is_cut_in_the_help_at_80_columns(command):
     shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80"}).stdout

@@ -1,7 +1,5 @@
 """The measures, rows and table of a comparison, worked out by hand."""
 
-import csv
-import io
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +8,11 @@ import pytest
 import curricle as cr
 from curricle import compare
 from curricle.comparison import Arm, Comparison
-from curricle.errors import CurriculumError
+from curricle.comparison.comparison import MEASURES
 from curricle.statistics import Curve
 from curricle.statistics.curves import charge_source
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test
-from tests.comparisons import ALL, HERE, corner
+from tests.comparisons import HERE, corner
 
 STEPS = np.array([0, 10, 20, 30, 40])
 
@@ -155,15 +153,7 @@ def test_rows_are_a_table():
     assert {row["seeds"] for row in rows} == {2}
     for row in (helped, misled):
         contrast = BY_HAND.contrasts[row["arm"]]
-        for measure in (
-            "jumpstart",
-            "weak_steps_saved",
-            "strong_steps_saved",
-            "weak_gain",
-            "strong_gain",
-            "asymptotic_gain",
-            "probability_of_improvement",
-        ):
+        for measure in MEASURES:
             interval = getattr(contrast, measure)
             found = row[measure], row[f"{measure}_low"], row[f"{measure}_high"]
             np.testing.assert_equal(found, (interval.estimate, interval.low, interval.high))
@@ -176,52 +166,3 @@ def test_rows_are_a_table():
     assert (misled["strongest_control"], scratch["beats_controls"]) == ("", "")
     assert scratch["mean_return"] == 1.125
     assert scratch["verdict"] == ""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(scratch))
-    writer.writeheader()
-    writer.writerows(rows)
-    assert len(text.getvalue().splitlines()) == 4
-
-
-def test_a_comparison_prints_as_a_table():
-    lines = str(BY_HAND).split("\n")
-    assert lines[0] == "'maze' in 40 steps, sources charged, evaluations free; 2 seeds; threshold 2"
-    assert [line.split()[0] for line in lines[2:5]] == ["scratch", "helped", "misled"]
-    assert lines[5].startswith("helped gains more than its misled: too few seeds for a verdict (2")
-    assert lines[2].split(maxsplit=2)[1:] == ["30", "1.12"]
-    assert lines[3].endswith("3.25  too few seeds for a verdict (2; 6 or more)")
-    assert "> 35 (1 never)" in lines[4]
-    headings = (
-        "steps to threshold",
-        "mean return (IQM)",
-        "strong gain",
-        "weak gain",
-        "verdict",
-    )
-    for column in headings:
-        assert column in lines[1]
-    assert lines[1].index("strong gain") + 11 == lines[3].index("0.875") + 5  # right-aligned
-
-
-def test_a_line_for_each_arm():
-    found = compare({"one": corner(), "two": corner()}, seeds=2, controls=ALL)
-    lines = str(found).split("\n")
-    assert len(lines) == 2 + len(found.arms) + 2
-    for name, line in zip(found.arms, lines[2:-2], strict=True):
-        assert line.startswith(name + "  ")
-    for name, line in zip(("one", "two"), lines[-2:], strict=True):
-        assert line.startswith(f"{name} gains more than each of its 6 controls: too few seeds")
-
-
-def test_an_unknown_arm():
-    with pytest.raises(CurriculumError) as caught:
-        BY_HAND["best"]
-    assert str(caught.value) == "an arm must be one of scratch, helped, misled: got 'best'"
-
-
-def test_columns_are_apart_however_long_their_numbers_are():
-    returns = np.array([[-18000.0], [-17000.0], [-19500.0]])
-    curves = {"scratch": returns, "mine": 2 * returns}
-    arms = {name: arm(np.repeat(each, 5, axis=1)) for name, each in curves.items()}
-    row = str(Comparison("maze", arms, 40, 40, 0.0, 1)).split("\n")[-1]
-    assert "[-42,585, -30,082]  -18,167 [-21,292, -15,041]  -18,167 [" in row

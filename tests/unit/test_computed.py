@@ -84,18 +84,6 @@ def test_compiled_functions_and_plain_ones_are_the_same():
     np.testing.assert_array_equal(one.greedy_return, other.greedy_return)
 
 
-def test_functions_share_their_code_among_data():
-    small, large = ring(5), ring(40)
-    assert cr.learn(small, budget=300).values.shape == (1, 5, 2)
-    assert cr.learn(large, budget=300).values.shape == (1, 40, 2)
-
-
-def test_seeds_of_a_computed_task_do_not_depend_on_workers():
-    one, two = (cr.learn(ring(), budget=3000, seeds=4, workers=n) for n in (1, 2))
-    np.testing.assert_array_equal(one.values, two.values)
-    np.testing.assert_array_equal(one.training_return, two.training_return)
-
-
 def test_a_computed_task_hands_on_what_it_learnt():
     small, large = ring(5), ring(9)
     edge = cr.Transfer("small", "large", cr.project(large, small, unmapped_value=-3.0))

@@ -7,27 +7,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from curricle import (
-    SARSA,
-    Curriculum,
-    DecayingAdvice,
-    DoubleQLearning,
-    Episodes,
-    GreedyEvaluation,
-    GridWorld,
-    Guard,
-    LookAheadAdvice,
-    Pursuit,
-    QInitialisation,
-    QLearning,
-    Rewards,
-    StateShaping,
-    StoppingRule,
-    Storage,
-    Transfer,
-    minimum,
-    project,
-)
+import curricle as cr
 from curricle.checks import number
 from curricle.curriculum.defaults import SETTINGS
 from curricle.errors import SettingError
@@ -43,12 +23,7 @@ from curricle.learning.shaping import Shaping
 from curricle.study.config import settings, tasks
 from curricle.study.config.tables import table_of
 from curricle.transfer import Calibrate, aggregation
-from tests.studies import HUNT, MAZE, only, reader
-
-
-@pytest.fixture
-def read(tmp_path):
-    return reader(tmp_path)
+from tests.studies import HUNT, MAZE, only
 
 
 @dataclass(frozen=True)
@@ -89,14 +64,14 @@ def test_a_new_class_is_in_toml_without_a_second_declaration():
 @pytest.mark.parametrize(
     ("table", "made"),
     [
-        (settings.LEARNERS[0], QLearning()),
-        (settings.EvaluationTable, GreedyEvaluation()),
-        (settings.StorageTable, Storage()),
-        (settings.SHAPINGS[0], QInitialisation()),
-        (table_of(Guard), Guard()),
+        (settings.LEARNERS[0], cr.QLearning()),
+        (settings.EvaluationTable, cr.GreedyEvaluation()),
+        (settings.StorageTable, cr.Storage()),
+        (settings.SHAPINGS[0], cr.QInitialisation()),
+        (table_of(cr.Guard), cr.Guard()),
         (table_of(harmonic), harmonic()),
         (table_of(Calibrate), Calibrate()),
-        (tasks.PursuitTask, Pursuit()),
+        (tasks.PursuitTask, cr.Pursuit()),
     ],
 )
 def test_defaults_are_those_of_what_is_built(table, made):
@@ -108,9 +83,9 @@ def test_settings_and_transfers_are_those_of_a_curriculum(tmp_path):
     defaults = settings.Settings()
     for which, value in SETTINGS.items():
         assert defaults.setting(which, tmp_path) == value
-    given = set(inspect.signature(Transfer).parameters) - {"mapping"}
+    given = set(inspect.signature(cr.Transfer).parameters) - {"mapping"}
     assert given == set(settings.TransferTable.parameters)
-    assert set(inspect.signature(GridWorld.crop).parameters) - {"self"} == (
+    assert set(inspect.signature(cr.GridWorld.crop).parameters) - {"self"} == (
         tasks.CropTask.model_fields.keys()
         - settings.Settings.model_fields.keys()
         - {"type", "of", "start_states"}
@@ -135,17 +110,24 @@ def test_choices_are_those_of_the_library():
 @pytest.mark.parametrize(
     ("table", "made"),
     [
-        ("size = 5\npredators = 3", Pursuit(5, 3)),
         (
-            "moves = 4\ntorus = true\ncapture = 'any'",
-            Pursuit(moves=4, torus=True, capture="any"),
+            "size = 5\npredators = 3\nmoves = 4\ntorus = true\ncapture = 'any'\n"
+            "step_reward = -2\ncapture_reward = 5\ndiscount = 1",
+            cr.Pursuit(
+                5,
+                3,
+                moves=4,
+                torus=True,
+                capture="any",
+                step_reward=-2,
+                capture_reward=5,
+                discount=1,
+            ),
         ),
-        ("capture = 2\nstep_reward = -2", Pursuit(capture=2, step_reward=-2)),
-        ("capture_reward = 5\ndiscount = 1", Pursuit(capture_reward=5, discount=1)),
-        ("time_limit = 'none'", Pursuit(time_limit=None)),
+        ("capture = 2\ntime_limit = 'none'", cr.Pursuit(capture=2, time_limit=None)),
         (
             "size = 2\nmoves = 4\nprey = [[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]",
-            Pursuit(2, moves=4, prey=[[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]),
+            cr.Pursuit(2, moves=4, prey=[[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]),
         ),
     ],
 )
@@ -171,9 +153,9 @@ def test_a_maze_is_the_one_described(read):
         time_limit = 50
         """
     )
-    assert only(study).tasks["maze"] == GridWorld(
+    assert only(study).tasks["maze"] == cr.GridWorld(
         ["S.F", ".PT"],
-        rewards=Rewards(step=-5, pit=-100),
+        rewards=cr.Rewards(step=-5, pit=-100),
         combine="worst",
         ends=("treasure",),
         start=[(4, 4), (3, 4)],
@@ -194,11 +176,8 @@ def test_a_crop_is_a_part_of_another_task_and_of_a_part(read):
         rows = [0, 2]
         columns = [3, 5]
         start = [[1, 4]]
-        [tasks.right]
-        type = "crop"
-        of = "maze"
-        rows = [0, 3]
-        columns = [2, 5]
+        [tasks]
+        right = { type = "crop", of = "maze", rows = [0, 3], columns = [2, 5] }
         [[transfers]]
         source = "corner"
         target = "right"
@@ -210,7 +189,7 @@ def test_a_crop_is_a_part_of_another_task_and_of_a_part(read):
         """
     )
     made = only(study).tasks
-    maze = GridWorld(["....T", ".PPP.", "S...."])
+    maze = cr.GridWorld(["....T", ".PPP.", "S...."])
     right = maze.crop(rows=(0, 3), columns=(2, 5))
     assert made == {
         "maze": maze,
@@ -228,16 +207,16 @@ def test_a_maze_that_only_lends_its_drawing_is_not_learnt(read):
 @pytest.mark.parametrize(
     ("table", "made"),
     [
-        ("type = 'SARSA'\nepsilon = 0.3", SARSA(epsilon=0.3)),
+        ("type = 'SARSA'\nepsilon = 0.3", cr.SARSA(epsilon=0.3)),
         (
             "learning_rate = { type = 'harmonic' }\n"
             "epsilon = { type = 'linear', first = 1, last = 0.1, steps = 1e3 }",
-            QLearning(learning_rate=harmonic(), epsilon=linear(1, 0.1, steps=1000)),
+            cr.QLearning(learning_rate=harmonic(), epsilon=linear(1, 0.1, steps=1000)),
         ),
         (
             "type = 'DoubleQLearning'\n"
             "epsilon = { type = 'exponential', first = 1, half_life = 9.5 }",
-            DoubleQLearning(epsilon=exponential(1, half_life=9.5)),
+            cr.DoubleQLearning(epsilon=exponential(1, half_life=9.5)),
         ),
         (
             "type = 'OptimisticQLearning'\nvalue_range = [-3, 2.5]\nlearning_rate = 0.5",
@@ -269,21 +248,23 @@ def test_settings_are_those_described(read):
         set=["tasks.chase.budget={episodes = 8}", "tasks.hunt.eval_freq=50"],
     )
     curriculum = only(study)
-    assert curriculum.setting("shaping", "hunt") == LookAheadAdvice(guard=Guard(share_behind=0.2))
-    assert curriculum.setting("evaluation", "hunt") == GreedyEvaluation("rollouts", 7, False)
-    assert curriculum.setting("storage", "hunt") == Storage("dense", "float32", "1 GiB")
-    assert curriculum.setting("budget", "chase") == Episodes(8)
+    assert curriculum.setting("shaping", "hunt") == cr.LookAheadAdvice(
+        guard=cr.Guard(share_behind=0.2)
+    )
+    assert curriculum.setting("evaluation", "hunt") == cr.GreedyEvaluation("rollouts", 7, False)
+    assert curriculum.setting("storage", "hunt") == cr.Storage("dense", "float32", "1 GiB")
+    assert curriculum.setting("budget", "chase") == cr.Episodes(8)
     assert curriculum.setting("eval_freq", "hunt") == 50
 
 
 @pytest.mark.parametrize(
     ("said", "made"),
     [
-        ("'StateShaping'", StateShaping()),
-        ("{ guard = true }", QInitialisation(guard=Guard())),
+        ("'StateShaping'", cr.StateShaping()),
+        ("{ guard = true }", cr.QInitialisation(guard=cr.Guard())),
         (
             "{ type = 'DecayingAdvice', weight = { type = 'harmonic', half = 9 } }",
-            DecayingAdvice(weight=harmonic(half=9)),
+            cr.DecayingAdvice(weight=harmonic(half=9)),
         ),
     ],
 )
@@ -295,7 +276,7 @@ def test_an_arm_guards_the_shaping_of_the_study(read):
     arms = "[arms.plain]\n[arms.guarded]\nshaping.guard = true\n"
     study = read(HUNT.replace("[learner]", "shaping = 'LookAheadAdvice'\n[learner]") + arms)
     made = [study.curriculum(arm).setting("shaping", "hunt") for arm in ("plain", "guarded")]
-    assert made == [LookAheadAdvice(), LookAheadAdvice(guard=Guard())]
+    assert made == [cr.LookAheadAdvice(), cr.LookAheadAdvice(guard=cr.Guard())]
 
 
 def test_stopping_rules_are_those_described(read):
@@ -306,7 +287,7 @@ def test_stopping_rules_are_those_described(read):
             "tasks.chase.budget.when=all",
         ],
     )
-    assert only(study).setting("budget", "chase") == StoppingRule(
+    assert only(study).setting("budget", "chase") == cr.StoppingRule(
         5000, min_steps=10, threshold=-3.5, when="all"
     )
 
@@ -322,15 +303,15 @@ def test_calibration_may_be_a_flag(read, said, made):
 
 def test_what_is_built_learns_as_what_is_written_by_hand(read):
     study = read(HUNT)
-    hunt, chase = Pursuit(3, 2), Pursuit(3, 1)
-    by_hand = Curriculum(
+    hunt, chase = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
+    by_hand = cr.Curriculum(
         tasks={"chase": chase, "hunt": hunt},
         transfers=[
-            Transfer("chase", "hunt", project(hunt, chase, predator=name), scale=2)
+            cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name), scale=2)
             for name in hunt.predator_names
         ],
-        aggregate=minimum,
-        learner=QLearning(learning_rate=0.2, epsilon=0.1),
+        aggregate=cr.minimum,
+        learner=cr.QLearning(learning_rate=0.2, epsilon=0.1),
         budget={"chase": 2_000, "hunt": 4_000},
     )
     assert study.seeds == (0, 1, 2, 3)

@@ -6,7 +6,6 @@ import curricle as cr
 from curricle.errors import ConfigError
 from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
 from curricle.study import StudyConfig
-from curricle.study.config.study_config import json_schema
 from tests.studies import reader
 
 pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
@@ -98,11 +97,7 @@ def test_tables_are_encoded_too(read):
 @pytest.mark.parametrize(
     ("encode", "sentence"),
     [
-        (
-            "'MiniGridVew'",
-            "line 7: tasks.level.encode must be one of MiniGridView, MiniGridFullView, FlatDict, "
-            "StackedFrames: got 'MiniGridVew', did you mean 'MiniGridView'?",
-        ),
+        ("'MiniGridVew'", "line 7: tasks.level.encode must be one of MiniGridView"),
         ("'MiniGridFullView'", "must be a table, as MiniGridFullView needs width and height"),
         ("{ type = 'MiniGridView', pictur = 1 }", "encode.pictur is unknown, did you mean"),
         ("{ type = 'MiniGridFullView', width = 4, height = 9 }", "must fit into its encoder's 4 x"),
@@ -118,8 +113,3 @@ def test_a_mistake_is_one_sentence_with_its_place(complaint, encode, sentence):
 def test_what_a_network_cannot_take_is_told_when_the_file_is_checked(read):
     with pytest.raises(ConfigError, match=r"'mission' is MissionSpace.*MiniGridView"):
         _ = read("", STUDY.replace("encode = ENCODE", "")).curricula
-
-
-def test_the_schema_knows_them():
-    names = {"MiniGridView", "MiniGridFullView", "FlatDict", "StackedFrames"}
-    assert names <= json_schema()["$defs"].keys()

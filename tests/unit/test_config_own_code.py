@@ -1,26 +1,16 @@
 """Study files: functions of the user's own, mappings, and Gymnasium's environments."""
 
 import json
+import subprocess
 import sys
 
 import numpy as np
 import pytest
 
-from curricle import (
-    GridWorld,
-    Rewards,
-    minimum,
-    same_position,
-)
+import curricle as cr
 from curricle.study import StudyConfig
 from curricle.study.config.tables import load
-from tests.studies import MAZE, only, reader
-
-
-@pytest.fixture
-def read(tmp_path):
-    return reader(tmp_path)
-
+from tests.studies import MAZE, only
 
 # Functions of the user's own.
 
@@ -47,13 +37,9 @@ def same(target, source):
 LINES = """
 name = "lines"
 aggregate = "own:second"
-[tasks.short]
-type = "factory"
-factory = "own:line"
-arguments = { length = 4, treasure = 3 }
-[tasks.long]
-type = "factory"
-factory = "own:line"
+[tasks]
+short = { type = "factory", factory = "own:line", arguments = { length = 4, treasure = 3 } }
+long = { type = "factory", factory = "own:line" }
 [[transfers]]
 source = "short"
 target = "long"
@@ -82,8 +68,8 @@ def test_functions_are_found_beside_the_file(read, own):
     before = list(sys.path)
     curriculum = only(read(LINES))
     assert sys.path == before
-    assert curriculum.tasks["short"] == GridWorld("S..T", rewards=Rewards(treasure=3))
-    assert curriculum.tasks["long"] == GridWorld("S......T")
+    assert curriculum.tasks["short"] == cr.GridWorld("S..T", rewards=cr.Rewards(treasure=3))
+    assert curriculum.tasks["long"] == cr.GridWorld("S......T")
     half, same = (transfer.mapping for transfer in curriculum.transfers)
     assert half.unmapped_value == -7
     assert half.index[:, 0].tolist() == [0, 0, 4, 4, 8, 8, -2, -2]
@@ -99,10 +85,6 @@ def test_modules_of_one_name_in_two_folders_stay_apart(read, own):
     assert "own" not in sys.modules
     again = StudyConfig.from_data(one.to_data(), other.folder)
     assert only(again).tasks["long"].states.size == 6
-
-
-def test_functions_are_found_on_the_path_too(tmp_path):
-    assert load("curricle.transfer.aggregation:minimum", tmp_path) is minimum
 
 
 def test_a_module_beside_the_file_comes_first(tmp_path):
@@ -121,25 +103,46 @@ def test_a_prey_may_be_a_function(read, own):
 def test_other_mappings(read):
     words = MAZE + "[tasks.near]\ntype='crop'\nof='maze'\nrows=[0,3]\ncolumns=[0,5]\nstart='map'\n"
     edge = "[[transfers]]\nsource='near'\ntarget='maze'\n"
-    maze = GridWorld(["....T", ".PPP.", "S...."])
+    maze = cr.GridWorld(["....T", ".PPP.", "S...."])
     for name in ("identity", "same_position", "relative_objects"):
         curriculum = only(read(f"{words}{edge}mapping='{name}'"))
-        expected = same_position(maze, maze).index
+        expected = cr.same_position(maze, maze).index
         np.testing.assert_array_equal(curriculum.transfers[0].mapping.index, expected)
 
 
-# Gymnasium.
+# -- modules are named before they run -----------------------------------------------------------
 
-LAKE = """
-name = "lake"
-[tasks.lake]
-type = "gymnasium"
-id = "FrozenLake-v1"
-arguments = { map_name = "4x4", is_slippery = false }
-time_limit = 30
+
+RULES = """
+import sys
+print("RUNS", file=sys.stderr, flush=True)
+import curricle as cr
+
+def maze():
+    return cr.GridWorld("S.T")
+"""
+STUDY = """
+name = "own"
+budget = 100
+seeds = 1
+[tasks.maze]
+type = "factory"
+factory = "rules:maze"
 """
 
 
-def test_a_task_of_gymnasium_s(read):
-    made = only(read(LAKE)).tasks["lake"]
-    assert (made.states.size, made.actions.size) == (16, 4)
+@pytest.mark.parametrize("command", [["check"], ["run", "--dry-run"]])
+def test_a_module_is_named_before_it_runs(tmp_path, command):
+    (tmp_path / "rules.py").write_text(RULES)
+    (tmp_path / "own.toml").write_text(STUDY)
+    done = subprocess.run(
+        [sys.executable, "-m", "curricle", *command, "own.toml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    lines = done.stderr.splitlines()
+    named = lines.index("importing the study's module rules, beside the study file")
+    assert named < lines.index("RUNS")
+    assert lines.count("RUNS") == 1

@@ -66,12 +66,7 @@ def test_a_tabulated_environment_is_what_python_makes(folder):
     [
         ("long", "[0, 2]", "[]", "tasks.long is refused: seeds must be different, at least one"),
         ("long", "cache", "cahce", "tasks.long.cahce is unknown, did you mean 'cache'?"),
-        (
-            "short",
-            "cells = 3",
-            'cells = "a"',
-            "tasks.short is refused: own:corridor failed: ",
-        ),
+        ("short", "cells = 3", 'cells = "a"', "tasks.short is refused: own:corridor failed: "),
     ],
 )
 def test_mistakes_are_one_sentence(folder, name, old, new, sentence):

@@ -48,13 +48,9 @@ name = "carts"
 [learner]
 type = "deep"
 algorithm = "PPO"
-[tasks.small]
-type = "distilled"
-members = ["FrozenLake-v1"]
-[tasks.large]
-type = "observation_task"
-id = "FrozenLake-v1"
-shaping = "PolicyReuse"
+[tasks]
+small = { type = "distilled", members = ["FrozenLake-v1"] }
+large = { type = "observation_task", id = "FrozenLake-v1", shaping = "PolicyReuse" }
 [[transfers]]
 source = "small"
 target = "large"

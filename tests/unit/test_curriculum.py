@@ -4,28 +4,9 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import (
-    SARSA,
-    Curriculum,
-    Episodes,
-    GreedyEvaluation,
-    GridWorld,
-    Guard,
-    Pursuit,
-    QLearning,
-    StateActionPotential,
-    Transfer,
-    learn,
-    maximum,
-    mean,
-    minimum,
-    project,
-    same_position,
-    total,
-)
-from curricle.errors import CurriculumError, SettingError
+from curricle.errors import CurriculumError
 
-MAZE = GridWorld(["S...", "....", "...T"])
+MAZE = cr.GridWorld(["S...", "....", "...T"])
 TASKS = {
     "far": MAZE,
     "left": MAZE.crop(rows=(1, 3), columns=(0, 4)),
@@ -37,7 +18,7 @@ CHAIN = [("near", "left"), ("left", "far")]
 
 
 def edges(pairs, **settings):
-    return [Transfer(s, t, same_position(TASKS[t], TASKS[s], **settings)) for s, t in pairs]
+    return [cr.Transfer(s, t, cr.same_position(TASKS[t], TASKS[s], **settings)) for s, t in pairs]
 
 
 def one_each(kind, result, name):
@@ -48,7 +29,7 @@ def build(pairs, **settings):
     names = {name for pair in pairs for name in pair}
     tasks = {name: task for name, task in TASKS.items() if name in names}
     plain = {"budget": cr.StoppingRule(300), "shaping": cr.QInitialisation()}
-    return Curriculum(**{"tasks": tasks, "transfers": edges(pairs), **plain, **settings})
+    return cr.Curriculum(**{"tasks": tasks, "transfers": edges(pairs), **plain, **settings})
 
 
 def same(one, other):
@@ -77,19 +58,6 @@ def test_ancestors_are_the_tasks_trained_before():
     assert diamond.ancestors("far")[0] == "near"
 
 
-def test_transfers_are_found_by_their_target():
-    diamond = build(DIAMOND)
-    assert [t.source for t in diamond.in_edges("far")] == ["left", "right"]
-    assert diamond.in_edges("near") == ()
-
-
-def test_each_task_is_trained_once_and_in_order():
-    seen, diamond = [], build(DIAMOND)
-    diamond.train(progress=seen.append)
-    assert tuple(seen) == diamond.order
-    assert seen.count("near") == 1
-
-
 # -- source steps --------------------------------------------------------------------------------
 
 
@@ -103,18 +71,12 @@ def test_source_steps_count_every_ancestor_once():
 
 
 def test_source_steps_are_those_each_seed_took():
-    result = build(CHAIN, budget={"near": Episodes(5), "left": 10, "far": 10}).train(seeds=3)
+    result = build(CHAIN, budget={"near": cr.Episodes(5), "left": 10, "far": 10}).train(seeds=3)
     assert result.source_steps("far").tolist() == (result["near"].steps_used + 10).tolist()
     assert len(set(result.source_steps("far").tolist())) > 1
 
 
 # -- potentials ----------------------------------------------------------------------------------
-
-
-def test_a_task_without_sources_starts_from_nothing():
-    result = build(CHAIN).train()
-    assert same(result["near"], learn(TASKS["near"], budget=300, stream="near"))
-    assert result.potentials["near"] == []
 
 
 def test_a_target_starts_from_its_source_seed_by_seed():
@@ -124,7 +86,7 @@ def test_a_target_starts_from_its_source_seed_by_seed():
         read = edge.mapping.read(result["near"].values[k])
         assert np.isnan(read).any()  # states outside of the source
         assert (result.potentials["far"][k].values == np.nan_to_num(read)).all()
-    by_hand = learn(
+    by_hand = cr.learn(
         TASKS["far"],
         budget=300,
         seeds=[4, 2],
@@ -136,7 +98,7 @@ def test_a_target_starts_from_its_source_seed_by_seed():
 
 def test_knowledge_passes_through_an_intermediate_task():
     # Nothing is learnt on the way: what arrives is what the first task knew.
-    result = build(CHAIN, learner={"left": QLearning(learning_rate=0)}).train()
+    result = build(CHAIN, learner={"left": cr.QLearning(learning_rate=0)}).train()
     near, through = result["near"].values[0], result.potentials["far"][0].values
     assert near.any()
     for row, column in [(1, 2), (1, 3), (2, 2)]:
@@ -144,23 +106,14 @@ def test_knowledge_passes_through_an_intermediate_task():
         assert (through[there] == near[here]).all()
 
 
-@pytest.mark.parametrize("function", [maximum, mean, minimum, total])
-def test_several_sources_are_aggregated(function):
-    result = build(DIAMOND, aggregate=function).train()
-    phi = [e.potential(result[e.source].values[0]) for e in result.curriculum.in_edges("far")]
-    expected = np.nan_to_num(function(np.stack(phi)))
-    expected[MAZE.mdp.terminal] = 0
-    assert (result.potentials["far"][0].values == expected).all()
-
-
 def test_one_source_serves_through_two_mappings():
-    hunt, chase = Pursuit(size=2, predators=2), Pursuit(size=2, predators=1)
+    hunt, chase = cr.Pursuit(size=2, predators=2), cr.Pursuit(size=2, predators=1)
     both = [
-        Transfer("chase", "hunt", project(hunt, chase, predator=p), scale=scale)
+        cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=p), scale=scale)
         for p, scale in (("predator_1", 1), ("predator_2", 3))
     ]
     seen = []
-    result = Curriculum(
+    result = cr.Curriculum(
         {"hunt": hunt, "chase": chase},
         both,
         aggregate=lambda p: seen.append(p) or p[1],
@@ -175,11 +128,11 @@ def test_one_source_serves_through_two_mappings():
 
 def test_the_end_is_worth_nothing_whatever_is_handed_on():
     shifted = [
-        Transfer(t.source, t.target, t.mapping, shift=50)
+        cr.Transfer(t.source, t.target, t.mapping, shift=50)
         for t in edges([("near", "far")], unmapped_value=9)
     ]
     tasks = {name: TASKS[name] for name in ("near", "far")}
-    result = Curriculum(tasks, shifted, budget=100, aggregate=lambda p: p[0] + 1000).train()
+    result = cr.Curriculum(tasks, shifted, budget=100, aggregate=lambda p: p[0] + 1000).train()
     assert (result.potentials["far"][0].values[MAZE.mdp.terminal] == 0).all()
     assert (result["far"].values[0][MAZE.mdp.terminal] == 0).all()
     assert result.potentials["far"][0].values[0, 0] == 1009
@@ -190,7 +143,7 @@ def test_the_end_is_worth_nothing_whatever_is_handed_on():
 
 def test_results_do_not_depend_on_the_order_of_the_tasks_or_edges():
     one = build(DIAMOND).train(seeds=2)
-    turned = Curriculum(
+    turned = cr.Curriculum(
         dict(reversed(TASKS.items())),
         list(reversed(edges(DIAMOND))),
         budget=cr.StoppingRule(300),
@@ -240,20 +193,20 @@ def test_values_are_all_that_later_tasks_need_of_a_source():
 def test_each_task_may_have_its_own_settings():
     result = build(
         CHAIN,
-        learner={"left": SARSA(learning_rate=0.5)},
-        budget={"near": Episodes(3), "left": 50},
+        learner={"left": cr.SARSA(learning_rate=0.5)},
+        budget={"near": cr.Episodes(3), "left": 50},
         eval_freq={"near": 10, "left": 25, "far": 50_000},
-        evaluation={"left": GreedyEvaluation(discounted=False)},
+        evaluation={"left": cr.GreedyEvaluation(discounted=False)},
     ).train()
-    assert result["near"].learner == QLearning()
-    assert result["left"].learner == SARSA(learning_rate=0.5)
+    assert result["near"].learner == cr.QLearning()
+    assert result["left"].learner == cr.SARSA(learning_rate=0.5)
     assert result["near"].episodes_used.tolist() == [3]
     assert result["left"].steps.tolist() == [0, 25, 50]
     assert result["far"].steps.tolist() == [0, 50_000, 100_000]
-    by_hand = learn(
-        TASKS["left"], SARSA(learning_rate=0.5), 50, eval_freq=25,
+    by_hand = cr.learn(
+        TASKS["left"], cr.SARSA(learning_rate=0.5), 50, eval_freq=25,
         shaping=one_each(cr.QInitialisation, result, "left"),
-        evaluation=GreedyEvaluation(discounted=False), stream="left",
+        evaluation=cr.GreedyEvaluation(discounted=False), stream="left",
     )  # fmt: skip
     assert same(by_hand, result["left"])
 
@@ -261,33 +214,26 @@ def test_each_task_may_have_its_own_settings():
 def test_state_shaping_uses_the_largest_action_value_of_a_state():
     result = build([("near", "far")], shaping={"far": cr.StateShaping()}).train()
     (phi,) = result.potentials["far"]
-    assert isinstance(phi, StateActionPotential)
+    assert isinstance(phi, cr.StateActionPotential)
     state = phi.to_state()
     assert (state.values[0] == phi.values.max(axis=1)).all()
-    by_hand = learn(MAZE, budget=300, shaping=cr.StateShaping(state), stream="far")
+    by_hand = cr.learn(MAZE, budget=300, shaping=cr.StateShaping(state), stream="far")
     assert same(by_hand, result["far"])
     assert not same(build([("near", "far")]).train()["far"], result["far"])
 
 
 def test_look_back_advice_shapes_the_target_and_leaves_the_source_alone():
-    result = build([("near", "far")], learner=SARSA(), shaping=cr.LookBackAdvice()).train()
-    by_hand = learn(
-        MAZE, SARSA(), 300, shaping=one_each(cr.LookBackAdvice, result, "far"), stream="far"
+    result = build([("near", "far")], learner=cr.SARSA(), shaping=cr.LookBackAdvice()).train()
+    by_hand = cr.learn(
+        MAZE, cr.SARSA(), 300, shaping=one_each(cr.LookBackAdvice, result, "far"), stream="far"
     )
     assert same(by_hand, result["far"])
-    assert same(result["near"], learn(TASKS["near"], SARSA(), 300, stream="near"))
-
-
-def test_an_aggregate_may_be_given_for_one_task():
-    result = build(DIAMOND, aggregate={"far": total}).train()
-    phi = [e.potential(result[e.source].values[0]) for e in result.curriculum.in_edges("far")]
-    expected = np.where(MAZE.mdp.terminal[:, None], 0, np.nansum(phi, axis=0))
-    assert (result.potentials["far"][0].values == expected).all()
+    assert same(result["near"], cr.learn(TASKS["near"], cr.SARSA(), 300, stream="near"))
 
 
 def test_a_curriculum_does_not_change_with_the_callers_containers():
     tasks, transfers = {"near": TASKS["near"], "far": MAZE}, edges([("near", "far")])
-    curriculum = Curriculum(tasks, transfers, budget=10)
+    curriculum = cr.Curriculum(tasks, transfers, budget=10)
     tasks.clear()
     transfers.clear()
     assert set(curriculum.train().nodes) == {"near", "far"}
@@ -313,14 +259,14 @@ def test_equal_tasks_are_one_task():
 def test_a_guard_watches_over_the_tasks_that_have_sources():
     tasks = {name: TASKS[name] for name in ("near", "left", "far")}
     plan = {"tasks": tasks, "transfers": edges(CHAIN), "budget": 2000}
-    result = Curriculum(**plan, shaping=cr.QInitialisation(guard=Guard())).train()
+    result = cr.Curriculum(**plan, shaping=cr.QInitialisation(guard=cr.Guard())).train()
     assert np.isnan(result["near"].guard_share).all()
     assert (result["far"].guard_share > 0).all()
-    shaped = Curriculum(**plan, shaping=cr.StateShaping(guard=Guard()), learner=SARSA()).train()
+    shaped = cr.Curriculum(
+        **plan, shaping=cr.StateShaping(guard=cr.Guard()), learner=cr.SARSA()
+    ).train()
     assert np.isnan(shaped["near"].guard_share).all()
     assert (shaped["far"].guard_share > 0).all()
-    with pytest.raises(SettingError, match="guard of QInitialisation must be a Guard: got True"):
-        cr.QInitialisation(guard=True)
 
 
 def test_a_curriculum_fills_the_potential_in():
@@ -329,7 +275,7 @@ def test_a_curriculum_fills_the_potential_in():
 
 
 def test_only_some_tasks_are_trained_with_what_they_build_on():
-    plan = Curriculum(tasks=TASKS, transfers=edges(DIAMOND), budget=100)
+    plan = cr.Curriculum(tasks=TASKS, transfers=edges(DIAMOND), budget=100)
     assert plan.target == "far"
     result = plan.train(only="left")
     assert list(result.nodes) == ["near", "left"]
@@ -340,23 +286,15 @@ def test_only_some_tasks_are_trained_with_what_they_build_on():
         plan.train(only=["left", "nowhere"])
 
 
-def test_a_curriculum_without_one_last_task_has_no_target():
-    with pytest.raises(CurriculumError, match="one task that no other builds on: got left, right"):
-        _ = Curriculum(
-            tasks={name: TASKS[name] for name in ("near", "left", "right")},
-            transfers=edges(DIAMOND[:2]),
-        ).target
-
-
 def test_potentials_are_those_that_training_starts_from():
-    plan = Curriculum(tasks=TASKS, transfers=edges(DIAMOND), budget=200, aggregate=minimum)
+    plan = cr.Curriculum(tasks=TASKS, transfers=edges(DIAMOND), budget=200, aggregate=cr.minimum)
     result = plan.train(seeds=2)
     for given, used in zip(
         plan.potentials("far", result.nodes), result.potentials["far"], strict=True
     ):
         np.testing.assert_array_equal(given.values, used.values)
     alone = plan.potentials("far", result.nodes, transfers=plan.in_edges("far")[:1])
-    doubled = plan.potentials("far", result.nodes, function=total)
+    doubled = plan.potentials("far", result.nodes, function=cr.total)
     single = plan.in_edges("far")[0].potential(result["left"].values[0])
     single = np.where(MAZE.mdp.terminal[:, None], 0, np.nan_to_num(single))
     np.testing.assert_array_equal(alone[0].values, single)
@@ -365,14 +303,14 @@ def test_potentials_are_those_that_training_starts_from():
 
 
 @pytest.mark.parametrize(
-    ("kind", "learner"), [(cr.RewardBonus, QLearning()), (cr.LookBackAdvice, SARSA())]
+    ("kind", "learner"), [(cr.RewardBonus, cr.QLearning()), (cr.LookBackAdvice, cr.SARSA())]
 )
 def test_values_that_contain_what_shaping_added_are_not_handed_on(kind, learner):
     """The task in the middle of a chain is refused when it is made, and so is its result."""
     words = f"own rewards: {kind.__name__} changes those of 'left', which 'far' reads"
     with pytest.raises(CurriculumError, match=words):
         build(CHAIN, learner=learner, shaping={"left": kind()})
-    shaped = learn(TASKS["left"], learner, 300, shaping=kind(np.ones((8, 4))))
+    shaped = cr.learn(TASKS["left"], learner, 300, shaping=kind(np.ones((8, 4))))
     alone = build([("left", "far")])
     with pytest.raises(CurriculumError, match="'left', which 'far' reads, contain what shaping"):
         alone.train(trained={"left": shaped})

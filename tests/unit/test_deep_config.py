@@ -13,7 +13,6 @@ from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import json_schema
 from curricle.study.config.templates import template
 from tests.hunters import observed
 from tests.studies import OBSERVED_HUNT as HUNT, reader
@@ -216,59 +215,18 @@ def test_a_guard_is_none_of_networks(complaint, name, sentence):
             'line 10: tasks.chase.learner must be tabular for chase, such as { type = "QLear',
         ),
         ("settings =", "setings =", "line 17: tasks.hunt.learner.setings is unknown, did you mean"),
-        (
-            '"deep", ',
-            '"deep", envs = 0, ',
-            "line 17: tasks.hunt.learner is refused: envs of a deep learner must be a whole number",
-        ),
+        ('"deep", ', '"deep", envs = 0, ', "line 17: tasks.hunt.learner is refused: envs of a"),
         ('"deep"', '"depe"', "OptimisticQLearning, deep: got 'depe', did you mean 'deep'?"),
-        (
-            'aggregate = "minimum"',
-            'shaping = "RewardBonus"',
-            "line 5: shaping must be one of QInitialisation, LookAheadAdvice, StateShaping, "
-            "WeightTransfer, PolicyReuse for hunt, which a network learns: got 'RewardBonus'",
-        ),
-        (
-            FIRST,
-            'mapping = "same_position"',
-            "line 21: transfers[0].mapping must be left out, or 'identity': hunt is seen through",
-        ),
-        (
-            FIRST,
-            "project = {}",
-            "line 21: transfers[0].project must be left out: hunt is seen through observations",
-        ),
-        (
-            FIRST,
-            'factory = "own:broken"',
-            "line 18: transfers[0] is refused: own:broken failed: ValueError: no idea",
-        ),
-        (
-            FIRST,
-            'factory = "own:made"\nactions = [1]',
-            "line 18: transfers[0] has actions or status, which go with observations",
-        ),
-        (
-            FIRST,
-            'observations = "own:leaning"\nactions = "left"',
-            "line 22: transfers[0].actions must be a list of the source's actions, -1 where",
-        ),
-        (
-            FIRST,
-            'observations = "own:leanin"',
-            "transfers[0] is refused: own:leanin names no function",
-        ),
-        (
-            "learning_rate = 1e-3",
-            "policy_kwargs = 8",
-            "policy_kwargs of a deep learner must be a Mapping: got 8",
-        ),
+        ('aggregate = "minimum"', 'shaping = "RewardBonus"', "line 5: shaping must be one of"),
+        (FIRST, 'mapping = "same_position"', "line 21: transfers[0].mapping must be left out, or"),
+        (FIRST, "project = {}", "line 21: transfers[0].project must be left out: hunt is seen"),
+        (FIRST, 'factory = "own:broken"', "line 18: transfers[0] is refused: own:broken failed:"),
+        (FIRST, 'factory = "own:made"\nactions = [1]', "line 18: transfers[0] has actions or"),
+        (FIRST, 'observations = "own:leaning"\nactions = "left"', "line 22: transfers[0].actions"),
+        (FIRST, 'observations = "own:leanin"', "transfers[0] is refused: own:leanin names no"),
+        ("learning_rate = 1e-3", "policy_kwargs = 8", "policy_kwargs of a deep learner must be a"),
         ("time_limit", "time_limti", "tasks.hunt.time_limti is unknown, did you mean"),
-        (
-            "[tasks.chase]",
-            "[tasks.x]\ntype = 'observation_task'\n[tasks.chase]",
-            "line 6: tasks.x must have",
-        ),
+        ("[tasks.chase]", "[tasks.x]\ntype = 'observation_task'\n[tasks.chase]", "line 6: tasks.x"),
     ],
 )
 def test_a_mistake_is_one_sentence_with_its_place(complaint, old, new, sentence):
@@ -280,11 +238,7 @@ def test_a_mistake_is_one_sentence_with_its_place(complaint, old, new, sentence)
     [
         ('id = "CartPole-v1"', 'id = "CratPole-v1"', "tasks.short is refused: an environment must"),
         ('id = "CartPole-v1"', "", "tasks.short must have id or factory: got neither"),
-        (
-            'id = "CartPole-v1"',
-            'factory = "own:no_environment"',
-            "tasks.short is refused: make must return a gymnasium.Env",
-        ),
+        ('id = "CartPole-v1"', 'factory = "own:no_environment"', "tasks.short is refused: make"),
         ('id = "CartPole-v1"', 'factory = "own:corridor"', "own:corridor failed: TypeError"),
         (
             '[tasks.cart]\ntype = "observation_task"\nid = "CartPole-v1"\ndiscount = 0.98',
@@ -318,11 +272,6 @@ def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):
     assert again.to_data() == study.to_data()
     assert Arms.of(again).keys == Arms.of(study).keys
     assert Arms.of(study).live
-
-
-def test_the_schema_knows_them():
-    schema = json_schema()
-    assert {"deep", "ObservationTaskTable"} <= schema["$defs"].keys()
 
 
 def test_the_template_is_what_it_says(read):

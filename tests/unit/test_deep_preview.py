@@ -18,12 +18,7 @@ from curricle.comparison.task_differences import differences
 from curricle.study.arms import Arms
 from curricle.study.cost import costs
 from tests.hunters import observed, transfers
-from tests.studies import OBSERVED_HUNT, reader
-
-
-@pytest.fixture
-def read(tmp_path):
-    return reader(tmp_path)
+from tests.studies import OBSERVED_HUNT
 
 
 def test_costs_are_foreseen(read):

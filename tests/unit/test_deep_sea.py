@@ -8,7 +8,7 @@ import pytest
 from curricle import evaluate, solve
 from curricle.errors import TaskError
 from curricle.tasks import DeepSea
-from tests.refusals import cases, check_refusal
+from tests.refusals import check_refusal
 
 
 def dive(size, actions, *, right=None, fails=(), cost=0.01):
@@ -122,23 +122,23 @@ def test_the_bottom_of_a_sea_is_part_of_it():
     assert low.action_values == pytest.approx(whole.action_values[states])
 
 
-REFUSED = {
-    "no rows": (lambda: DeepSea(0), "size must be a whole number, at least 1: got 0"),
-    "too deep": (lambda: DeepSea(1001), r"size must lie in \[1, 1000\]"),
-    "a chance above 1": (lambda: DeepSea(slip=2), r"slip must lie in \[0, 1\]: got 2"),
-    "infinite cost": (lambda: DeepSea(move_cost=float("inf")), "move_cost must be finite"),
-    "a seed below 0": (lambda: DeepSea(mapping_seed=-1), "mapping_seed must be .*at least 0"),
-    "a large seed": (lambda: DeepSea(mapping_seed=2**32), "mapping_seed must lie in"),
-    "a start in words": (lambda: DeepSea(start="bottom"), "'surface', 'uniform' or cells"),
-    "no cells": (lambda: DeepSea(start=[]), r"cells such as \[\(2, 1\)\]: got \[\]"),
-    "numbers": (lambda: DeepSea(start=[1, 2]), r"cells such as"),
-    "a start in the air": (lambda: DeepSea(start=[(2, 3)]), r"a row 0..9, .*got \(2, 3\)"),
-    "a start on the ground": (lambda: DeepSea(start=[(10, 3)]), r"got \(10, 3\)"),
-    "a bottom too deep": (lambda: DeepSea(4).bottom(5), r"part of a sea must lie in \[1, 4\]"),
-    "no bottom": (lambda: DeepSea(4).bottom(0), "rows of a part of a sea .*at least 1"),
-}
+REFUSED = [
+    (lambda: DeepSea(0), "size must be a whole number, at least 1: got 0"),
+    (lambda: DeepSea(1001), r"size must lie in \[1, 1000\]"),
+    (lambda: DeepSea(slip=2), r"slip must lie in \[0, 1\]: got 2"),
+    (lambda: DeepSea(move_cost=float("inf")), "move_cost must be finite"),
+    (lambda: DeepSea(mapping_seed=-1), "mapping_seed must be .*at least 0"),
+    (lambda: DeepSea(mapping_seed=2**32), "mapping_seed must lie in"),
+    (lambda: DeepSea(start="bottom"), "'surface', 'uniform' or cells"),
+    (lambda: DeepSea(start=[]), r"cells such as \[\(2, 1\)\]: got \[\]"),
+    (lambda: DeepSea(start=[1, 2]), r"cells such as"),
+    (lambda: DeepSea(start=[(2, 3)]), r"a row 0..9, .*got \(2, 3\)"),
+    (lambda: DeepSea(start=[(10, 3)]), r"got \(10, 3\)"),
+    (lambda: DeepSea(4).bottom(5), r"part of a sea must lie in \[1, 4\]"),
+    (lambda: DeepSea(4).bottom(0), "rows of a part of a sea .*at least 1"),
+]
 
 
-@pytest.mark.parametrize(("error", "call", "says"), cases({TaskError: REFUSED}))
-def test_what_makes_no_sea_is_refused(error, call, says):
-    check_refusal(error, call, says)
+@pytest.mark.parametrize(("call", "says"), REFUSED)
+def test_what_makes_no_sea_is_refused(call, says):
+    check_refusal(TaskError, call, says)

@@ -140,11 +140,3 @@ def test_it_is_drawn(name):
     shown = image.get_array().compressed()
     alive = view.states[~view.ended]
     assert sorted(shown) == pytest.approx(sorted(solution.values[alive]))
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_it_is_learnt(name):
-    task = made(name)[1]
-    result = cr.learn(task, budget=5_000, seeds=1)
-    assert np.isfinite(result.values).all()
-    assert (result.values[0, task.mdp.terminal] == 0).all()

@@ -168,14 +168,9 @@ def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
 TUNED_LAKES = """
 name = "lakes"
 seeds = 1
-[tasks.lake]
-type = "factory"
-factory = "lakes:tabled"
-budget = 400
-[tasks.other]
-type = "factory"
-factory = "lakes:tabled"
-budget = 200
+[tasks]
+lake = { type = "factory", factory = "lakes:tabled", budget = 400 }
+other = { type = "factory", factory = "lakes:tabled", budget = 200 }
 [[transfers]]
 source = "other"
 target = "lake"
@@ -244,11 +239,6 @@ def run_study_from(study, arms, out, monkeypatch):
     """Run a study whose modules the driver has read before and which are gone."""
     monkeypatch.setattr(running, "arms_in", lambda *_, **__: arms)
     return run_study(study, out)
-
-
-def test_a_lost_engine_is_a_study_error_with_words_of_its_own():
-    assert issubclass(EngineError, StudyError)
-    assert str(EngineError("fake was lost")) == "fake was lost"
 
 
 class Recorder(Tracker):

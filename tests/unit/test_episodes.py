@@ -47,15 +47,6 @@ def test_no_printed_line_is_wide_and_long_episodes_are_cut(episode):
     assert "60 west" not in str(stuck)
 
 
-def test_joint_actions_and_rewards_of_zero_are_short():
-    hunt = cr.Pursuit(3, 2)
-    words = str(Episode.of(hunt, rollout(hunt, np.full(hunt.states.size, 8), seed=2, steps=3)))
-    assert "1 north + south, -1" in words
-    lake = cr.tasks.FrozenLake()
-    words = str(Episode.of(lake, rollout(lake, np.full(lake.states.size, 0), steps=2)))
-    assert re.search(r"1 west(?!,)", words)
-
-
 def test_without_drawings_the_steps_are_listed():
     frames = (np.zeros((4, 4, 3), np.uint8),) * 3
     episode = Episode(frames, np.array([[0.5], [1.0]]), np.array([1.0, 0.0]), False, 4.0)

@@ -17,7 +17,6 @@ from curricle.transfer import (
     identity,
     same_position,
 )
-from curricle.transfer.edges import Transfer, mapping_words
 from tests.refusals import check_refusal
 
 
@@ -78,13 +77,6 @@ def test_a_mapping_by_name_is_pickled_with_its_names():
         assert repr(again) == repr(mapping)
         assert (again.index == mapping.index).all()
         assert np.array_equal(again.lookups()[0], mapping.lookups()[0])
-
-
-def test_words_say_what_becomes_of_other_values():
-    mapping = family_mappings(CLIPPED(length=6), CLIPPED(length=3))[0]
-    assert (
-        mapping_words(Transfer("a", "b", mapping)) == "place and move by name; other values clipped"
-    )
 
 
 def test_a_family_may_map_by_a_function_of_states_or_make_the_mapping():

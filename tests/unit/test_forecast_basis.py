@@ -26,12 +26,8 @@ map = '''
 S....
 '''
 budget = 3_000
-[tasks.corner]
-type = "crop"
-of = "maze"
-rows = [0, 2]
-columns = [2, 5]
-budget = 2_000
+[tasks]
+corner = { type = "crop", of = "maze", rows = [0, 2], columns = [2, 5], budget = 2_000 }
 [[transfers]]
 source = "corner"
 target = "maze"
@@ -77,11 +73,6 @@ def test_check_prints_the_forecast_of_the_sources_as_they_will_be_trained(check,
     perfect = cr.forecast(plan, perfect=True)
     line = f"if corner were learnt perfectly: mean {perfect['mean'].verdict}"
     assert line in " ".join(out.split())
-
-
-def test_seeds_of_check_are_the_studys(check):
-    out, study = check('seeds="7,9"')
-    assert str(cr.forecast(study.curriculum("transfer"), seeds=[7, 9])) in out
 
 
 def test_a_budget_too_long_for_a_look_is_not_trained(check, monkeypatch):
@@ -140,20 +131,6 @@ def test_steps_are_those_that_the_sources_were_trained_for():
     assert found.computed_from == (f"from 5 seeds of corner ({used.mean():,.0f} steps on average)")
     longer = plan.replace("corner", budget=90_000)
     assert cr.forecast(longer, seeds=5, trained=found.trained).computed_from == found.computed_from
-
-
-def test_all_sources_are_named():
-    plan = cr.Curriculum(
-        tasks={"a": MAZE, "b": MAZE, "c": MAZE},
-        transfers=[
-            cr.Transfer("a", "c", cr.transfer.identity(MAZE)),
-            cr.Transfer("b", "c", cr.transfer.identity(MAZE)),
-        ],
-        budget={"a": cr.StoppingRule(100), "b": cr.StoppingRule(200), "c": 300},
-    )
-    found = cr.forecast(plan, seeds=1)
-    assert found.computed_from == "from 1 seed of a (100 steps) and b (200 steps)"
-    assert cr.forecast(plan, perfect=True).computed_from == "if a and b were learnt perfectly"
 
 
 def test_a_source_that_cannot_be_solved_has_no_perfect_forecast(monkeypatch):

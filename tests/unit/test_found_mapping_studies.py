@@ -15,12 +15,9 @@ name = "mirror"
 seeds = 2
 eval_freq = 100
 budget = 300
-[tasks.maze]
-type = "maze"
-map = "S..F..T"
-[tasks.mirrored]
-type = "maze"
-map = "T..F..S"
+[tasks]
+maze = { type = "maze", map = "S..F..T" }
+mirrored = { type = "maze", map = "T..F..S" }
 [[transfers]]
 source = "mirrored"
 target = "maze"

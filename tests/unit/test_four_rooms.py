@@ -9,7 +9,7 @@ from curricle import solve
 from curricle.errors import TaskError
 from curricle.tasks import FourRooms
 from curricle.tasks.mdp import reachable_states
-from tests.refusals import cases, check_refusal
+from tests.refusals import check_refusal
 
 PLAN = """\
 #############
@@ -141,37 +141,28 @@ def test_a_crop_moves_as_the_whole_does_and_stays_inside():
     assert part.crop(rows=(7, 9), columns=(8, 11), start=[(8, 8)]).mdp.start.sum() == 1
 
 
-REFUSED = {
-    "small": (lambda: FourRooms(6), "size must be a whole number, at least 7: got 6"),
-    "large": (lambda: FourRooms(1001), r"size must lie in \[7, 1000\]"),
-    "a slip above 1": (lambda: FourRooms(slip=1.1), r"slip must lie in \[0, 1\]: got 1.1"),
-    "NaN": (lambda: FourRooms(goal_reward=float("nan")), "goal_reward must be finite"),
-    "a hallway": (lambda: FourRooms(goal="up"), "one of the hallways 'north', .*got 'up'"),
-    "a goal in a wall": (lambda: FourRooms(goal=(0, 3)), r"goal needs a free .*got \(0, 3\)"),
-    "a goal of three": (lambda: FourRooms(goal=(1, 2, 3)), "goal must be a hallway, or"),
-    "fractions": (lambda: FourRooms(goal=(1.5, 2)), "must be whole numbers: got float64"),
-    "a start in a wall": (
-        lambda: FourRooms(start=[(1, 1), (6, 6)]),
-        r"free cell that is not the goal: got \(6, 6\)",
-    ),
-    "a start at the goal": (lambda: FourRooms(start=[(7, 9)]), r"not the goal: got \(7, 9\)"),
-    "a start in words": (lambda: FourRooms(start="map"), "'corner', 'uniform' or cells: got 'map'"),
-    "a start of numbers": (lambda: FourRooms(start=3), r"cells such as \[\(1, 1\)\]: got 3"),
-    "a part without the goal": (
-        lambda: FourRooms().crop(rows=(1, 3), columns=(1, 3)),
-        r"goal needs a free cell of the rooms: got \(7, 9\)",
-    ),
-    "a part of walls": (lambda: FourRooms(rows=(0, 1)), "a crop needs a free cell: rows 0..1"),
-    "a part beyond": (lambda: FourRooms(rows=(3, 14)), r"map's rows 0..13: got 3..14"),
-    "a crop beyond a crop": (
-        lambda: FourRooms(rows=(3, 9)).crop(rows=(2, 8), columns=(0, 13)),
-        r"map's rows 3..9: got 2..8",
-    ),
-    "a part of one number": (lambda: FourRooms(columns=(3,)), "a first and an end"),
-    "the goal alone": (lambda: FourRooms(rows=(7, 8), columns=(9, 10)), "there is none"),
-}
+REFUSED = [
+    (lambda: FourRooms(6), "size must be a whole number, at least 7: got 6"),
+    (lambda: FourRooms(1001), r"size must lie in \[7, 1000\]"),
+    (lambda: FourRooms(slip=1.1), r"slip must lie in \[0, 1\]: got 1.1"),
+    (lambda: FourRooms(goal_reward=float("nan")), "goal_reward must be finite"),
+    (lambda: FourRooms(goal="up"), "one of the hallways 'north', .*got 'up'"),
+    (lambda: FourRooms(goal=(0, 3)), r"goal needs a free .*got \(0, 3\)"),
+    (lambda: FourRooms(goal=(1, 2, 3)), "goal must be a hallway, or"),
+    (lambda: FourRooms(goal=(1.5, 2)), "must be whole numbers: got float64"),
+    (lambda: FourRooms(start=[(1, 1), (6, 6)]), r"free cell that is not the goal: got \(6, 6\)"),
+    (lambda: FourRooms(start=[(7, 9)]), r"not the goal: got \(7, 9\)"),
+    (lambda: FourRooms(start="map"), "'corner', 'uniform' or cells: got 'map'"),
+    (lambda: FourRooms(start=3), r"cells such as \[\(1, 1\)\]: got 3"),
+    (lambda: FourRooms().crop(rows=(1, 3), columns=(1, 3)), r"cell of the rooms: got \(7, 9\)"),
+    (lambda: FourRooms(rows=(0, 1)), "a crop needs a free cell: rows 0..1"),
+    (lambda: FourRooms(rows=(3, 14)), r"map's rows 0..13: got 3..14"),
+    (lambda: FourRooms(rows=(3, 9)).crop(rows=(2, 8), columns=(0, 13)), r"rows 3..9: got 2..8"),
+    (lambda: FourRooms(columns=(3,)), "a first and an end"),
+    (lambda: FourRooms(rows=(7, 8), columns=(9, 10)), "there is none"),
+]
 
 
-@pytest.mark.parametrize(("error", "call", "says"), cases({TaskError: REFUSED}))
-def test_what_makes_no_rooms_is_refused(error, call, says):
-    check_refusal(error, call, says)
+@pytest.mark.parametrize(("call", "says"), REFUSED)
+def test_what_makes_no_rooms_is_refused(call, says):
+    check_refusal(TaskError, call, says)

@@ -126,10 +126,3 @@ def test_every_array_can_be_frozen(array):
     shown = frozen(array)
     assert (shown.dtype, shown.shape) == (array.dtype, array.shape)
     np.testing.assert_array_equal(shown, before)
-
-
-def test_a_space_cannot_be_changed():
-    """Tables have as many rows as their space says when learning begins."""
-    for name, value in (("size", 2), ("components", ()), ("points", None)):
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            setattr(MAZE.states, name, value)
