@@ -106,23 +106,6 @@ def test_an_episode_is_what_the_policy_does(lake):
     assert lake.policy.episode(max_steps=2).actions.shape == (2,)
 
 
-def test_a_curriculum_has_the_policy_of_its_target():
-    edge = cr.Transfer("alone", "lake", cr.transfer.ObservationMapping(LAKE, LAKE))
-    plan = cr.Curriculum({"alone": LAKE, "lake": LAKE}, [edge], learner=ACTOR, budget=64,
-                         shaping=cr.deep.WeightTransfer())  # fmt: skip
-    result = plan.train(seeds=2)
-    assert result.policy is result["lake"].policy
-    assert result.policies is result["lake"].policies
-    assert result.policies[1] is not result["alone"].policies[1]
-
-
-def test_values_that_were_not_saved_are_no_policy():
-    off = cr.Storage(save_values=False)
-    plan = cr.Curriculum({"lake": LAKE}, learner=ACTOR, budget=64, storage=off)
-    with pytest.raises(SettingError, match="these were not saved"):
-        _ = plan.train(seeds=1).policy
-
-
 STUDY = """
 name = "level"
 scratch = false

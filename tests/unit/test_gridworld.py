@@ -54,10 +54,6 @@ def test_fire_is_near_north_east_south_and_west_but_not_diagonally():
     assert paid[1, 2] == -501
 
 
-def test_a_fire_is_near_to_its_neighbouring_fire():
-    assert step(GridWorld("SFFT", rewards=PAY), (0, 0), EAST)[1] == -751
-
-
 def test_all_terms_of_a_cell_add_up():
     assert step(GridWorld("STF", rewards=PAY), (0, 0), EAST)[1] == -1 + 200 - 250
     assert step(GridWorld("SPFT", rewards=PAY), (0, 0), EAST)[1] == -1 - 2500 - 250
@@ -211,8 +207,3 @@ def test_states_at_gives_missing_off_the_map():
         -1,
         -1,
     ]
-
-
-def test_an_origin_that_is_no_cell_is_refused():
-    with pytest.raises(TaskError):
-        _ = GridWorld("S.T", origin=(0.5, 0)).mdp

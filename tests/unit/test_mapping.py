@@ -225,20 +225,8 @@ def test_coverage_counts_by_hand():
     )  # fmt: skip
 
 
-def test_coverage_prints_its_numbers():
-    text = str(same_position(LINE, END).coverage())
-    assert text.startswith("33.3% of 12 target pairs mapped, 0.0% at the source's end, 66.7% unm")
-
-
 def test_mapped_states_have_at_least_one_mapped_pair():
     assert same_position(LINE, END).mapped_states().tolist() == [False, False, True, False]
-
-
-def test_a_mapping_keeps_its_own_index():
-    index = np.zeros((4, 4), dtype=int)
-    mapping = StateActionMapping(LINE, END, index)
-    index[:] = 3
-    assert (mapping.index[:3] == 0).all()
 
 
 # -- the edge ------------------------------------------------------------------------------------
@@ -254,9 +242,3 @@ def test_the_value_of_an_ended_pair_is_the_shift():
     deadly, mild = GridWorld("SPT"), GridWorld("SPT", ends=("treasure",))
     edge = Transfer("deadly", "mild", same_position(mild, deadly), scale=2, shift=3)
     assert edge.potential(np.full((3, 4), 5.0))[:2, 0].tolist() == [13, 3]
-
-
-def test_a_transfer_does_not_change_the_source_values():
-    q = np.full((2, 4), 5.0)
-    Transfer("end", "line", same_position(LINE, END), scale=2).potential(q)
-    assert (q == 5).all()

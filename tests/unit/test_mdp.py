@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 
@@ -95,14 +94,6 @@ def test_discount_1_is_allowed_where_every_policy_ends():
     assert solve(mdp).values.tolist() == [-1, 0]
 
 
-def test_an_mdp_does_not_change_with_the_callers_arrays():
-    start, reward = np.array([1.0, 0, 0]), np.array([1.0, 2.0, 3.0])
-    mdp = dense(reward, start=start)
-    start[:], reward[:] = 7, 7
-    assert mdp.start.tolist() == [1, 0, 0]
-    assert expand(mdp)[1][0, 0] == 1
-
-
 def test_arrays_that_nobody_can_write_to_are_shared_and_others_copied():
     mdp = GridWorld("S.T").mdp
     fields = {n: getattr(mdp, n) for n in mdp.__dataclass_fields__}
@@ -114,12 +105,6 @@ def test_arrays_that_nobody_can_write_to_are_shared_and_others_copied():
         copied = FiniteMDP(**(fields | {"reward": given})).reward
         assert not np.shares_memory(copied, mine)
         assert not copied.flags.writeable
-
-
-def test_an_mdp_is_a_task():
-    mdp = dense(np.zeros(3))
-    assert mdp.mdp is mdp
-    assert repr(mdp) == "FiniteMDP(3 states, 2 actions, 1 terminal, discount 0.9, no time limit)"
 
 
 @pytest.mark.parametrize(
@@ -152,17 +137,6 @@ def test_frozen_lake_ends_in_its_holes_and_at_the_goal():
     lake = FiniteMDP.from_outcomes(FrozenLakeEnv().P, start=0, discount=0.99)
     assert np.flatnonzero(lake.terminal).tolist() == [5, 7, 11, 12, 15]
     assert solve(lake).start_value == pytest.approx(0.5420, abs=5e-5)  # the textbook value
-
-
-def test_frozen_lake_without_slipping_is_six_steps_long():
-    lake = FiniteMDP.from_outcomes(FrozenLakeEnv(is_slippery=False).P, start=0, discount=0.9)
-    assert solve(lake).start_value == pytest.approx(0.9**5)
-
-
-def test_cliff_walking_takes_thirteen_steps():
-    cliff = FiniteMDP.from_outcomes(CliffWalkingEnv().P, start=36, discount=0.9)
-    assert np.flatnonzero(cliff.terminal).tolist() == [47]
-    assert solve(cliff).start_value == pytest.approx(-(1 - 0.9**13) / (1 - 0.9))
 
 
 TAXI_ENDS = [0, 85, 410, 475]  # taxi and passenger at the destination

@@ -17,7 +17,7 @@ import typer
 from curricle.cli.app import app
 from curricle.comparison.verdicts import Reason, Verdict, not_asked, too_few_seeds
 from curricle.statistics import Interval
-from tests.pages import Command, File, Table, blocks, commands_of, put, stated_seconds, steps
+from tests.pages import Command, blocks, commands_of
 from tests.walk import Ended, faults, walk
 
 ROOT = Path(__file__).parents[2]
@@ -128,56 +128,6 @@ def test_toml_and_python_parse(page):
 
 
 # -- reading a page, and walking along it ------------------------------------------------------
-
-PAGE = """
-```sh
-pip install .     # at most 5 minutes
-```
-
-```toml
-# own.toml
-name = "own"
-[one]   # first
-a = 1
-
-[two]
-b = 2
-```
-
-```toml
-[one]
-a = 3
-```
-
-```console
-$ curricle show own-results   # 20 s
-own: ... seeds
-$ curricle check own.toml
-curricle: own.toml: nothing is right
-```
-"""
-
-
-def test_a_page_is_read_as_steps():
-    install, own, one, show, check = steps(PAGE)
-    assert (install, install.seconds) == (Command("pip install .     # at most 5 minutes"), 300)
-    assert isinstance(own, File)
-    assert one == Table("[one]", "[one]\na = 3\n")
-    assert (show.output, show.seconds) == ("own: ... seeds\n", 20)
-    assert (check.line, check.seconds) == ("curricle check own.toml", stated_seconds(""))
-
-
-def test_files_and_tables_are_put_in_their_places(tmp_path):
-    for step in steps(PAGE):
-        if isinstance(step, File | Table):
-            put(step, tmp_path)
-    assert tomllib.loads((tmp_path / "own.toml").read_text("utf-8")) == {
-        "name": "own",
-        "one": {"a": 3},
-        "two": {"b": 2},
-    }
-    with pytest.raises(LookupError, match="one file must have"):
-        put(Table("[three]", "[three]\n"), tmp_path)
 
 
 @pytest.mark.parametrize(

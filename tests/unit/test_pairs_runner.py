@@ -100,13 +100,6 @@ def test_other_seeds_arms_or_code_are_other_parts():
     assert run.part_name("a", [RAW, "state"], 2, "x") == run.part_name("a", ["state", RAW], 2, "x")
 
 
-def test_unknown_arms_and_pairs_are_refused(capsys):
-    for arguments, text in (["--arms", "rae"], "got rae"), (["--pair", "none"], "no pair is of"):
-        with pytest.raises(SystemExit):
-            run.parsed(arguments)
-        assert text in capsys.readouterr().err
-
-
 def test_each_pair_has_a_curriculum_for_each_arm():
     for name in CORNER, "hunts/one chases":
         pair = pair_named(name)
@@ -169,19 +162,3 @@ def test_the_guard_must_cap_harm_and_keep_gains():
     assert "in 1 of 2 pairs (shown in 1; raw in 1)" in found
     lost = known("lost", raw=0.2, guarded=0.1)
     assert "keeps 50%" in bar_of(tables.guard([lost]))
-
-
-def test_default_settings_pay_or_tie_where_a_person_would_call_it_sensible():
-    pays, loses = known("pays", default=0.1), known("loses", default=-0.2)
-    assert bar_of(tables.defaults([pays])).startswith("MET")
-    assert bar_of(tables.defaults([pays, loses])).startswith("NOT MET")
-    loses.facts["sensible"] = False
-    assert bar_of(tables.defaults([pays, loses])).startswith("MET")
-
-
-def test_optimism_must_be_called_by_its_name():
-    pair = known("20 from 6", raw=0.5, **{"raw, placebo": 0.5})
-    pair.facts["family"] = "river-swim"
-    assert bar_of(tables.optimism([pair])).startswith("NOT MET")
-    pair.arms["raw"]["reason"] = np.array(["by optimism alone"] * 3)
-    assert bar_of(tables.optimism([pair])).startswith("MET")

@@ -62,13 +62,6 @@ def test_the_state_potential_of_a_pair_potential_is_its_maximum():
     assert state.values.tolist() == [[2, -1, 0]]
 
 
-def test_a_potential_keeps_its_own_values():
-    given = np.ones(3)
-    phi = StatePotential(MAZE, given)
-    given[:] = 5
-    assert phi.values.tolist() == [[1, 1, 0]]
-
-
 @pytest.mark.parametrize("end", [np.nan, np.inf])
 def test_values_must_be_finite_even_at_the_end(end):
     with pytest.raises(ValueError, match=r"Phi must be finite: entry \(2,\)"):

@@ -196,13 +196,6 @@ def test_the_optimal_values_of_the_4x4_game_are_the_known_ones(capture, value):
     assert values.mean() == pytest.approx(value, abs=6e-4)
 
 
-def test_predators_and_moves_have_names():
-    game = Pursuit(size=3, predators=3, moves=4)
-    assert game.actions.names == ("predator_1", "predator_2", "predator_3")
-    assert game.actions.component("predator_2").labels == ("north", "east", "south", "west")
-    assert Pursuit(size=2, predators=1).actions.label(0) == "predator=stay"
-
-
 def test_a_table_too_large_is_refused_before_anything_is_allocated():
     game = Pursuit(size=10, predators=3)
     assert game.states.size * game.actions.size == 10**8 * 125

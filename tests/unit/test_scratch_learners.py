@@ -88,20 +88,11 @@ def test_they_survive_as_plain_data(tmp_path):
 @pytest.mark.parametrize(
     ("text", "changes", "message"),
     [
-        (
-            "[scratch_learners.a]\nepsilon = 2.0",
-            [],
-            r"scratch_learners\.a cannot be compared: epsilon must",
-        ),
+        ("[scratch_learners.a]\nepsilon = 2.0", [], r"scratch_learners\.a cannot be compared: eps"),
         ("[scratch_learners.a]\nepsilom = 0.2", [], r"scratch_learners\.a\.epsilom is unknown"),
-        ("[scratch_learners]\na = 3", [], r"scratch_learners\.a must be a table"),
         ("[scratch_learners.a]\nlearning_rate = 0.2", [], "must differ from the target's own"),
         (FURTHER, ["scratch=false"], "scratch_learners are compared with the target's own"),
-        (
-            FURTHER + '[arms."scratch, sarsa"]\naggregate = "minimum"',
-            [],
-            "must have another name: a learner has it",
-        ),
+        (f'{FURTHER}[arms."scratch, sarsa"]', [], "must have another name: a learner has it"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(tmp_path, text, changes, message):

@@ -1,6 +1,5 @@
 """The results store: whole files or none, results of one description, nothing of others touched."""
 
-import json
 import os
 
 import pyarrow.parquet as pq
@@ -48,17 +47,6 @@ def test_another_schema_version_is_refused_with_what_to_do(tmp_path, version):
             "the study again into a new folder, or read it with the version that wrote it"
         )
     assert (tmp_path / "study.json").read_bytes() == before
-
-
-def test_the_schema_version_is_stored(tmp_path):
-    opened(tmp_path)
-    assert json.loads((tmp_path / "study.json").read_text())["schema_version"] == SCHEMA_VERSION
-
-
-def test_unfinished_files_of_a_killed_run_are_removed(tmp_path):
-    (tmp_path / ".study123.part").write_text('{"see')
-    assert opened(tmp_path).description == SETTINGS
-    assert not (tmp_path / ".study123.part").exists()
 
 
 def test_a_damaged_file_is_named(tmp_path):

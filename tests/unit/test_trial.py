@@ -15,7 +15,6 @@ from curricle.comparison.forecasting import JudgedPotentials, forecast_once
 from curricle.comparison.trial import Trial, affordable, apart, hindrance, rehearse, run_trial
 from curricle.errors import CurriculumError, SettingError
 from curricle.statistics.curves import Curve
-from curricle.statistics.intervals import Interval
 from tests.comparisons import MAZE, assert_same, calls, copied, corner, pursuit  # noqa: F401
 
 LINE = cr.GridWorld("S..T", time_limit=30)
@@ -198,15 +197,6 @@ def slow():
     return arm(*[[0, 0, 9, 9, 9, 9]] * 3, spent=100)
 
 
-def test_words_stand_for_intervals():
-    interval = Interval(1.0, float("nan"), float("nan"), 0.95, 1)
-    assert trials.verdict_words(interval) == "whether it pays is open"
-    assert trials.in_brief(interval) == "1"
-    assert (
-        trials.in_brief(Interval(-1234.5, -1300.0, -1100.0, 0.95, 9)) == "-1,230 [-1,300, -1,100]"
-    )
-
-
 def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():
     def broken(potentials):
         raise RuntimeError("no idea")
@@ -339,10 +329,6 @@ def test_nonsense_is_refused_before_training(calls):  # noqa: F811
     assert calls == []
 
 
-def test_perfect_sources_have_no_trial():
-    assert cr.forecast(corner(), perfect=True).basis == "no trial: no source is trained"
-
-
 # -- anti-knowledge --------------------------------------------------------------------------------
 
 
@@ -361,12 +347,6 @@ def test_anti_knowledge_is_named_per_transfer():
     assert against in found["wrong -> far"].anti_knowledge
     assert "wrong -> far may be anti-knowledge: its policy starts at " in words_of(found)
     assert "near -> far may" not in words_of(found)
-
-
-def test_a_single_transfer_is_named_by_its_row():
-    edge = cr.Transfer("near", "far", cr.transfer.identity(MAZE), scale=-1.0)
-    plan = cr.Curriculum({"near": MAZE, "far": MAZE}, [edge], budget=3000)
-    assert "mean may be anti-knowledge: " in words_of(cr.forecast(plan, seeds=1, trial=False))
 
 
 def test_one_seed_against_the_others_is_noise():

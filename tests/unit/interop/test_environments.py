@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import partial
 
 import gymnasium
 import numpy as np
@@ -9,12 +10,13 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space
+from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space, from_gymnasium
 from curricle.errors import SettingError, TaskError
 from curricle.interop.environment import to_gymnasium
 from curricle.interop.registration import register
 from curricle.planning import rollout
 from curricle.tasks.task import generative_model
+from tests.refusals import check_values
 
 from .environments import TASKS, WALLED
 
@@ -151,20 +153,6 @@ def test_a_start_can_be_named(given):
     assert state == info["state"] == 118
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"start": 1}, "hold only 'state'"),
-        ({"state": 2}, "not terminal"),
-        ({"state": -1}, "at least 0"),
-        ({"state": {"row": 0, "column": 9}}, "not terminal"),
-    ],
-)
-def test_invalid_starts_are_refused(options, words):
-    with pytest.raises(SettingError, match=words):
-        to_gymnasium(GridWorld("S.T")).reset(options=options)
-
-
 def test_a_step_needs_an_episode():
     environment = to_gymnasium(GridWorld("ST"))
     for _ in range(2):
@@ -204,22 +192,6 @@ def test_joint_actions_can_be_given_by_component():
         assert joint.step(action) == apart.step(moves)
 
 
-@pytest.mark.parametrize(
-    ("form", "action"),
-    [
-        ("index", 25),
-        ("index", [1, 2]),
-        ("components", [1, 5]),
-        ("components", [1, 2, 3]),
-    ],
-)
-def test_actions_outside_the_space_are_refused(form, action):
-    environment = to_gymnasium(Pursuit(3, 2), action=form)
-    environment.reset()
-    with pytest.raises(SettingError, match="must lie in"):
-        environment.step(action)
-
-
 def test_actions_by_component_need_a_box():
     moves = Space([Component("x", 2), Component("y", 2)], points=[[0, 1], [1, 0]])
     task = FiniteMDP.from_dense(
@@ -234,15 +206,19 @@ def test_actions_by_component_need_a_box():
         to_gymnasium(task, action="components")
 
 
-@pytest.mark.parametrize("setting", ["observation", "action", "render_mode"])
-def test_unknown_settings_are_refused(setting):
-    with pytest.raises(SettingError, match=f"{setting} must be one of"):
-        to_gymnasium(WALLED, **{setting: "pixels"})
-
-
-def test_what_is_an_environment_already_is_refused():
-    import curricle
-
-    blackjack = curricle.from_gymnasium("Blackjack-v1", discount=1.0, time_limit=100)
+def test_wrong_values_are_refused():
+    starts = [{"start": 1}, {"state": 2}, {"state": -1}, {"state": {"row": 0, "column": 9}}]
+    for options in starts:
+        with pytest.raises(SettingError, match=r"hold only 'state'|not terminal|at least 0"):
+            to_gymnasium(GridWorld("S.T")).reset(options=options)
+    for form, actions in (("index", [25, [1, 2]]), ("components", [[1, 5], [1, 2, 3]])):
+        environment = to_gymnasium(Pursuit(3, 2), action=form)
+        environment.reset()
+        for action in actions:
+            with pytest.raises(SettingError, match="must lie in"):
+                environment.step(action)
+    settings = {key: ["pixels"] for key in ("observation", "action", "render_mode")}
+    check_values(SettingError, partial(to_gymnasium, WALLED), settings)
+    blackjack = from_gymnasium("Blackjack-v1", discount=1.0, time_limit=100)
     with pytest.raises(TaskError, match="is an environment already"):
         to_gymnasium(blackjack)

@@ -6,7 +6,7 @@ import pytest
 
 import curricle as cr
 from curricle.errors import SettingError, StoreError, TaskError
-from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
+from curricle.interop import FlatDict, MiniGridFullView, MiniGridView
 from curricle.tasks.observation_task import EnvironmentMaker
 
 minigrid = pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
@@ -158,21 +158,9 @@ def test_minigrids_own_limit_is_the_tasks():
         (lambda: MiniGridView(picture=True, mission=True), SettingError, "goes with a vector"),
         (lambda: MiniGridView()(gym.make("CartPole-v1")), TaskError, "is for MiniGrid's"),
         (
-            lambda: MiniGridView()(minigrid.wrappers.ImgObsWrapper(gym.make(CROSSING))),
-            TaskError,
-            r"a Dict with an image of codes and the direction: got Box\(",
-        ),
-        (
             lambda: first_views(minigrid.wrappers.FullyObsWrapper(gym.make(DOOR))),
             TaskError,
             r"must be below \(11, 6, 3\): got up to \[10, ., 3\]",
-        ),
-        (
-            lambda: cr.tabulate(
-                EnvironmentMaker(CROSSING, encode=StackedFrames(4, MiniGridView())), discount=0.9
-            ),
-            TaskError,
-            "stacked frames cannot be tabulated",
         ),
     ],
 )

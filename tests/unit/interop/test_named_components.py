@@ -1,5 +1,7 @@
 """Names for the components of an environment's states, and labels for its actions."""
 
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from gymnasium.wrappers import TimeLimit
 
 import curricle as cr
 from curricle.tasks.observation_task import EnvironmentMaker
+from tests.refusals import check_values
 
 from .environments import TWO, Echo, Ring
 
@@ -69,8 +72,6 @@ def test_actions_are_labelled():
 
 GRID = spaces.MultiDiscrete([2, 3])
 REFUSED = {
-    "too few": (GRID, {"names": ["row"]}, "in the order of state_1, state_2: got 1, row"),
-    "twice": (GRID, {"names": ["a", "a"]}, "must differ: got a, a"),
     "sizes alone": (TWO, {"sizes": [2]}, r"sizes need names of what has them: got sizes \[2\]"),
     "sizes of several": (
         GRID,
@@ -87,11 +88,6 @@ REFUSED = {
         {"names": ["a"], "states": cr.Space([cr.Component("b", 2)])},
         r"names go without states, whose components have names: got both, names \['a'\]",
     ),
-    "too few labels": (
-        TWO,
-        {"actions": ["a"]},
-        "actions must have one label each, 2 in all: got 1",
-    ),
 }
 
 
@@ -100,6 +96,8 @@ def test_what_names_nothing_is_refused_in_a_sentence(name):
     space, settings, sentence = REFUSED[name]
     with pytest.raises(cr.errors.TaskError, match=sentence):
         echo(space, space.sample(), **settings)
+    wrong = {"names": [["row"], ["a", "a"]], "actions": [["a"]]}
+    check_values(cr.errors.TaskError, partial(echo, GRID, GRID.sample()), wrong)
 
 
 def test_the_time_limit_of_a_wrapper_is_the_task_s():

@@ -57,18 +57,6 @@ def test_a_curve_begins_where_its_sources_end():
     assert {(*line.get_xdata(), *line.get_ydata()) for line in circles} == {(20, 11.5), (20, -3.5)}
 
 
-def test_the_curves_show_the_threshold_and_all_steps():
-    axes = draw_comparison(comparison()).axes[0]
-    assert axes.get_xlim() == (0, 100)
-    assert axes.get_xlabel() == "target and source steps"
-    assert "threshold 7.5" in texts_of(axes)
-    assert [7.5, 7.5] in [list(line.get_ydata()) for line in axes.lines]
-    assert len(axes.collections) == 3  # a band each
-    low, high = axes.get_ylim()
-    assert low < -5
-    assert high > 13
-
-
 def test_a_profile_steps_down_where_a_run_ends():
     axes = draw_comparison(comparison()).axes[1]
     line = labelled(axes)["mean"]
@@ -103,13 +91,6 @@ def test_gains_have_a_row_each_with_interval_and_p():
     assert {"reference", "gain [95 %]", "p (Holm)"} <= set(texts_of(axes))
 
 
-def test_the_caption_says_that_there_are_too_few_seeds():
-    figure = draw_comparison(comparison(seeds=5))
-    assert "too few seeds for a verdict (5; 6 or more)" in caption_of(figure)
-    assert "p values" not in caption_of(figure)
-    assert "p (Holm)" not in texts_of(figure.axes[2])
-
-
 def test_twelve_curricula_differ_in_colour_or_dashes(tmp_path):
     arms = {f"number {i}": arm(float(i), 10) for i in range(12)}
     figure = draw_comparison(comparison(**arms))
@@ -126,12 +107,6 @@ def test_seeds_whose_sources_end_at_other_steps_are_charged_one_by_one():
     # At 10 and 20 two seeds are at 8 and two at the first values of scratch, 2 and 3.
     assert line.get_xdata()[0] == 10
     assert line.get_ydata()[:3].tolist() == [(8 + 8 + 2 + 3) / 4] * 2 + [8]
-
-
-def test_a_comparison_without_arms_is_refused():
-    alone = Comparison("hunt", {"scratch": arm(0.0)}, 80, 100, 7.5, 1)
-    with pytest.raises(SettingError, match="an arm besides 'scratch'"):
-        draw_comparison(alone)
 
 
 def test_returns_over_decades_are_drawn_on_a_bent_axis():
@@ -244,20 +219,6 @@ def test_what_was_learnt_is_plotted(tmp_path):
         with pytest.raises(SettingError):
             plot(subject, tmp_path / "none.png", task=given)
     assert not (tmp_path / "none.png").exists()
-
-
-def test_a_failure_leaves_the_picture_that_was_there(tmp_path, monkeypatch):
-    place = tmp_path / "hunt.png"
-    place.write_bytes(b"before")
-
-    def fail(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(SettingError, match="No space left on device"):
-        plot(comparison(), place)
-    assert os.listdir(tmp_path) == ["hunt.png"]
-    assert place.read_bytes() == b"before"
 
 
 def test_a_dollar_in_a_name_begins_no_formula():

@@ -143,32 +143,6 @@ def test_sources_are_drawn_one_by_one_and_against_the_truth(plan, trained, hunt,
     save(figure, tmp_path / "sources.png")
 
 
-def test_a_calibrated_aggregate_says_its_scale(hunt):
-    chase = cr.Pursuit(3, 1, discount=0.9, time_limit=30)
-    plain = cr.transfer.Calibrate()
-    edge = cr.Transfer(
-        "chase", "hunt", cr.project(hunt, chase, predator="predator_1"), calibrate=plain
-    )
-    plan = cr.Curriculum({"chase": chase, "hunt": hunt}, [edge], budget=5_000)
-    result = plan.train()
-    figure = draw_sources(result, at={"prey": 0, "predator_2": 0})
-    scale = result.calibrations["hunt"][0].scale
-    assert figure.axes[1].get_title() == f"φ: mean, calibrated × {scale:.2g}"
-
-
-def test_sources_of_any_grid_are_drawn(keyed):
-    plan = cr.Curriculum(
-        {"easy": keyed, "hard": keyed},
-        [cr.Transfer("easy", "hard", cr.transfer.identity(keyed))],
-        budget=100,
-    )
-    figure = draw_sources(plan.train(), at={"key": 0})
-    # A single source is its own aggregate.
-    titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
-    assert titles == ["φ: easy -> hard", "V* = max Q*", "φ(s, a*) − V*(s)"]
-    assert caption_of(figure).endswith("Key 0.")
-
-
 def test_sources_that_cannot_be_drawn_are_refused(plan, trained, hunt):
     with pytest.raises(SettingError, match="seed must be one of 0, 1: got 2"):
         draw_sources(trained, seed=2, at={"prey": 0, "predator_1": 0})

@@ -67,15 +67,6 @@ def test_a_task_without_geometry_is_a_strip_with_words():
     assert strip.markers[0].cells[[0, 59, 60]].tolist() == [0, 59, -1]
 
 
-def test_row_and_column_make_a_map_of_any_task():
-    maze = cr.GridWorld(["S..", "..T"])
-    tables = maze.mdp
-    found = GridView.for_replay(tables)
-    assert found.is_map
-    assert found.directions is not None
-    assert found.shape == (2, 3)
-
-
 def test_a_map_of_too_many_cells_is_not_shown():
     wide = cr.GridWorld(["S" + "." * 59 + "T"] + ["." * 61] * 50)
     assert GridView.for_replay(wide) is None
@@ -118,12 +109,6 @@ def test_moments_are_thinned_but_the_ends_are_kept(monkeypatch):
     found = replay_of(shot, maze)
     assert len(found.steps) == 7
     assert found.steps[[0, -1]].tolist() == [0, 199]
-
-
-def test_many_cells_get_fewer_moments(maze, monkeypatch):
-    monkeypatch.setattr(replay_module, "MOST_CELL_MOMENTS", 1)
-    found, _ = replays(*shown(maze.results))
-    assert {len(replay.steps) for replay in found} == {3}
 
 
 def test_a_page_holds_a_number_of_cells_and_targets_come_first(maze, monkeypatch):
