@@ -44,9 +44,6 @@ def test_interquartile_mean_by_hand():
     assert interquartile_mean([100.0, 0.0, 2.0, 4.0]) == 3.0
     assert interquartile_mean([1.0, 2.0, 6.0]) == 3.0  # floor(3 / 4) = 0: nothing trimmed
     assert isinstance(interquartile_mean([1, 2]), float)
-
-
-def test_interquartile_mean_does_not_trim_nan_away():
     assert np.isnan(interquartile_mean([1.0, 2.0, 3.0, NAN]))
 
 

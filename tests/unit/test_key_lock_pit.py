@@ -37,10 +37,14 @@ def test_the_rewards_of_the_literature():
     assert ended
 
 
-def test_a_pit_ends_the_episode_and_walls_stop():
+def test_pits_walls_and_maps_without_locks_or_keys():
     assert follow(KeyLockPit("SPK"), EAST) == ([-200], "row=0 column=1 key=lying", True)
     paid, where, ended = follow(KeyLockPit(["S#", "K."]), NORTH, EAST, WEST)
     assert (paid, where, ended) == ([-10] * 3, "row=0 column=0 key=lying", False)
+    assert follow(KeyLockPit("SK"), EAST, PICK_UP) == ([-10, 500], "row=0 column=1 key=held", True)
+    assert follow(KeyLockPit("SL"), EAST, UNLOCK)[0] == [-10, 1000]
+    held = KeyLockPit("SKL", keys_held=True)
+    assert follow(held, EAST, PICK_UP, EAST, UNLOCK)[0] == [-10, -10, -10, 1000]
 
 
 def test_a_lock_needs_its_keys():
@@ -49,13 +53,6 @@ def test_a_lock_needs_its_keys():
     assert paid == [-10, 500, -10, -10, -10, -10, 1000]
     assert where == "row=0 column=4 key_1=held key_2=lying lock_1=locked lock_2=open"
     assert follow(KeyLockPit("SKLKL"), EAST, PICK_UP, EAST, UNLOCK)[0][-1] == -10
-
-
-def test_maps_without_locks_or_keys():
-    assert follow(KeyLockPit("SK"), EAST, PICK_UP) == ([-10, 500], "row=0 column=1 key=held", True)
-    assert follow(KeyLockPit("SL"), EAST, UNLOCK)[0] == [-10, 1000]
-    held = KeyLockPit("SKL", keys_held=True)
-    assert follow(held, EAST, PICK_UP, EAST, UNLOCK)[0] == [-10, -10, -10, 1000]
 
 
 def search(lines):

@@ -40,9 +40,6 @@ def test_a_budget_of_steps_is_spent_to_the_last_one():
     result = learn(LINE, budget=1234, seeds=3)
     assert result.steps_used.tolist() == [1234] * 3
     assert result.values.shape == (3, 4, 4)
-
-
-def test_checkpoints_start_at_step_0_and_end_within_the_budget():
     assert learn(LINE, budget=1000).steps.tolist() == list(range(0, 1001, 10))
     assert learn(LINE, budget=1000, eval_freq=300).steps.tolist() == [0, 300, 600, 900]
     assert learn(LINE, budget=50).steps.tolist() == list(range(51))
@@ -54,6 +51,9 @@ def test_a_budget_of_episodes_is_spent_exactly():
     assert result.episodes_used.tolist() == [30] * 4
     assert len(set(result.steps_used.tolist())) > 1
     assert result.steps[-1] == result.steps_used.max() // 10 * 10
+    result = learn(GridWorld("S..T", time_limit=50, ends=()), budget=Episodes(7))
+    assert result.steps.tolist() == [0, 100, 200, 300]
+    assert result.steps_used.tolist() == [350]
 
 
 def test_the_last_value_stands_after_a_seed_has_spent_its_episodes():
@@ -66,12 +66,6 @@ def test_the_last_value_stands_after_a_seed_has_spent_its_episodes():
         assert np.isnan(result.training_return[k, ~own]).all()
         alone = learn(LINE, budget=Episodes(30), seeds=[k], eval_freq=10)
         assert (alone.greedy_return[0] == result.greedy_return[k, own]).all()
-
-
-def test_a_budget_of_episodes_has_a_checkpoint_each_100_steps():
-    result = learn(GridWorld("S..T", time_limit=50, ends=()), budget=Episodes(7))
-    assert result.steps.tolist() == [0, 100, 200, 300]
-    assert result.steps_used.tolist() == [350]
 
 
 def test_episodes_are_counted_when_they_end():

@@ -41,19 +41,13 @@ def test_identity_lifts_values_to_themselves(task):
     assert (identity(task).read(q) == q).all()
 
 
-def test_same_position_reads_the_same_cell_of_a_crop():
+def test_same_position_by_hand():
     mapping = same_position(LINE, END)
     assert source_states(mapping) == [UNMAPPED, UNMAPPED, 0, ENDED]
     assert mapping.index[2].tolist() == [0, 1, 2, 3]
-
-
-def test_same_position_leaves_walls_of_the_source_unmapped():
     open_field, walled = GridWorld(["S.", ".T"]), GridWorld(["S#", ".T"])
     assert source_states(same_position(open_field, walled)) == [0, UNMAPPED, 1, ENDED]
     assert source_states(same_position(walled, open_field)) == [0, 2, ENDED]
-
-
-def test_same_position_of_a_state_terminal_only_in_the_source_has_ended():
     deadly, mild = GridWorld("SPT"), GridWorld("SPT", ends=("treasure",))
     assert source_states(same_position(mild, deadly)) == [0, ENDED, ENDED]
     assert source_states(same_position(deadly, mild)) == [0, ENDED, ENDED]
@@ -107,20 +101,18 @@ def test_project_without_labels_matches_values():
 # -- relative_objects ----------------------------------------------------------------------------
 
 
-def test_relative_objects_finds_the_source_at_its_only_shift():
+def test_relative_objects_by_hand():
     target = GridWorld(["S....", "..F.T"])
     source = GridWorld(["F.T", "S.."])  # fits with its top row on the target's bottom row
     assert np.array(source_states(relative_objects(target, source))).reshape(2, 5).tolist() == [
         [UNMAPPED] * 5,
         [UNMAPPED, UNMAPPED, 0, 1, ENDED],
     ]
-
-
-def test_relative_objects_without_a_fitting_shift_maps_nothing():
     mapping = relative_objects(GridWorld("SF..T"), GridWorld("SF.T"))
     assert source_states(mapping)[:4] == [UNMAPPED] * 4
     assert mapping.coverage().mapped == 0
     assert mapping.coverage().mean_readers == 0
+    assert relative_objects(GridWorld("SF.PT"), GridWorld("SP.T")).coverage().mapped == 0
 
 
 def test_relative_objects_takes_the_smallest_shift_that_maps_a_cell():
@@ -131,10 +123,6 @@ def test_relative_objects_takes_the_smallest_shift_that_maps_a_cell():
     wide = GridWorld("S.T..", ends=())
     # Shift -2 maps columns 0, 1, 2 and comes first; shift 0 adds 3 and 4.
     assert source_states(relative_objects(both, wide)) == [2, 3, 4, 3, 4]
-
-
-def test_relative_objects_reads_the_class_of_the_objects():
-    assert relative_objects(GridWorld("SF.PT"), GridWorld("SP.T")).coverage().mapped == 0
 
 
 # -- from_function -------------------------------------------------------------------------------
@@ -186,9 +174,6 @@ def test_compose_maps_through_the_middle_task():
     both = compose(same_position(LINE, middle), same_position(middle, END))
     assert source_states(both) == [UNMAPPED, UNMAPPED, 0, ENDED]
     assert (both.target, both.source) == (LINE, END)
-
-
-def test_composition_keeps_the_unmapped_value_of_the_first():
     first = same_position(LINE, END, unmapped_value=-3)
     assert compose(first, identity(END)).read(np.ones((2, 4)))[0].tolist() == [-3] * 4
 
@@ -196,16 +181,14 @@ def test_composition_keeps_the_unmapped_value_of_the_first():
 # -- reading and coverage ------------------------------------------------------------------------
 
 
-def test_unmapped_and_ended_differ():
+def test_reading_by_hand():
     q = np.arange(8.0).reshape(2, 4) + 10
     read = same_position(LINE, END, unmapped_value=-7).read(q)
     assert read.tolist() == [[-7] * 4, [-7] * 4, [10, 11, 12, 13], [0] * 4]
-
-
-def test_reading_keeps_leading_axes():
     q = np.arange(24.0).reshape(3, 2, 4)
     assert same_position(LINE, END).read(q).shape == (3, 4, 4)
     assert same_position(LINE, END).read(q)[2, 2].tolist() == [16, 17, 18, 19]
+    assert same_position(LINE, END).mapped_states().tolist() == [False, False, True, False]
 
 
 def test_rows_of_terminal_target_states_do_not_count():
@@ -225,10 +208,6 @@ def test_coverage_counts_by_hand():
     )  # fmt: skip
 
 
-def test_mapped_states_have_at_least_one_mapped_pair():
-    assert same_position(LINE, END).mapped_states().tolist() == [False, False, True, False]
-
-
 # -- the edge ------------------------------------------------------------------------------------
 
 
@@ -236,9 +215,6 @@ def test_scale_and_shift_apply_to_mapped_pairs_only():
     mapping = same_position(LINE, END, unmapped_value=-7)
     phi = Transfer("end", "line", mapping, scale=2, shift=-1).potential(np.full((2, 4), 5.0))
     assert phi[:3, 0].tolist() == [-7, -7, 9]
-
-
-def test_the_value_of_an_ended_pair_is_the_shift():
     deadly, mild = GridWorld("SPT"), GridWorld("SPT", ends=("treasure",))
     edge = Transfer("deadly", "mild", same_position(mild, deadly), scale=2, shift=3)
     assert edge.potential(np.full((3, 4), 5.0))[:2, 0].tolist() == [13, 3]

@@ -35,27 +35,18 @@ def expand(mdp):
 def test_from_dense_keeps_the_transitions():
     p, _ = expand(dense(np.zeros(3)))
     assert (p[:2] == P[:2]).all()
+    assert dense(np.zeros(3)).probability.shape == (6, 2)
 
 
-def test_from_dense_takes_a_reward_for_the_state_that_is_left():
+def test_from_dense_takes_rewards_of_states_pairs_or_transitions():
     _, r = expand(dense([1.0, 2.0, 9.0]))
     assert r.tolist() == [[1, 1], [2, 2], [0, 0]]
-
-
-def test_from_dense_takes_a_reward_for_each_pair():
     _, r = expand(dense([[1.0, 2.0], [3.0, 4.0], [9.0, 9.0]]))
     assert r.tolist() == [[1, 2], [3, 4], [0, 0]]
-
-
-def test_from_dense_takes_a_reward_for_each_transition():
     reward = np.zeros((3, 2, 3))
     reward[0, 0, 1], reward[1, 1, 2], reward[0, 0, 2] = 4.0, 8.0, 99.0  # the last is impossible
     _, r = expand(dense(reward))
     assert r.tolist() == [[2, 0], [0, 6], [0, 0]]
-
-
-def test_from_dense_stores_only_the_possible_outcomes():
-    assert dense(np.zeros(3)).probability.shape == (6, 2)
 
 
 def test_from_outcomes_pads_short_lists_with_probability_0():

@@ -34,14 +34,11 @@ HELPED = curve([2, 3, 4, 4, 4], [2, 2, 2, 2, 2], source=[150, 200])
 # Curve
 
 
-def test_curve_dtypes_and_default_source_steps():
+def test_source_steps_are_one_number_or_one_a_seed():
     made = Curve(np.array([5, 7], dtype=np.int32), np.ones((3, 2), dtype=np.float32))
     assert (made.steps.dtype, made.values.dtype) == (np.int64, np.float64)
     assert made.source_steps.dtype == np.int64
     assert made.source_steps.tolist() == [0, 0, 0]
-
-
-def test_one_number_of_source_steps_stands_for_all_seeds():
     assert curve([1, 2], [3, 4], steps=[0, 1], source=7).source_steps.tolist() == [7, 7]
 
 
@@ -73,13 +70,10 @@ def test_filled_puts_the_first_measured_value_in_leading_nan():
 # smooth
 
 
-def test_smooth_is_a_trailing_mean_over_fewer_at_the_start():
+def test_smooth_is_a_trailing_mean_over_what_is_measured():
     values = np.array([[3.0, 5.0, 10.0, 0.0], [1.0, 1.0, 1.0, 1.0]])
     np.testing.assert_allclose(smooth(values, 3), [[3, 4, 6, 5], [1, 1, 1, 1]])
     assert smooth(values, 1).tolist() == values.tolist()
-
-
-def test_smooth_leaves_leading_nan_out_of_the_means():
     assert smooth(np.array([[NAN, NAN, 4.0, 6.0, 8.0]]), 2).tolist()[0][2:] == [4, 5, 7]
     assert np.isnan(smooth(np.array([[NAN, NAN, 4.0]]), 3)).tolist() == [[True, True, False]]
 
@@ -91,9 +85,6 @@ def test_midpoint_is_taken_on_the_smoothed_mean_over_seeds():
     made = curve([0, 8, 0, 4, 4], [0, 8, 0, 0, 8])  # mean 0 8 0 2 6
     assert midpoint(made) == 4.0
     assert midpoint(made, window=2) == 2.0  # 0 4 4 1 4
-
-
-def test_midpoint_reads_leading_nan_as_the_first_measured_value():
     assert midpoint(curve([NAN, 2, 4], [0, 0, 0], steps=[0, 1, 2])) == 1.5
 
 
@@ -110,6 +101,12 @@ def test_time_is_the_first_checkpoint_at_or_above_the_threshold():
     times = time_to_threshold(curve([0, 1, 0, 3, 4], [5, 0, 0, 0, 0]), 1.0)
     assert times.steps.tolist() == [100, 0]
     assert times.reached.all()
+    assert time_to_threshold(curve([0, 0, 0, 0, 1]), 1.0).reached.all()
+    assert time_to_threshold(curve([0, 4, 4, 4, 4]), 4.0, window=3).steps.tolist() == [300]
+    assert time_to_threshold(curve([NAN, NAN, 4, 4, 4]), 1.0).steps.tolist() == [200]
+    made = Curve(np.arange(50), np.full((1, 50), 0.1))
+    assert time_to_threshold(made, 0.1, window=10).steps.tolist() == [0]
+    assert smooth(made.values, 10).min() == 0.1
 
 
 def test_a_seed_that_never_reaches_is_censored_at_the_last_checkpoint():
@@ -121,24 +118,6 @@ def test_a_seed_that_never_reaches_is_censored_at_the_last_checkpoint():
     assert strong.reached.tolist() == [True, False]
 
 
-def test_reaching_at_the_last_checkpoint_is_not_censored():
-    assert time_to_threshold(curve([0, 0, 0, 0, 1]), 1.0).reached.all()
-
-
-def test_smoothing_delays_the_time():
-    assert time_to_threshold(curve([0, 4, 4, 4, 4]), 4.0, window=3).steps.tolist() == [300]
-
-
-def test_leading_nan_never_reaches():
-    assert time_to_threshold(curve([NAN, NAN, 4, 4, 4]), 1.0).steps.tolist() == [200]
-
-
-def test_a_constant_curve_reaches_its_own_value_however_smoothed():
-    made = Curve(np.arange(50), np.full((1, 50), 0.1))
-    assert time_to_threshold(made, 0.1, window=10).steps.tolist() == [0]
-    assert smooth(made.values, 10).min() == 0.1
-
-
 def test_restricted_mean_keeps_the_censored():
     assert (
         Times(np.array([200.0, 400.0]), np.array([True, False])).restricted_mean().estimate == 300.0
@@ -148,9 +127,6 @@ def test_restricted_mean_keeps_the_censored():
 def test_steps_saved_is_paired_by_seed():
     assert steps_saved(SCRATCH, HELPED, 2.0).tolist() == [200, 400]
     assert steps_saved(SCRATCH, HELPED, 2.0, strong=True).tolist() == [50, 200]
-
-
-def test_steps_saved_when_nobody_arrives():
     assert steps_saved(SCRATCH, HELPED, 99.0).tolist() == [0, 0]
     assert steps_saved(SCRATCH, HELPED, 99.0, strong=True).tolist() == [-150, -200]
 
@@ -158,27 +134,18 @@ def test_steps_saved_when_nobody_arrives():
 # The strong axis
 
 
-def test_charge_source_shifts_each_seed_by_its_own_source_steps():
+def test_charge_source_by_hand():
     charged = charge_source(SCRATCH, HELPED)
     np.testing.assert_allclose(charged.values, [[0, 0, 2.5, 3.5, 4], [0, 0, 2, 2, 2]])
     assert charged.source_steps.tolist() == [0, 0]
     assert charged.steps.tolist() == STEPS.tolist()
-
-
-def test_with_source_steps_beyond_the_budget_the_first_value_stays():
     charged = charge_source(curve([1, 2, 3, 4, 5]), curve([9, 9, 9, 9, 9], source=1000))
     assert charged.values.tolist() == [[1, 1, 1, 1, 1]]
-
-
-def test_charge_source_where_the_checkpoints_start_later():
     steps = [100, 200, 300]
     charged = charge_source(
         curve([1, 2, 3], steps=steps), curve([7, 8, 9], steps=steps, source=100)
     )
     assert charged.values.tolist() == [[1, 7, 8]]
-
-
-def test_charge_source_reads_leading_nan_as_the_first_measured_value():
     charged = charge_source(curve([NAN, 1, 2, 3, 4]), curve([NAN, 5, 6, 7, 8], source=100))
     assert charged.values.tolist() == [[1, 5, 5, 6, 7]]
 
@@ -189,9 +156,6 @@ def test_charge_source_reads_leading_nan_as_the_first_measured_value():
 def test_jumpstart_weak_and_strong():
     assert jumpstart(SCRATCH, HELPED).tolist() == [2, 2]
     assert jumpstart(SCRATCH, HELPED, strong=True).tolist() == [0.5, 2]
-
-
-def test_strong_jumpstart_is_unknown_beyond_the_baseline():
     strong = jumpstart(
         SCRATCH, curve([2, 2, 2, 2, 2], [2, 2, 2, 2, 2], source=[400, 401]), strong=True
     )
@@ -203,9 +167,6 @@ def test_asymptotic_performance_is_the_mean_of_the_last_checkpoints():
     assert asymptotic_performance(SCRATCH).tolist() == [4, 4]
     assert asymptotic_performance(SCRATCH, fraction=0.4).tolist() == [3.5, 2]
     assert asymptotic_performance(SCRATCH, fraction=1).tolist() == [2, 0.8]
-
-
-def test_strong_asymptote_is_taken_at_the_same_total_budget():
     helped = curve([0, 1, 2, 3, 4], source=100)
     assert asymptotic_performance(charge_source(curve([0, 0, 0, 0, 0]), helped)).tolist() == [3]
 

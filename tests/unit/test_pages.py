@@ -32,12 +32,10 @@ ENDS = re.compile(r"\s(?:#|\||&|>|;).*|&$")
 
 
 def of_pages(find):
-    """Return what `find` finds on each page, as parameters: a page and one thing found there."""
-    return [
-        pytest.param(page, found, id=f"{page.relative_to(ROOT)}: {found}"[:120])
-        for page in PAGES
-        for found in find(page.read_text("utf-8"))
-    ]
+    """Yield a page and one thing that `find` finds on it, for each of them."""
+    for page in PAGES:
+        for found in find(page.read_text("utf-8")):
+            yield page, found
 
 
 def prose(text: str) -> str:
@@ -73,54 +71,53 @@ def typed(text: str, program: str) -> list[str]:
     return [ENDS.sub("", line) for line in lines if line.startswith(f"{program} ")]
 
 
-@pytest.mark.parametrize(("page", "link"), of_pages(links))
-def test_links_lead_somewhere(page, link):
-    path, _, anchor = link.partition("#")
-    place = (page.parent / path).resolve() if path else page
-    assert place.exists(), f"{link} of {page.name} leads to no file"
-    assert not anchor or anchor in anchors(place), f"{link} of {page.name} leads to no heading"
+def test_links_lead_somewhere():
+    for page, link in of_pages(links):
+        path, _, anchor = link.partition("#")
+        place = (page.parent / path).resolve() if path else page
+        assert place.exists(), f"{link} of {page.name} leads to no file"
+        assert not anchor or anchor in anchors(place), f"{link} of {page.name}: no such heading"
 
 
-@pytest.mark.parametrize(("page", "line"), of_pages(lambda text: typed(text, "curricle")))
-def test_commands_are_as_the_command_line_has_them(page, line):
-    name, *words = shlex.split(line)[1:]
-    if name.startswith("--"):
-        pytest.skip("not a command but an option of all")
+def test_commands_are_as_the_command_line_has_them():
     commands = typer.main.get_command(app).commands
-    try:
-        commands[name].make_context(name, words)
-    except click.UsageError as wrong:
-        pytest.fail(f"{page.name}: {line}: {wrong.format_message()}")
+    for page, line in of_pages(lambda text: typed(text, "curricle")):
+        name, *words = shlex.split(line)[1:]
+        if name.startswith("--"):  # not a command but an option of all
+            continue
+        try:
+            commands[name].make_context(name, words)
+        except click.UsageError as wrong:
+            pytest.fail(f"{page.name}: {line}: {wrong.format_message()}")
 
 
-@pytest.mark.parametrize(("page", "line"), of_pages(lambda text: typed(text, "python")))
-def test_scripts_exist_with_their_flags(page, line):
-    words = shlex.split(line)[1:]
-    module = words[1].replace(".", "/") if words[0] == "-m" else words[0].removesuffix(".py")
-    if words[0] == "-c" or module == "pip":
-        return
-    found = [ROOT / f"{module}{ending}" for ending in (".py", "/__main__.py")]
-    code = "".join(path.read_text("utf-8") for path in found if path.exists())
-    assert code, f"{page.name}: {line}: there is no {module}"
-    for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
-        assert f'"{flag}"' in code, f"{page.name}: {line}: {module} has no {flag}"
+def test_scripts_exist_with_their_flags():
+    for page, line in of_pages(lambda text: typed(text, "python")):
+        words = shlex.split(line)[1:]
+        module = words[1].replace(".", "/") if words[0] == "-m" else words[0].removesuffix(".py")
+        if words[0] == "-c" or module == "pip":
+            continue
+        found = [ROOT / f"{module}{ending}" for ending in (".py", "/__main__.py")]
+        code = "".join(path.read_text("utf-8") for path in found if path.exists())
+        assert code, f"{page.name}: {line}: there is no {module}"
+        for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
+            assert f'"{flag}"' in code, f"{page.name}: {line}: {module} has no {flag}"
 
 
-@pytest.mark.parametrize(("page", "line"), of_pages(lambda text: typed(text, "make")))
-def test_targets_are_in_the_makefile(page, line):
+def test_targets_are_in_the_makefile():
     targets = re.findall(r"^([a-z-]+):.*## ", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
-    assert shlex.split(line)[1] in targets
+    for page, line in of_pages(lambda text: typed(text, "make")):
+        assert shlex.split(line)[1] in targets, f"{page.name}: {line}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_a_page_has_one_title(page):
-    titles = re.findall(r"^# .*", prose(page.read_text("utf-8")), re.MULTILINE)
-    assert len(titles) == 1, titles
+def test_a_page_has_one_title():
+    for page in PAGES:
+        titles = re.findall(r"^# .*", prose(page.read_text("utf-8")), re.MULTILINE)
+        assert len(titles) == 1, (page, titles)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_toml_and_python_parse(page):
-    for language, block in blocks(page.read_text("utf-8")):
+def test_toml_and_python_parse():
+    for _, (language, block) in of_pages(blocks):
         if language == "toml":
             tomllib.loads(block)
         elif language == "python" and ">>> " not in block:

@@ -45,14 +45,6 @@ def test_the_rate_is_that_of_the_last_minute(clock):
     assert pace.line() == "800 of 1,000 units, 1 worker, 10 units a second, 0:00:20 left"
 
 
-def test_units_that_were_begun_again_are_counted(clock):
-    pace, every = Pace(clock), units(3)
-    pace.note(Progress(every, workers=2, repeated=1))
-    assert pace.line() == "0 of 3 units, 2 workers, 1 unit begun again"
-    pace.note(Progress(every, workers=1, repeated=1_200))
-    assert pace.line() == "0 of 3 units, 1 worker, 1,200 units begun again"
-
-
 def test_the_rate_of_a_folder_is_that_of_what_was_seen(clock):
     pace = Pace(clock)
     assert pace.line_of(40, 100) == "40 of 100 units"
@@ -61,17 +53,6 @@ def test_the_rate_of_a_folder_is_that_of_what_was_seen(clock):
     assert pace.line_of(45, 100) == "45 of 100 units, 30 units a minute, 0:01:50 left"
     clock.now += 10.0
     assert pace.line_of(50, 200) == "50 of 200 units, 30 units a minute, 0:05:00 left"
-
-
-def test_a_run_of_a_part_says_how_far_the_study_is_too(clock):
-    pace, every = Pace(clock), units(3)
-    assert pace.line_in(0, 0) == ""
-    assert pace.line_in(6, 9) == "6 of 9 units"
-    pace.note(Progress(every, workers=2, tuning="tuning, 1 of 1 trials"))
-    assert pace.line_in(0, 3) == "0 of 3 units; its tuning: 0 of 3 units, 2 workers"
-    pace.note(Progress(every, workers=1))
-    assert pace.line_in(6, 9) == "6 of 9 units; this run: 0 of 3 units, 1 worker"
-    assert pace.line_in(0, 3) == "0 of 3 units, 1 worker"
 
 
 def printed(capsys, clock, number):
@@ -83,11 +64,6 @@ def printed(capsys, clock, number):
         lines.show(progress)
         clock.now += 0.01
     return capsys.readouterr().err.splitlines()
-
-
-def test_each_unit_has_a_line(capsys, clock):
-    found = printed(capsys, clock, 40)
-    assert found == [f"done scratch: maze, seed {seed}" for seed in range(40)]
 
 
 def test_very_many_units_have_a_line_a_second(capsys, clock):

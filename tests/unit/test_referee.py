@@ -1,6 +1,5 @@
 """The referee of designers: its statistics, its files, and the published claim that it checks."""
 
-import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 import curricle as cr
 from benchmarks.referee import claim, playing
-from benchmarks.referee.__main__ import main
 from benchmarks.referee.domains import MAKERS, Domain, domain
 from benchmarks.referee.players import FIXED, PLAYERS, RACING, SCRATCH, Player
 from benchmarks.referee.playing import QUICK, path_of, play
@@ -171,57 +169,3 @@ def test_a_killed_unit_goes_on_where_it_was(corridor, monkeypatch, tmp_path):
 def test_their_maze_is_theirs():
     # Their trials end at 18.367886, the return of the best policy.
     assert cr.solve(claim.target()).start_value == pytest.approx(18.367886071, abs=1e-8)
-
-
-def trial(returns, at=50):
-    rows = (f"{k * at},20.00,{one},0.00" for k, one in enumerate(returns))
-    return "steps,steps_completed,reward,goal_perc\n" + "\n".join(rows) + "\n"
-
-
-@pytest.fixture
-def clone(tmp_path):
-    """Return a folder laid out as a clone of theirs, with two trials an arm."""
-    for number, arm in enumerate(claim.PUBLISHED):
-        folder = tmp_path / "results/GridWorld" / arm.folder
-        folder.mkdir(parents=True)
-        late = [-10.0] * (number + 2)
-        (folder / "_0_1_AGENT_1_RESULTS_eval").write_text(trial([*late, 18.1, 18.2, 18.3]))
-        (folder / "_0_2_AGENT_1_RESULTS_eval").write_text(trial([18.1, 18.2, *late]))
-        (folder / "_0_3_AGENT_1_RESULTS_eval").write_text(trial([18.3, 18.3]))  # cut short
-        (folder / "__EVAL_rewards").write_text("a summary")
-    return tmp_path
-
-
-def test_their_trials_are_read_from_a_clone_with_and_without_a_work_tree(clone, tmp_path):
-    found = claim.published(clone, claim.PUBLISHED[1])
-    assert found.steps.tolist() == [150.0, np.inf]
-    assert (found.never, found.distinct) == (1, 2)
-    git = ["git", "-C", str(clone), "-c", "user.name=a", "-c", "user.email=a@b"]
-    for command in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "trials"]):
-        subprocess.run([*git, *command], check=True)
-    bare = claim.published(clone / ".git", claim.PUBLISHED[1])
-    assert sorted(bare.steps) == [150.0, np.inf]
-
-
-def arm(name, rate, steps, ours=False):
-    return claim.Arm(name, rate, np.array(steps, float), len(steps), ours)
-
-
-@pytest.mark.parametrize(("own", "said"), [(2150, "the gain is gone"), (2950, "0 of 1 gains are")])
-def test_the_verdict_compares_equal_learning_rates(own, said):
-    arms = [
-        arm("no curriculum", 0.5, [2750, 2800, 2850]),
-        arm("object-oriented", 0.9, [2450, 2500, 2550]),
-        arm("shaping", 0.5, [np.inf, np.inf, 3000]),
-        arm("ours", 0.5, [2800, 2800, 2800], True),
-        arm("ours", 0.9, [own, own, own], True),
-    ]
-    lines = list(claim.verdicts(arms))
-    assert said in next(line for line in lines if line.startswith("verdict"))
-    assert "shaping: 2 of 3 trials never arrive" in lines
-
-
-def test_the_command_checks_a_clone(clone):
-    lines = []
-    main(["claim", str(clone), "--seeds", "2"], lines.append)
-    assert len(lines) > len(claim.PUBLISHED) + len(claim.RATES)

@@ -70,9 +70,6 @@ def test_it_stops_at_a_difference_of_either_sign():
         result = add_seeds(noisy(mean), difference=True)
         assert (result.stopped_by, result.values.size, result.looks) == ("difference", 10, 1)
         assert result.interval.low * result.interval.high > 0
-
-
-def test_without_a_difference_it_spends_all_seeds():
     balanced = add_seeds(lambda seeds: [(-1.0) ** seed for seed in seeds], difference=True)
     assert (balanced.stopped_by, balanced.values.size) == ("most", 100)
     assert balanced.interval.low < 0 < balanced.interval.high

@@ -108,37 +108,28 @@ def test_crops_of_other_domains():
 # -- what is removed -----------------------------------------------------------------------------
 
 
-def test_pits_and_fires_are_removed_together_and_one_by_one():
+def test_hazards_are_removed_together_and_one_by_one():
     maze = GridWorld(["S.PF", "....", "P..T"])
     found = only("removed", maze)
     assert names(found)[:3] == ["no hazards", "no fire", "no pit"]
     assert found["no hazards"].task.map == ("S...", "....", "...T")
     assert found["no pit at (2, 0)"].task.map == ("S.PF", "....", "...T")
     assert found["no pit"].mapping.coverage().unmapped == 0
-
-
-def test_what_pays_is_no_hazard():
+    found = only("removed", FrozenLake("4x4"))
+    assert found["no hole"].task.map == ("SFFF", "FFFF", "FFFF", "FFFG")
+    assert len(found) == 5
     rewards = cr.Rewards(pit=5.0)
     with pytest.raises(CurriculumError, match="no candidates of the kinds removed"):
         only("removed", GridWorld(["S.P", "..T"], rewards=rewards))
 
 
-def test_holes_of_a_lake_are_removed():
-    found = only("removed", FrozenLake("4x4"))
-    assert found["no hole"].task.map == ("SFFF", "FFFF", "FFFF", "FFFG")
-    assert len(found) == 5
-
-
-def test_predators_are_removed_and_each_reads_in_turn():
+def test_predators_are_removed_unless_the_prey_looks_at_them():
     target = Pursuit(size=3, predators=2)
     found = only("removed", target)
     assert names(found) == ["1 predator"]
     assert found["1 predator"].task == Pursuit(size=3, predators=1)
     read = [dict(one.renaming)["predator"] for one in found["1 predator"].mappings]
     assert read == ["predator_1", "predator_2"]
-
-
-def test_predators_that_the_prey_looks_at_cannot_be_removed():
     looks = np.full((4**3, 5), 0.2)
     for prey in (looks, lambda states: looks):
         with pytest.raises(CurriculumError, match="no candidates of the kinds removed"):
@@ -157,12 +148,7 @@ def test_penalties_are_rewards_below_those_of_most_steps():
 # -- chance, starts, bottlenecks, coarser tables -------------------------------------------------
 
 
-def test_moves_of_a_lake_no_longer_slip():
-    (one,) = only("deterministic", FrozenLake("4x4"))
-    assert one.task == FrozenLake("4x4", slippery=False)
-
-
-def test_each_pair_of_a_users_table_has_its_likeliest_outcome():
+def test_the_likeliest_outcome_of_each_pair_stays():
     target = chain(slip=0.3)
     (one,) = only("deterministic", target)
     assert (one.task.probability == 1).all()
@@ -170,9 +156,6 @@ def test_each_pair_of_a_users_table_has_its_likeliest_outcome():
         row = one.task.outcome_row[state, 1]
         assert one.task.next_state[row, 0] == state + 1
         assert one.task.reward[row, 0] == (10 if state == 6 else -1)
-
-
-def test_outcomes_that_lead_to_one_state_count_together():
     once = [(0.3, 0, 0.0), (0.3, 0, 2.0), (0.4, 1, 0.0)]
     target = FiniteMDP.from_outcomes(
         [[once, [(1.0, 1, 100.0)]], [[], []]], terminal=[False, True], start=0, discount=0.9
@@ -180,11 +163,10 @@ def test_outcomes_that_lead_to_one_state_count_together():
     (one,) = only("deterministic", target)
     row = one.task.outcome_row[0, 0]
     assert (one.task.next_state[row, 0], one.task.reward[row, 0]) == (0, 1.0)
-
-
-def test_two_outcomes_that_are_as_likely_have_no_likeliest():
     with pytest.raises(CurriculumError, match="1 cannot be made"):
         only("deterministic", Pursuit(size=3, predators=1))
+    (one,) = only("deterministic", FrozenLake("4x4"))
+    assert one.task == FrozenLake("4x4", slippery=False)
 
 
 def test_without_chance_a_swimmer_never_gets_to_the_other_bank():

@@ -35,11 +35,14 @@ def judged(*tables):
     return source_learning(plan(), values_of(*tables))["corner"]
 
 
-def test_the_optimal_values_are_the_whole_way():
+def test_the_optimal_and_the_worst_values_by_hand():
     found = judged(solved(), solved())
     assert found.returns == pytest.approx([Target.of(CORNER).optimum] * 2)
     assert (found.shares, found.noise, found.learnt) == (pytest.approx([1.0, 1.0]), 0.0, True)
     assert str(found) == "corner learnt 100 % of the way to its optimum"
+    found = judged(-solved())
+    assert found.share < 0
+    assert "did NOT learn its own task" in str(found)
 
 
 def test_equal_values_are_the_random_policy_and_learnt_nothing():
@@ -51,12 +54,6 @@ def test_equal_values_are_the_random_policy_and_learnt_nothing():
         f"{found.random_return:.4g} and its optimum {Target.of(CORNER).optimum:.4g}; its values "
         "may mislead"
     )
-
-
-def test_the_worst_policy_is_below_random():
-    found = judged(-solved())
-    assert found.share < 0
-    assert "did NOT learn its own task" in str(found)
 
 
 def test_a_seed_that_failed_is_not_hidden_by_those_that_learnt():

@@ -138,7 +138,13 @@ def test_the_criterion_of_a_decision_has_no_numbers(settings, greedy, criterion)
 def test_a_rule_that_makes_no_sense_is_refused():
     nan = float("nan")
     check_values(SettingError, StoppingRule, {"max_steps": [0]})
-    wrong = {"min_steps": [11], "patience": [0], "fraction": [1.5], "plateau": [-1]}
+    wrong = {
+        "min_steps": [11],
+        "settled": [-0.1, "much"],
+        "patience": [0],
+        "fraction": [1.5],
+        "plateau": [-1],
+    }
     wrong |= {"threshold": [nan], "when": ["both"]}
     check_values(SettingError, partial(StoppingRule, 10), wrong)
 

@@ -18,6 +18,7 @@ from curricle.study.results import DECISIONS, RESULTS
 from curricle.study.serialization import RUN
 from curricle.study.units import UnitInput, train_unit, units_of
 from tests.refusals import check_values
+from tests.studies import NUMBERED_HUNT, reader
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 CURVES = ("steps", "training_return", "greedy_return", "guard_share", "episodes")
@@ -291,29 +292,14 @@ def test_a_source_whose_values_are_not_kept_is_said_so(study_file, tmp_path):
     assert caught.value.__cause__ is None  # it is a mistake in the file, not in the study's code
 
 
-SPARSE = """
-name = "hunt"
-seeds = "3,7,8"
-seeds_per_unit = 2
-budget = 400
-[tasks.chase]
-type = "pursuit"
-size = 3
-predators = 1
-[tasks.hunt]
-type = "pursuit"
-size = 3
-storage.kind = "sparse"
-[[transfers]]
-source = "chase"
-target = "hunt"
-project = { predator = "predator_1" }
-"""
+SPARSE = [
+    *('seeds="3,7,8"', "seeds_per_unit=2", "tasks.hunt.storage.kind='sparse'"),
+    *("tasks.chase.budget=400", "tasks.hunt.budget=400"),
+]
 
 
 def test_sparse_tables_are_stored_and_read(tmp_path):
-    (tmp_path / "hunt.toml").write_text(SPARSE)
-    study = read_study(tmp_path / "hunt.toml")
+    study = reader(tmp_path)(NUMBERED_HUNT, set=SPARSE)
     found = run_study(study, tmp_path / "out", workers=2)
     plan = study.curriculum("transfer").replace("hunt", budget=800, eval_freq=4)
     learnt = plan.train([3, 7, 8], charge=True)["hunt"]

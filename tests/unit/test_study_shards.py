@@ -105,12 +105,6 @@ def test_a_merged_study_can_be_run_on(part, one_arm, finished, tmp_path):
     assert_same_tables(tmp_path / "whole", finished)
 
 
-def test_runs_of_all_machines_are_told(part, tmp_path):
-    parts = [part(f"part-{i}", shard=(i, 2)) for i in (1, 2)]
-    whole = merge(tmp_path / "whole", parts)
-    assert len(whole.store.runs()) == 2
-
-
 def test_parts_of_different_studies_are_refused(part, finished, tmp_path, contents):
     parts = [part("a", 'seeds="0-0"'), part("b", 'seeds="1-1"', "tasks.maze.budget=700")]
     with pytest.raises(StoreError, match=r"other settings.*budget is .*[67]00"):

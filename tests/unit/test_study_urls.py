@@ -13,13 +13,7 @@ from curricle.errors import LostStoreError, StoreError
 from curricle.files import RemotePath, place_at, write_whole
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
-from curricle.study.arms import Arms
-from curricle.study.engines.engine import ExecutorWorkers
-from curricle.study.packing import Packing
-from curricle.study.scheduling import Scheduler
-from curricle.study.store import Failures, StoredUnit
-from curricle.study.units import units_of
-from tests.studies import OBSERVED_HUNT
+from curricle.study.store import StoredUnit
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -95,34 +89,6 @@ def test_a_place_at_a_url_is_sent_with_its_options(url):
     assert str(place) == f"{url.partition('?')[0]}/units/a%20b.npz"
     sent = pickle.loads(pickle.dumps(place))
     assert (str(sent), sent.key, sent.system) == (str(place), place.key, place.system)
-
-
-@pytest.mark.parametrize("shared", [True, False])
-def test_networks_have_checkpoints_where_their_workers_see_a_place(tmp_path, shared):
-    (tmp_path / "hunt.toml").write_text(OBSERVED_HUNT)
-    study = read_study(tmp_path / "hunt.toml")
-    arms = Arms.of(study)
-
-    class Noting(ExecutorWorkers):
-        def see(self, place):
-            return isinstance(place, RemotePath)
-
-        def train(self, given, stored=None, place=None):
-            return given
-
-    workers = Noting(None, 1, shared)
-    for place, kept in ((url_of(tmp_path / "out"), True), (tmp_path / "here", shared)):
-        with StudyStore.opened(place, {}, resume=False) as store:
-            packing = Packing(store, {}, dict.fromkeys(arms.keys.values(), 1))
-            scheduler = Scheduler(("", "", ""), arms, packing, workers, Failures(arms.keys))
-            deep = [
-                unit
-                for unit in units_of(study, arms, {})
-                if not unit.sources and arms.curricula[unit.arm].node(unit.task).deep
-            ]
-            given = [scheduler._train(unit).checkpoints for unit in deep]
-            assert given
-            assert given == [store.checkpoints(unit) if kept else None for unit in deep]
 
 
 @pytest.mark.parametrize("place", ["folder", "url"])

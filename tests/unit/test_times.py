@@ -35,15 +35,9 @@ def test_curve_by_hand():
     curve = times(10.0, 20.0, -20.0, -30.0, 40.0).survival()
     assert curve.quantiles.tolist() == [10.0, 20.0, 30.0, 40.0]
     assert curve.probabilities == pytest.approx([4 / 5, 3 / 5, 3 / 5, 0.0])
-
-
-def test_without_censoring_the_curve_is_the_share_still_on_the_way():
     curve = times(3.0, 1.0, 3.0, 0.0).survival()
     assert curve.quantiles.tolist() == [0.0, 1.0, 3.0]
     assert curve.probabilities == pytest.approx([0.75, 0.5, 0.0])
-
-
-def test_when_nobody_arrives_the_curve_stays_at_one():
     curve = times(-5.0, -5.0).survival()
     assert (curve.quantiles.tolist(), curve.probabilities.tolist()) == ([5.0], [1.0])
 
@@ -88,13 +82,7 @@ def test_medians_bounds_by_hand():
     eight = times(10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
     assert numbers(eight.median(confidence=0.93)) == (40.0, 10.0, 80.0)
     assert numbers(eight.median(confidence=0.92)) == (40.0, 20.0, 70.0)
-
-
-def test_five_seeds_bound_no_median_at_95_percent():
     assert numbers(times(10.0, 20.0, 30.0, 40.0, 50.0).median()) == (30.0, 0.0, INF)
-
-
-def test_a_censored_time_bounds_only_from_below():
     early = times(-5.0, *[100.0 + k for k in range(7)])
     assert numbers(early.median()) == (103.0, 5.0, INF)
 
@@ -108,22 +96,13 @@ def test_restricted_mean_by_hand():
     assert sample.restricted_mean(300.0).estimate == 275.0
     assert times(10.0, 50.0).restricted_mean(1000.0).estimate == 30.0
     assert sample.restricted_mean().estimate == 525.0  # each for as long as it was followed
-
-
-def test_restricted_mean_is_the_mean_of_the_minima():
     sample = times(200.0, 400.0, -900.0, 500.0)
     plain = mean_interval([200.0, 400.0, 450.0, 450.0])
     assert numbers(sample.restricted_mean(450.0)) == (plain.estimate, plain.low, 450.0)
-
-
-def test_a_mean_of_seeds_that_never_arrived_has_no_upper_bound():
     mean = times(200.0, 400.0, -900.0).restricted_mean()
     plain = mean_interval([200.0, 400.0, 900.0])
     assert numbers(mean) == (500.0, max(plain.low, 0.0), INF)
     assert np.isnan(numbers(times(-900.0, -900.0).restricted_mean())[1:]).all()
-
-
-def test_restricted_mean_stays_from_0_to_the_horizon():
     assert numbers(times(10.0, 900.0).restricted_mean(1000.0)) == (455.0, 0.0, 1000.0)
 
 

@@ -9,7 +9,7 @@ import pytest
 import curricle as cr
 from curricle.comparison import trial as trials
 from curricle.comparison.arms import Arm
-from curricle.comparison.candidates import candidates_of, part_of
+from curricle.comparison.candidates import candidates_of
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.forecasting import JudgedPotentials, forecast_once
 from curricle.comparison.trial import Trial, affordable, apart, hindrance, rehearse, run_trial
@@ -76,18 +76,6 @@ def test_each_candidate_pays_for_its_own_sources_only():
         "left -> far": 300, "right -> far": 400,
     }  # fmt: skip
     assert found.total == 2700
-
-
-def test_a_part_keeps_settings_and_all_that_a_target_builds_on():
-    rule = cr.StoppingRule(max_steps=900, threshold=194.0, patience=3)
-    plan = corner(source=rule, aggregate={"maze": cr.minimum}, unknown_value={"maze": -1.0})
-    part = part_of(plan, "maze", plan.in_edges("maze"), "{} again".format)
-    assert list(part.tasks) == ["corner again", "maze again"]
-    for name in plan.tasks:
-        mine, yours = part.node(f"{name} again"), plan.node(name)
-        for which in ("task", "aggregate", "unknown_value", "learner", "budget", "shaping",
-                      "eval_freq", "evaluation", "storage"):  # fmt: skip
-            assert getattr(mine, which) == getattr(yours, which), which
 
 
 def test_the_candidates_are_what_they_are_called():

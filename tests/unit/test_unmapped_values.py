@@ -49,14 +49,11 @@ def test_it_is_read_through_the_transfer():
     assert fitted_unmapped_value(mapping, shift=-5.0) < fitted_unmapped_value(mapping) - 3
 
 
-def test_where_nothing_costs_there_is_none():
+def test_where_nothing_costs_or_leads_to_what_is_known_there_is_none():
     paid = cr.GridWorld("S.......T", rewards=cr.Rewards(step=0, treasure=1))
     end = paid.crop(rows=(0, 1), columns=(5, 9))
     assert fitted_unmapped_value(cr.same_position(paid, end)) is None
     assert fitted_unmapped_value(identity(LINE)) is None
-
-
-def test_where_nothing_leads_to_what_is_known_there_is_none():
     parted = cr.FiniteMDP.from_outcomes(
         [[[(1.0, 1, -1.0)]], [[]], [[(1.0, 3, -1.0)]], [[]]],
         terminal=[False, True, False, True], start=[0.5, 0, 0.5, 0], discount=0.9,

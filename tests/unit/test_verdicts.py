@@ -70,13 +70,6 @@ def test_no_verdict_changes_with_the_controls(data):
     assert set(second.control_verdicts) == {f"arm {n}" for n, those in enumerate(controls) if those}
 
 
-def test_trained_verdicts_stay_when_controls_come():
-    plain = compare(corner(), seeds=7)
-    beside = compare(corner(), seeds=7, controls=["placebo", "scaled", "negated"])
-    one, other = (found.contrasts["transfer"] for found in (plain, beside))
-    assert (one.verdict, one.p, one.adjusted_p) == (other.verdict, other.p, other.adjusted_p)
-
-
 # -- a curriculum and its controls -------------------------------------------------------------
 
 
@@ -191,14 +184,6 @@ def test_any_number_of_arms_has_a_number_of_seeds():
     assert seeds_needed(100_000) <= 25
     with pytest.raises(SettingError, match="questions must be a whole number, at least 1: got 0"):
         seeds_needed(0)
-
-
-def test_five_seeds_are_too_few_whatever_they_show():
-    found = compared(scratch=column(0, 5), mine=column(118, 5))
-    assert "no difference shown" not in str(found)
-    assert str(found).endswith("too few seeds for a verdict (5; 6 or more)")
-    enough = compared(scratch=column(0, 6), mine=column(118, 6))
-    assert str(enough).split("\n")[-2].endswith("pays (p = 0.031)")
 
 
 # -- arms that fail ----------------------------------------------------------------------------

@@ -8,7 +8,6 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
 
 from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space, from_gymnasium
 from curricle.errors import SettingError, TaskError
@@ -71,26 +70,6 @@ def test_registering_imports_nothing_heavy():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_environments_side_by_side_reset_by_themselves(mode):
-    many = gymnasium.make_vec(
-        "Curricle/Maze-v0",
-        3,
-        map="S.T",
-        time_limit=4,
-        vector_kwargs={"autoreset_mode": mode},
-    )
-    observed, _ = many.reset(seed=0)
-    assert observed.tolist() == [0, 0, 0]
-    ends = []
-    for _ in range(4):
-        *_, terminated, truncated, _ = many.step(np.array([EAST, WEST, EAST]))
-        ends.append((terminated.tolist(), truncated.tolist()))
-    assert ends[1] == ([True, False, True], [False, False, False])
-    assert ends[3][1][1]  # the one that moves into the wall is cut off
-    many.close()
-
-
 # -- episodes ----------------------------------------------------------------------------------
 
 
@@ -107,7 +86,7 @@ def test_an_episode_is_the_task_s():
     assert not truncated
 
 
-def test_terminated_and_truncated_differ():
+def test_ends_are_told_apart_and_the_tasks_own_limit_is_the_only_one():
     environment = to_gymnasium(GridWorld("S.T", time_limit=2))
     environment.reset()
     assert environment.step(WEST)[2:4] == (False, False)
@@ -115,9 +94,6 @@ def test_terminated_and_truncated_differ():
     environment.reset()
     environment.step(EAST)
     assert environment.step(EAST)[2:4] == (True, False)  # the last step allowed is an end
-
-
-def test_the_task_s_own_limit_is_the_only_one():
     made = gymnasium.make("Curricle/Maze-v0", map="S.T", time_limit=3)
     assert made.spec.max_episode_steps is None
     made.reset()

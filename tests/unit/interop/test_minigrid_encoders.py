@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.errors import SettingError, StoreError, TaskError
+from curricle.errors import SettingError, TaskError
 from curricle.interop import FlatDict, MiniGridFullView, MiniGridView
-from curricle.tasks.observation_task import EnvironmentMaker
 
 minigrid = pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
 CROSSING = "MiniGrid-SimpleCrossingS9N1-v0"
@@ -130,17 +129,6 @@ def test_tables_of_a_level_have_the_observations_of_the_networks_task(encode, sh
     env = task.environment()
     seen, _ = env.reset(seed=1)
     assert (found == seen).reshape(len(found), -1).all(axis=1).any()
-
-
-def test_an_encoded_level_is_read_from_its_file(tmp_path):
-    def table(encode):
-        maker = EnvironmentMaker("MiniGrid-Empty-5x5-v0", encode=encode)
-        return cr.tabulate(maker, discount=0.9, cache=tmp_path / "level")
-
-    first, again = (table(MiniGridView()).observations.batch() for _ in range(2))
-    np.testing.assert_array_equal(first, again)
-    with pytest.raises(StoreError, match="a cache must hold tables of the same environment"):
-        table(MiniGridView(picture=True))
 
 
 def test_minigrids_own_limit_is_the_tasks():

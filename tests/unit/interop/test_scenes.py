@@ -44,17 +44,16 @@ def test_figures_differ_without_their_colours():
             assert abs(one - other).max() > 100
 
 
-def test_text_shows_the_map_and_the_agent():
+def test_text_shows_who_is_where():
     environment = to_gymnasium(WALLED, render_mode="ansi")
     environment.reset(options={"state": {"row": 0, "column": 1}})
     assert environment.render() == "S@#T\nFP.."
-
-
-def test_text_shows_the_prey_and_the_predators_numbers():
     hunt = Pursuit(3, 2)
     environment = to_gymnasium(hunt, render_mode="ansi")
     environment.reset(options={"state": {"prey": 0, "predator_1": 0, "predator_2": 8}})
     assert environment.render() == "P1 .  .\n.  .  .\n.  .  2"
+    first = int(GRIDS["Block Dude"].mdp.start_states[0])
+    assert "1" in scene_of(GRIDS["Block Dude"]).text(first)
 
 
 GRIDS = {
@@ -84,11 +83,6 @@ def test_what_says_where_its_states_lie_is_drawn_there(name):
         row, column = layout.cells[state] - layout.origin
         assert lines[row][column] == "@"
         assert "".join(lines[: layout.shape[0]]).count("@") == 1
-
-
-def test_what_moves_beside_the_agent_has_numbers():
-    first = int(GRIDS["Block Dude"].mdp.start_states[0])
-    assert "1" in scene_of(GRIDS["Block Dude"]).text(first)
 
 
 def test_rendering_needs_a_mode():

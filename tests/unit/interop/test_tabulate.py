@@ -243,15 +243,6 @@ def test_listed_outcomes_of_ones_own():
         )
 
 
-def test_a_table_says_that_its_steps_draw_random_numbers():
-    """Eight repetitions need not meet an outcome of which the chance is small."""
-    task = cr.tabulate(lambda: Slippery("environment", chance=0.0), discount=0.5)
-    assert task.record.drawing > 0
-    said = f"exact unless {task.record.drawing} pairs that draw random numbers rarely use them"
-    assert said in repr(task)
-    assert repr(cr.tabulate(Corridor, discount=0.5)).endswith("exact)")
-
-
 REFUSALS = {
     "cannot be copied": (Uncopyable, {}, "copying .* failed with TypeError"),
     "never ends growing": (
@@ -305,23 +296,6 @@ def test_settings_are_checked():
         made(samples=5, outcomes=lambda s, a: [])
     with pytest.raises(SettingError, match=r"is for MiniGrid's environments: got <Corridor"):
         made(state=MiniGridState())
-
-
-def test_progress_is_shown(capsys):
-    seen = []
-    cr.tabulate(
-        Counting,
-        discount=0.5,
-        state=DeepCopy(ignore=["taken"]),
-        progress=seen.append,
-    )
-    assert seen == []  # it takes less than the time between two reports
-    with pytest.raises(TaskError, match="max_seconds"):
-        cr.tabulate(Counting, discount=0.5, progress=seen.append, max_seconds=1.2)
-    assert [now.states for now in seen] == sorted(now.states for now in seen) != []
-    assert all(now.transitions >= now.expanded for now in seen)
-    cr.tabulate(Corridor, discount=0.5, progress=True)
-    assert capsys.readouterr().out == ""
 
 
 def test_actions_and_observations_of_several_parts():

@@ -6,7 +6,7 @@ import pytest
 
 import curricle as cr
 from benchmarks.minigrid_by_hand import shortest
-from curricle.errors import StoreError, TaskError
+from curricle.errors import TaskError
 from curricle.interop import MiniGridState
 from curricle.transfer import UNMAPPED
 
@@ -191,17 +191,3 @@ def test_moving_obstacles_are_refused():
     task = cr.tabulate(name, discount=0.9, samples=3, max_states=20_000, n_obstacles=1)
     assert not task.exact
     assert set(np.unique(task.mdp.reward)) == {-1, 0, 1}
-
-
-def test_tables_of_minigrid_are_kept_and_found(tmp_path):
-    first, second = (
-        cr.tabulate("MiniGrid-DoorKey-5x5-v0", discount=0.9, cache=tmp_path / "door")
-        for _ in range(2)
-    )
-    assert second.record.cached
-    assert first.states == second.states
-    assert [*second.observations.parts] == ["image", "direction", "mission"]
-    seen = second.observations.batch([0])
-    assert seen["mission"].item().startswith("use the key")
-    with pytest.raises(StoreError, match="tables of the same seeds"):
-        cr.tabulate("MiniGrid-DoorKey-5x5-v0", discount=0.9, seeds=[1], cache=tmp_path / "door")

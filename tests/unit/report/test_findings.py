@@ -40,9 +40,6 @@ def test_a_headline_claims_nothing_that_was_not_shown():
     assert headline(compared(same=line(0))).startswith("No curriculum is shown to differ")
     both = headline(compared(one=line(-5), two=line(-6)))
     assert both.startswith("Both curricula cost more than they bring: two most")
-
-
-def test_controls_do_not_count_in_the_headline():
     found = compared(good=line(10), placebo=line(10, control=True))
     assert headline(found).startswith("The curriculum pays for itself: +")
 
