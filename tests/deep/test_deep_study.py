@@ -16,7 +16,7 @@ import curricle as cr
 from curricle.cli.tables import print_results
 from curricle.comparison.comparing import compare
 from curricle.deep import checkpoint
-from curricle.errors import ConfigError, StudyError
+from curricle.errors import ConfigError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.arms import Arms
@@ -264,15 +264,6 @@ def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
     assert "is the same for all actions" in page
     assert "This study kept no snapshots" in page
     assert ">nan" not in page
-
-
-def test_values_that_were_not_saved_are_refused(tmp_path):
-    file = tmp_path / "chain.toml"
-    file.write_text(CHAIN)
-    given = read_study(file, set=["tasks.alone.storage.save_values=false", "seeds=1"])
-    with pytest.raises(StudyError, match="a source's values must be kept"):
-        run_study(given, tmp_path / "out")
-    assert StudyResults(tmp_path / "out").result("residual", "alone", values=True).values is None
 
 
 @pytest.fixture(scope="module")

@@ -78,11 +78,13 @@ def test_project_matches_cells_by_their_labels_across_grid_sizes():
     assert (mapping.index[outside] == UNMAPPED).all()
 
 
-def test_project_from_five_moves_to_four_leaves_staying_unmapped():
+def test_project_without_labels_or_with_other_moves():
     five, four = Pursuit(size=2, predators=1), Pursuit(size=2, predators=1, moves=4)
     state = five.states.encode(prey=0, predator=1)
     assert project(five, four).index[state].tolist() == [UNMAPPED, *range(4 * state, 4 * state + 4)]
     assert project(four, five).index[state].tolist() == list(range(5 * state + 1, 5 * state + 5))
+    assert project(plain(4), plain(2, low=1)).index[:, 0].tolist() == [UNMAPPED, 0, 1, UNMAPPED]
+    assert project(plain(2), plain(2, "other"), other="state").index[:, 0].tolist() == [0, 1]
 
 
 def plain(n, name="state", low=0):
@@ -91,11 +93,6 @@ def plain(n, name="state", low=0):
         np.eye(n)[:, None, :], np.zeros(n), terminal=np.zeros(n, bool), start=0, discount=0.5,
         states=Space([Component(name, n, low=low)]), actions=moves,
     )  # fmt: skip
-
-
-def test_project_without_labels_matches_values():
-    assert project(plain(4), plain(2, low=1)).index[:, 0].tolist() == [UNMAPPED, 0, 1, UNMAPPED]
-    assert project(plain(2), plain(2, "other"), other="state").index[:, 0].tolist() == [0, 1]
 
 
 # -- relative_objects ----------------------------------------------------------------------------
@@ -140,13 +137,19 @@ def test_from_function_gets_broadcastable_components():
     assert source_states(mapping) == [UNMAPPED, ENDED]
 
 
-def test_from_function_may_map_actions_by_state():
+def test_from_function_may_map_actions_by_state_and_does_not_round():
     def mirrored(state, action):
         east_is_west = np.array([0, 3, 2, 1])[action["move"]]
         return state, {"move": np.where(state["column"] == 0, east_is_west, action["move"])}
 
     mapping = from_function(LINE, LINE, mirrored)
     assert mapping.index[:2].tolist() == [[0, 3, 2, 1], [4, 5, 6, 7]]
+
+    def half(state, action):
+        return {**state, "column": state["column"] / 2}, action
+
+    with pytest.raises(CurricleError):
+        from_function(LINE, LINE, half)
 
 
 def test_a_function_that_asks_for_an_unknown_component_is_told_those_there_are():
@@ -156,14 +159,6 @@ def test_a_function_that_asks_for_an_unknown_component_is_told_those_there_are()
         from_function(LINE, END, lambda state, action: (state, {"move": action["step"]}))
     with pytest.raises(MappingError, match="components of the source, column, move, row: got 'x'"):
         project(LINE, END, x="row")
-
-
-def test_from_function_does_not_round_fractions():
-    def half(state, action):
-        return {**state, "column": state["column"] / 2}, action
-
-    with pytest.raises(CurricleError):
-        from_function(LINE, LINE, half)
 
 
 # -- compose -------------------------------------------------------------------------------------

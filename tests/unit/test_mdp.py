@@ -49,15 +49,12 @@ def test_from_dense_takes_rewards_of_states_pairs_or_transitions():
     assert r.tolist() == [[2, 0], [0, 6], [0, 0]]
 
 
-def test_from_outcomes_pads_short_lists_with_probability_0():
+def test_from_outcomes_pads_lists_and_reads_ends():
     lists = [[[(0.5, 0, -1.0), (0.5, 1, 3.0)], [(1.0, 1, 7.0)]], [[], []]]
     mdp = FiniteMDP.from_outcomes(lists, terminal=[False, True], start=0, discount=0.5)
     p, r = expand(mdp)
     assert p[0].tolist() == [[0.5, 0.5], [0, 1]]
     assert r[0].tolist() == [1, 7]
-
-
-def test_from_outcomes_reads_the_end_off_the_terminated_flags():
     lists = {0: {0: [(1.0, 1, 0.0, False)]}, 1: {0: [(1.0, 2, 1.0, True)]}, 2: {0: []}}
     mdp = FiniteMDP.from_outcomes(lists, start=0, discount=1.0)
     assert mdp.terminal.tolist() == [False, False, True]

@@ -26,9 +26,6 @@ def test_settings_come_from_the_task_unless_given():
     mine = OptimisticQLearning(learning_rate=0.2, value_range=(0, 5), initial_value=1.0)
     assert mine.for_task(task) == mine
     assert mine.value_range == (0.0, 5.0)
-
-
-def test_the_horizon_is_the_time_limit_where_that_is_shorter():
     task = cr.GridWorld("S.T", discount=0.99, time_limit=30)
     assert OptimisticQLearning().for_task(task).learning_rate == harmonic(half=31.0)
 
@@ -75,16 +72,3 @@ def test_single_precision_learns_the_same_policy():
     assert single.greedy_return[0, -1] == pytest.approx(
         cr.learn(task, OptimisticQLearning(), 500).greedy_return[0, -1]
     )
-
-
-def test_a_curriculum_takes_it_as_a_learner():
-    source, target = cr.GridWorld("S.T"), cr.GridWorld("S.T", start="uniform")
-    curriculum = cr.Curriculum(
-        {"source": source, "target": target},
-        [cr.Transfer("source", "target", cr.from_function(target, source, lambda s, a: (s, a)))],
-        learner=OptimisticQLearning(),
-        budget=cr.StoppingRule(500),
-    )
-    result = curriculum.train(seeds=2)
-    assert result["target"].greedy_return[:, -1].min() > 190
-    assert result["source"].steps_used.sum() == 1000

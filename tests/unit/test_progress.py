@@ -31,7 +31,7 @@ def clock():
     return Clock()
 
 
-def test_the_rate_is_that_of_the_last_minute(clock):
+def test_the_rate_is_that_of_what_was_seen(clock):
     pace, every = Pace(clock), units(1_000)
     pace.note(Progress(every))
     for unit in every[:100]:  # 1 a second, then 10 a second
@@ -43,9 +43,6 @@ def test_the_rate_is_that_of_the_last_minute(clock):
         pace.note(Progress(every, unit))
     assert pace.rate() == pytest.approx(10.0, rel=0.05)
     assert pace.line() == "800 of 1,000 units, 1 worker, 10 units a second, 0:00:20 left"
-
-
-def test_the_rate_of_a_folder_is_that_of_what_was_seen(clock):
     pace = Pace(clock)
     assert pace.line_of(40, 100) == "40 of 100 units"
     clock.now += 10.0

@@ -49,7 +49,6 @@ def test_all_conditions_that_are_given_have_to_hold():
     settled = cr.StoppingRule(1_000, settled=0.05).decisions(steps, greedy)
     assert settled[-1].criterion == "settled return reached"
     assert settled[-1].step < 1_000
-    assert "< 0.05 of its range" in str(settled[-1])
     both = cr.StoppingRule(1_000, settled=0.05, threshold=2.0, when="all")
     assert both.decisions(steps, greedy)[-1].criterion == "all steps used"
     either = cr.StoppingRule(1_000, settled=0.05, threshold=1.0)

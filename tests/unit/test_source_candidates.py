@@ -12,9 +12,7 @@ from curricle import Component, FiniteMDP, GridWorld, Pursuit, Space, same_posit
 from curricle.design import SourceCandidate, mappings_between, source_candidates
 from curricle.design.bottlenecks import betweenness
 from curricle.design.candidates import KINDS
-from curricle.design.simpler_models import ordered_components
 from curricle.errors import CurriculumError, TaskError
-from curricle.interop.encoders import Bins
 from curricle.paper.settings import maze as paper_maze
 from curricle.tasks import (
     CliffWalking,
@@ -81,12 +79,14 @@ def test_members_are_those_that_are_easier_with_the_familys_mappings():
     for mapping, expected in zip(one.mappings, declared, strict=True):
         assert (mapping.index == expected.index).all()
     assert one.words.endswith("size 2 instead of 3, predators 1 instead of 2")
+    with pytest.raises(CurriculumError, match="up to 20,000,000 state-action pairs"):
+        source_candidates(pursuit_family(size=10, predators=2))
 
 
 # -- crops ---------------------------------------------------------------------------------------
 
 
-def test_crops_of_the_papers_maze_lie_around_the_treasure():
+def test_a_target_is_cropped_around_its_goal():
     found = only("crop", MAZE)
     (treasure,) = [(row, column) for name, row, column in MAZE.objects if name == "treasure"]
     assert len(found) >= 6
@@ -96,9 +96,6 @@ def test_crops_of_the_papers_maze_lie_around_the_treasure():
         assert (one.mapping.index == same_position(MAZE, one.task).index).all()
     sides = {len(one.task.map) for one in found}
     assert sides <= set(range(2, 10))
-
-
-def test_crops_of_other_domains():
     assert names(only("crop", RiverSwim(size=4))) == ["positions 2..3", "positions 1..3"]
     assert names(only("crop", DeepSea(size=3))) == ["lowest 1 rows", "lowest 2 rows"]
     assert "rows 5..7, columns 5..7" in names(only("crop", FrozenLake("8x8")))
@@ -169,11 +166,6 @@ def test_the_likeliest_outcome_of_each_pair_stays():
     assert one.task == FrozenLake("4x4", slippery=False)
 
 
-def test_without_chance_a_swimmer_never_gets_to_the_other_bank():
-    with pytest.raises(CurriculumError, match="1 goal never reached from the start"):
-        only("deterministic", RiverSwim())
-
-
 @pytest.mark.parametrize("target", [MAZE, chain(), RiverSwim(size=9), Taxi(size=3, stands=2)])
 def test_start_rings_grow_from_the_goal(target):
     found = only("starts", target)
@@ -239,13 +231,6 @@ def test_an_end_is_never_merged_with_what_goes_on():
     assert one.task.states.names == ("row", "column", "ended")
     assert one.task.mdp.terminal.sum() == 1
     assert names(found) == ["row, column by 2", "row by 2", "column by 2"]
-
-
-def test_which_components_are_ordered():
-    bins = Bins({"x": [0.0, 1.0, 2.0, 3.0, 4.0], "v": [0.0, 1.0, 2.0]})
-    assert ordered_components(bins.states) == ("x",)
-    assert ordered_components(Pursuit(size=2, predators=1).states) == ()
-    assert ordered_components(chain().states) == ()
 
 
 # -- all together --------------------------------------------------------------------------------
@@ -448,11 +433,6 @@ def test_refusals(error, call, says):
 def test_wrong_values_are_named():
     wrong = {"kinds": [["crops"], "crop"], "most": [0], "propose": [5, lambda target: None]}
     check_values(CurriculumError, partial(source_candidates, CORRIDOR), wrong)
-
-
-def test_a_target_too_large_is_designed_for_on_smaller_members():
-    with pytest.raises(CurriculumError, match="up to 20,000,000 state-action pairs"):
-        source_candidates(pursuit_family(size=10, predators=2))
 
 
 def test_every_kind_has_its_turn_in_some_target():

@@ -35,10 +35,13 @@ def test_encode_broadcasts_and_decode_keeps_the_shape():
     assert LISTED.encode(x=[[1], [0]], y=[[0, 1]]).tolist() == [[0, 3], [2, -1]]
 
 
-def test_points_print_by_name_and_label():
+def test_points_print_and_components_are_found_by_name():
     move = Component("move", 2, low=1, labels=("left", "right"))
     assert Space([move, Component("n", 2)]).label(2) == "move=right n=0"
     assert LISTED.label(1) == "x=-1 y=1"
+    assert BOX.component("row").low == 5
+    with pytest.raises(TaskError, match=r"one of row, column: got 'z'"):
+        BOX.component("z")
 
 
 def test_the_size_of_a_huge_space_does_not_overflow():
@@ -53,12 +56,6 @@ def test_spaces_are_equal_when_components_and_points_are():
     assert Space(LISTED.components, points=[[1, 0]]) != LISTED
     assert Space([Component("row", 2), Component("column", 3)]) != BOX
     assert BOX != "a space"
-
-
-def test_component_is_found_by_name():
-    assert BOX.component("row").low == 5
-    with pytest.raises(TaskError, match=r"one of row, column: got 'z'"):
-        BOX.component("z")
 
 
 def test_points_need_one_column_for_each_component():

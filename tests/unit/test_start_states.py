@@ -111,16 +111,13 @@ def test_states_and_probabilities_are_taken_as_they_are():
     assert with_start(MAZE, given).mdp.start[1] == 0.75
 
 
-def test_goals_are_named_by_components():
+def test_goals_are_treasures_or_named_by_components():
     river = RiverSwim()
     assert goal_distance(river, {"position": 5}).tolist() == [5, 4, 3, 2, 1, 0]
     assert goal_distance(Pursuit(3, 1), {"prey": "(0,0)", "predator": ["(0,0)", "(2,2)"]})[0] == 0
     fetched = goal_states(Taxi(3), {"passenger": "taxi"})
     assert fetched.sum() == 9 * 4
     assert with_start(river, GoalDistance(0, goal={"position": 5})).mdp.start[5] == 1
-
-
-def test_the_treasure_is_the_goal_and_pits_are_not():
     assert np.flatnonzero(goal_states(MAZE)).tolist() == [MAZE.state(1, 3)]
     lake = FrozenLake()
     assert np.flatnonzero(goal_states(lake)).tolist() == [15]
@@ -131,9 +128,6 @@ def test_the_treasure_is_the_goal_and_pits_are_not():
     ]
     caught = Pursuit(3, 2)
     assert goal_states(caught).tolist() == caught.terminal.tolist()
-
-
-def test_no_way_leads_through_a_pit():
     corridor = GridWorld("S.P.T", ends=("pit", "treasure"))
     assert goal_distance(corridor).tolist() == [-1, -1, -1, 1, 0]
 
@@ -159,8 +153,6 @@ def test_it_is_learnt_solved_and_drawn():
     drawn = with_start(DeepSea(4), visit_distribution(DeepSea(4)))
     assert GridView.of(drawn).shape == (5, 4)
     assert GridView.for_replay(near) is not None
-    assert repr(near).startswith("TaskWithStart(Pursuit(")
-    assert repr(near).endswith(f"), {np.count_nonzero(near.start)} start states)")
 
 
 def test_a_pursuit_learns_from_a_ring_what_it_learns_anywhere():

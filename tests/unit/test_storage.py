@@ -8,7 +8,7 @@ import pytest
 import curricle as cr
 from curricle import GreedyEvaluation, QLearning, Storage
 from curricle.errors import SettingError
-from curricle.learning import SparseValues, run
+from curricle.learning import SparseValues
 from curricle.transfer.potentials import mapped_potential
 from tests.refusals import check_values
 
@@ -227,15 +227,6 @@ def test_values_need_not_be_kept(kind, learner):
     dropped = cr.learn(HUNT, learner, storage=Storage(kind, save_values=False), **settings)
     assert dropped.values is None
     same_curves(kept, dropped)
-
-
-def test_sparse_values_are_not_sorted_for_nothing(monkeypatch):
-    def sorted_anyway(*_):
-        raise AssertionError("values that are not saved are not put in order")
-
-    monkeypatch.setattr(run, "reorder", sorted_anyway)
-    storage = Storage("sparse", save_values=False)
-    assert cr.learn(HUNT, budget=100, storage=storage, evaluation=ROLLED).values is None
 
 
 def test_seeds_that_keep_nothing_need_memory_only_one_at_a_time():

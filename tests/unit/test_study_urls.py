@@ -123,33 +123,26 @@ def test_a_missing_bucket_is_named(tmp_path):
         StudyStore(RemotePath(objects, "bucket/study", "s3://"))
 
 
-@pytest.mark.parametrize("name", [".npz", "results.parquet", "analysis.json"])
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [("write", ".npz"), ("write", "results.parquet"), ("write", "analysis.json"), ("unlink", "")],
+)
 def test_a_place_that_is_lost_during_a_run_has_an_error_of_its_own(
-    study_file, tmp_path, monkeypatch, name
+    study_file, tmp_path, monkeypatch, method, name
 ):
-    write = RemotePath.write
+    works = getattr(RemotePath, method)
 
-    def failing(path, content):
+    def failing(path, *given, **settings):
         if str(path).endswith(name):
             raise OSError("nothing answers")
-        write(path, content)
+        return works(path, *given, **settings)
 
-    monkeypatch.setattr(RemotePath, "write", failing)
+    monkeypatch.setattr(RemotePath, method, failing)
     study, url = read_study(study_file), url_of(tmp_path / "out")
     with pytest.raises(LostStoreError, match=r"results cannot be written to .*nothing answers"):
         run_study(study, url)
     monkeypatch.undo()
     assert run_study(study, url, resume=True).seeds == study.seeds
-
-
-def test_a_file_that_cannot_be_removed_any_more_is_a_lost_place(study_file, tmp_path, monkeypatch):
-    def failing(path, missing_ok=False):
-        raise OSError("nothing answers")
-
-    monkeypatch.setattr(RemotePath, "unlink", failing)
-    study, url = read_study(study_file, set=["seeds=1"]), url_of(tmp_path / "out")
-    with pytest.raises(LostStoreError, match=r"results cannot be written to .*nothing answers"):
-        run_study(study, url)
 
 
 def test_parts_at_urls_are_merged(study_file, finished, tmp_path):

@@ -141,10 +141,18 @@ def test_a_smaller_number_may_be_harder_and_so_may_a_flag():
     ]  # fmt: skip
 
 
-def test_members_that_the_constraint_refuses_are_left_out():
+def test_members_that_the_constraint_or_their_number_rules_out():
     found = list(corridor.members(slope=("flat", "steep")))
     assert len(found) == 8 + 6
     assert sum(1 for _ in pursuit_family.members(predators=[1, 2], capture=[1, 2, "all"])) == 5
+
+    @task_family()
+    def coin(seed: int) -> GridWorld:
+        return GridWorld("ST")
+
+    with pytest.raises(TaskError, match="seed of coin has too many values to list, whole numbers"):
+        list(coin.members())
+    assert len(list(coin.members(seed=range(5)))) == 5
 
 
 @pytest.mark.parametrize(
@@ -174,16 +182,6 @@ def test_wrong_values_are_named():
     wrong = {"wet": [1], "slope": ["step"], "discount": ["x", None]}
     check_values(TaskError, partial(corridor, length=4), wrong)
     check_values(TaskError, pursuit_family, {"capture": [True]})
-
-
-def test_values_too_many_to_list_are_refused():
-    @task_family()
-    def coin(seed: int) -> GridWorld:
-        return GridWorld("ST")
-
-    with pytest.raises(TaskError, match="seed of coin has too many values to list, whole numbers"):
-        list(coin.members())
-    assert len(list(coin.members(seed=range(5)))) == 5
 
 
 def one_word(word: str = "a") -> GridWorld:

@@ -123,14 +123,6 @@ def test_a_source_that_pays_is_said_to_pay_and_by_how_much():
     assert re.fullmatch(pattern, numbers)
     assert "assumes" in found.basis
     assert words_of(found).startswith(f"Forecast for 'far': likely pays {numbers}; a trial in")
-    assert max(map(len, str(found).split("\n"))) <= 80
-
-
-def test_a_source_that_costs_is_said_to_cost():
-    found = cr.forecast(corner(source=3000), seeds=2)
-    assert found.answer == "likely costs more than it brings"
-    assert found.used.gain.high < 0
-    assert re.search(r"; takes .+ more; gain", found.basis)
 
 
 def test_scores_order_rows_and_the_best_is_named_if_it_is_not_used():
@@ -141,15 +133,9 @@ def test_scores_order_rows_and_the_best_is_named_if_it_is_not_used():
         assert scores == sorted(scores, reverse=True)
     assert found.best.score == max(one.score for one in found.rows)
     assert found.best.name != "maximum"
-    assert f"\nthe highest gain in the trial: {found.best.name}\n" in str(found)
     assert [one.name for one in found.rows if one.used] == ["maximum"]
     lines = [line for line in str(found).split("\n") if line.startswith("maximum *")]
     assert float(lines[0].split()[2]) == pytest.approx(found["maximum"].gain.estimate, rel=0.01)
-
-
-def test_an_unreachable_threshold_is_said_to_be_one():
-    found = cr.forecast(corner(), seeds=1, threshold=1e6)
-    assert "the threshold 1e+06 is never reached within 3,500 steps" in words_of(found)
 
 
 def arm(*values, spent=0, control=False):

@@ -81,8 +81,6 @@ def test_failures_outside_of_learning_surface_too():
         with pytest.raises(Trouble):
             work()
 
-
-def test_errors_on_making_and_closing_an_environment_are_raised():
     class Unclosable(Ring):
         def close(self):
             raise Trouble("close")

@@ -43,7 +43,7 @@ def test_the_numbers_in_an_observation_are_named_in_their_order(kind):
     assert cr.planning.rollout(task, np.zeros(task.states.size, int)).states[0] == state
 
 
-def test_one_number_is_named_or_split():
+def test_numbers_and_actions_are_named():
     one = echo(spaces.Discrete(12, start=1), 8, names=["place"])
     assert one.states.label(7) == "place=8"
     split = echo(spaces.Discrete(12, start=1), 8, names=["row", "column"], sizes=[3, 4])
@@ -52,18 +52,12 @@ def test_one_number_is_named_or_split():
     )
     ring = cr.from_gymnasium(Ring, discount=0.9, names=["place"])
     assert ring.mdp.states.names == ("place",)  # by its table
-
-
-def test_bins_and_known_environments_take_other_names():
     bins = cr.interop.Bins({"x": [0, 1, 2], "v": [0, 1]})
     car = cr.from_gymnasium("MountainCar-v0", discount=0.9, encode=bins, names=["place", "speed"])
     assert car.states.names == ("place", "speed")
     assert car.states.components[0].labels == bins.states.components[0].labels
     jack = cr.from_gymnasium("Blackjack-v1", discount=0.9, names=["hand", "card", "ace"])
     assert jack.states.label(5) == "hand=0 card=2 ace=usable"
-
-
-def test_actions_are_labelled():
     task = echo(TWO, 0, actions=["left", "right"])
     assert [task.actions.label(a) for a in range(2)] == ["action=left", "action=right"]
     lake = cr.tabulate("FrozenLake-v1", discount=0.9, actions=list("wsen"))

@@ -85,13 +85,10 @@ def test_logs_that_stay_empty_are_reported(tmp_path):
     ]
 
 
-def test_an_unknown_tracker_is_refused_with_the_valid_names():
+def test_a_tracker_that_is_unknown_or_not_installed_is_refused(monkeypatch):
     for unknown in ("tensorbord", "wandb", "", 3, None, object()):
         with pytest.raises(SettingError, match="a tracker must be one of tensorboard: got"):
             Trackers([unknown])
-
-
-def test_a_tool_that_is_not_installed_is_named_with_its_cure(monkeypatch):
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     with pytest.raises(SettingError, match=r'pip install "curricle\[tensorboard\]"$'):
         Trackers(["tensorboard"])

@@ -17,7 +17,7 @@ from curricle.plotting.picture import plot, save
 from curricle.plotting.scales import return_scale
 from curricle.statistics.curves import Curve
 
-from .studies import caption_of, labelled, texts_of
+from .studies import labelled, texts_of
 
 STEPS = np.arange(0, 101, 10)
 
@@ -113,8 +113,6 @@ def test_returns_over_decades_are_drawn_on_a_bent_axis():
     far = {"scratch": arm(-400.0), "mean": arm(-8.0, 20)}
     curves, profile, gains = draw_comparison(Comparison("hunt", far, 80, 100, -9.0, 1)).axes
     assert curves.get_yscale() == profile.get_xscale() == "symlog"
-    assert "symlog" in curves.get_ylabel()
-    assert "symlog" in profile.get_xlabel()
     assert gains.get_xscale() == "linear"
     assert curves.get_ylim()[0] < -400
 
@@ -150,12 +148,9 @@ def test_a_forecast_has_a_bar_for_each_potential(predicted):
         assert bar.get_x() + bar.get_width() == pytest.approx(one.mean("start"))
         assert f"{one.mean('optimistic'):.0%}" in texts_of(axes)
         assert f"× {one.scale:.2g}" in texts_of(axes)
-    assert any(text.startswith("optimum −") for text in texts_of(axes))
     low, high = axes.get_xlim()
     assert low < predicted.random_return
     assert predicted.optimum < high
-    assert "not what it gains\na forecast from 3 seeds of chase (5," in figure.get_suptitle()
-    assert "no intervals" in caption_of(figure)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf", ".PNG"])

@@ -28,16 +28,13 @@ def replay_of(shot, task):
     return found
 
 
-def test_arrows_are_of_the_agent_that_is_drawn():
+def test_ties_are_shown_as_ties_of_the_agent_that_is_drawn():
     task = cr.Pursuit(3, 2)
     hunt = GridView.for_replay(task)
     values = np.zeros(25)
     values[task.actions.encode(predator_1=2, predator_2=0)] = 1  # east, stay
     assert np.flatnonzero(greedy_choices(hunt, values)).tolist() == [2]
     assert GridDrawing.of(hunt).letters == (("P", 1, 1), ("2", 0, 0))
-
-
-def test_ties_are_shown_as_ties():
     maze = GridView.for_replay(cr.GridWorld(["S.", ".T"]))
     east = mark_of(maze, greedy_choices(maze, np.array([0.0, 1.0, 0.0, 0.0])))
     both = mark_of(maze, greedy_choices(maze, np.array([0.0, 1.0, 1.0, 0.0])))
