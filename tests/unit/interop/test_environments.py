@@ -183,7 +183,13 @@ def test_actions_by_component_need_a_box():
 
 
 def test_wrong_values_are_refused():
-    starts = [{"start": 1}, {"state": 2}, {"state": -1}, {"state": {"row": 0, "column": 9}}]
+    starts = [
+        {"start": 1},
+        {"state": 2},
+        {"state": -1},
+        {"state": 3},
+        {"state": {"row": 0, "column": 9}},
+    ]
     for options in starts:
         with pytest.raises(SettingError, match=r"hold only 'state'|not terminal|at least 0"):
             to_gymnasium(GridWorld("S.T")).reset(options=options)

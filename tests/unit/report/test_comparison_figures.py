@@ -13,8 +13,7 @@ from curricle.comparison.comparison import Comparison
 from curricle.errors import SettingError
 from curricle.plotting.forecast import draw_forecast
 from curricle.plotting.learning_curves import draw_comparison, draw_learning_curves
-from curricle.plotting.picture import plot, save
-from curricle.plotting.scales import return_scale
+from curricle.plotting.picture import plot
 from curricle.statistics.curves import Curve
 
 from .studies import labelled, texts_of
@@ -91,15 +90,6 @@ def test_gains_have_a_row_each_with_interval_and_p():
     assert {"reference", "gain [95 %]", "p (Holm)"} <= set(texts_of(axes))
 
 
-def test_twelve_curricula_differ_in_colour_or_dashes(tmp_path):
-    arms = {f"number {i}": arm(float(i), 10) for i in range(12)}
-    figure = draw_comparison(comparison(**arms))
-    curves = labelled(figure.axes[0])
-    styles = {(line.get_color(), repr(line._dash_pattern)) for line in curves.values()}
-    assert len(styles) == len(curves) == 15
-    save(figure, tmp_path / "twelve.png")
-
-
 def test_seeds_whose_sources_end_at_other_steps_are_charged_one_by_one():
     late = Curve(STEPS, np.full((4, 11), 8.0), np.array([10, 10, 30, 30]))
     other = Arm(late, np.zeros((4, 11)), np.zeros((4, 11)), False)
@@ -115,26 +105,6 @@ def test_returns_over_decades_are_drawn_on_a_bent_axis():
     assert curves.get_yscale() == profile.get_xscale() == "symlog"
     assert gains.get_xscale() == "linear"
     assert curves.get_ylim()[0] < -400
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "kind"),
-    [
-        (-100, -10, "linear"),
-        (-100, -1, "symlog"),
-        (-100, 0, "symlog"),
-        (-170, 170, "linear"),
-        (5, 5, "linear"),
-    ],
-)
-def test_an_axis_of_returns_holds_them_all(low, high, kind):
-    axes = Figure().subplots()
-    return_scale(axes.yaxis, low, high)
-    assert axes.get_yscale() == kind
-    bottom, top = axes.get_ylim()
-    assert bottom < low
-    assert high < top
-    assert 2 <= len([tick for tick in axes.get_yticks() if bottom <= tick <= top]) <= 12
 
 
 def test_a_forecast_has_a_bar_for_each_potential(predicted):

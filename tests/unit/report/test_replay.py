@@ -1,6 +1,5 @@
 """Replays of training: grid views, values over time, episodes."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -41,18 +40,6 @@ def test_ties_are_shown_as_ties_of_the_agent_that_is_drawn():
     assert mark_of(maze, greedy_choices(maze, np.ones(4))) == ""
     assert east.count("z") == 1
     assert both.count("z") == 2
-
-
-@pytest.mark.parametrize("chosen", [(1, 0, 0, 0), (1, 1, 0, 0), (0, 1, 1, 1)])
-def test_the_shapes_of_a_mark_all_begin_in_the_middle_of_the_cell(chosen):
-    maze = GridView.for_replay(cr.GridWorld(["S.", ".T"]))
-    mark = mark_of(maze, np.array(chosen, bool))
-    shapes = re.findall(r"m(\S+) [^z]*zm(\S+?)(?=m|$)", mark)
-    assert len(shapes) == sum(chosen)
-    # z leads back to where a shape begins, and the move after it to the middle.
-    for begins, home in shapes:
-        there, back = (np.array(point.split(","), float) for point in (begins, home))
-        assert (there + back == 0).all()
 
 
 def test_a_task_without_geometry_is_a_strip_with_words():
