@@ -14,6 +14,25 @@ def cases(tables):
     ]
 
 
+def texts_of(value):
+    """Yield a value, and each entry that it has, as a message shows them."""
+    yield f"got {value!r}"
+    for entry in value if isinstance(value, list | tuple | dict) else ():
+        yield from texts_of(entry)
+
+
+def check_values(error, call, wrong):
+    """Hold each value of each argument, {name: values}, to be refused by a line that names it."""
+    for name, values in wrong.items():
+        for value in values:
+            with pytest.raises(error) as caught:
+                call(**{name: value})
+            message = str(caught.value)
+            assert type(caught.value) is error
+            assert "\n" not in message
+            assert any(one in message for one in (name, *texts_of(value))), (name, value, message)
+
+
 def check_refusal(error, call, says):
     """Hold a call to raise this very exception, with one sentence in which a pattern is found."""
     with pytest.raises(error) as caught:

@@ -80,6 +80,17 @@ map = '''
     S....
 '''
 """
+CORNER = f"""{MAZE}
+[tasks.corner]
+type = "crop"
+of = "maze"
+rows = [0, 2]
+columns = [2, 5]
+[[transfers]]
+source = "corner"
+target = "maze"
+mapping = "same_position"
+"""
 
 
 def reader(folder):

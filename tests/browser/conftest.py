@@ -1,15 +1,12 @@
 """Pages, and a browser that opens them offline."""
 
 import shutil
-from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning.record import Snapshots
 from curricle.paper.reproduce import reproduce
-from tests.study_pages import study_page
+from tests.unit.report.studies import chain_plan, hunt_plan, page_of, record
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
@@ -27,45 +24,6 @@ DESK = {"width": 1200, "height": 900}
 ODD = "<img src=x onerror=alert(1)>&\"' "
 
 
-def kept_snapshots(task, budget, name, phi=None):
-    """Three moments of training, each a training of its own."""
-    steps = np.array([0, budget // 2, budget])
-    first = np.zeros((task.states.size, task.actions.size)) if phi is None else phi.values
-    later = [
-        cr.learn(
-            task, None, int(n), shaping=cr.QInitialisation(phi), eval_freq=int(n), stream=name
-        ).values[0]
-        for n in steps[1:]
-    ]
-    return Snapshots(0, steps, np.array([first, *later], dtype=np.float32))
-
-
-def study_of(title, plan):
-    """A study of one curriculum against its target alone: its comparison and its page."""
-    comparison = cr.compare({f"{title} arm": plan}, seeds=3)
-    target = plan.target
-    scratch = cr.Curriculum({target: plan.tasks[target]}, budget=comparison.total)
-    results = {"scratch": scratch.train(3), f"{title} arm": plan.train(3)}
-    for arm, result in results.items():
-        nodes = {}
-        for name, node in result.nodes.items():
-            phi = (result.potentials[name] or [None])[0]
-            kept = kept_snapshots(node.task, int(node.steps_used[0]), name, phi)
-            nodes[name] = replace(node, snapshots=kept)
-        results[arm] = replace(result, nodes=nodes)
-    return comparison, study_page(title, comparison, results)
-
-
-def hunt():
-    two, one = (cr.Pursuit(3, n, discount=0.9, time_limit=25) for n in (2, 1))
-    names = two.predator_names
-    return cr.Curriculum(
-        {"chase": one, "hunt": two},
-        [cr.Transfer("chase", "hunt", cr.project(two, one, predator=name)) for name in names],
-        budget={"chase": 3000, "hunt": 6000},
-    )
-
-
 def maze():
     whole = cr.GridWorld(["......T", ".PP....", "F......", "S.#...."], time_limit=40)
     corner = whole.crop(rows=(0, 3), columns=(3, 7))
@@ -76,28 +34,15 @@ def maze():
     )
 
 
-def chain():
-    def line(n):
-        rows = [[[(1.0, max(s - 1, 0), -1.0)], [(1.0, s + 1, -1.0)]] for s in range(n - 1)]
-        ended = [False] * (n - 1) + [True]
-        return cr.FiniteMDP.from_outcomes(
-            [*rows, [[], []]], terminal=ended, start=0, discount=0.9, time_limit=25
-        )
-
-    long, short = line(9), line(5)
-    f = cr.from_function(long, short, lambda s, a: ({"state": s["state"] - 4}, a))
-    return cr.Curriculum(
-        {f"{ODD} short": short, f"{ODD} long": long},
-        [cr.Transfer(f"{ODD} short", f"{ODD} long", f)],
-        budget={f"{ODD} short": 300, f"{ODD} long": 1500},
-    )
-
-
 @pytest.fixture(scope="session")
 def studies():
     """The comparison and the page of each study."""
-    plans = {"hunt": ("hunt", hunt()), "maze": ("maze", maze()), "chain": (ODD, chain())}
-    return {name: study_of(*plan) for name, plan in plans.items()}
+    plans = {"hunt": ("hunt", hunt_plan(cr.mean)), "maze": ("maze", maze())}
+    found = {}
+    for name, (title, plan) in (plans | {"chain": (ODD, chain_plan(ODD))}).items():
+        study = record(title, {f"{title} arm": plan}, 3, moments=3)
+        found[name] = study.comparison, page_of(study)
+    return found
 
 
 @pytest.fixture(scope="session")

@@ -80,12 +80,6 @@ def test_hovered_values_are_those_of_the_data(visit, studies, panel, viewport):
             assert numbers == pytest.approx(expected, abs=0.51 * 10**-digits)
 
 
-def test_an_arm_without_a_curve_yet_says_so(visit):
-    page = visit("maze")
-    point_at(page, 0)
-    assert page.locator('#arms [data-arm="maze arm"] .value').text_content() == "trains its sources"
-
-
 def test_without_a_pointer_the_last_values_are_shown(visit, studies):
     page, total = visit("maze"), studies["maze"][0].total
     assert page.text_content("#chart-steps") == f"At the end, {total:,} steps"

@@ -64,16 +64,6 @@ def test_the_script_draws_what_the_page_was_written_with(visit, name):
             assert page.text_content("#moment-words").startswith(f"Step {step} of ")
 
 
-def test_the_slider_changes_map_and_label(visit):
-    page = visit("maze")
-    last, words = drawn(page, "#map svg"), page.text_content("#moment-words")
-    set_moment(page, 0)
-    assert drawn(page, "#map svg")["heat"] != last["heat"]
-    assert drawn(page, "#map svg")["choice"] != last["choice"]
-    assert page.text_content("#moment-words") != words
-    assert page.get_attribute("#moment", "aria-valuetext") == page.text_content("#moment-words")
-
-
 def test_another_replay_has_its_own_grid(visit):
     page = visit("hunt")
     assert page.locator("#map .fixed").count() == 2  # the prey and the other predator

@@ -225,12 +225,10 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
     ("arguments", "words"),
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
-        ({"shaping": cr.LookBackAdvice()}, "is not a shaping for learners with networks"),
         ({"shaping": cr.StateShaping(guard=cr.Guard())}, "a guard is for learners with tables"),
         ({"evaluation": cr.GreedyEvaluation("exact")}, "an exact evaluation needs tables"),
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),
-        ({"learner": cr.deep.DeepLearner("DQN", settings={"learning_rte": 1})}, "a setting of DQN"),
     ],
 )
 def test_what_makes_no_sense_is_refused(observed, arguments, words):

@@ -11,6 +11,7 @@ from curricle.deep import DeepLearner, SmallCNN, TrainedPolicy, checkpoint, lear
 from curricle.errors import SettingError, StoreError
 from curricle.interop import MiniGridView
 from curricle.study import StudyResults, read_study, run_study
+from curricle.study.analysis import played_episode, stored_episode
 
 from .worlds import one_hot, table_potential
 
@@ -106,23 +107,6 @@ def test_an_episode_is_what_the_policy_does(lake):
     assert lake.policy.episode(max_steps=2).actions.shape == (2,)
 
 
-def test_a_curriculum_has_the_policy_of_its_target():
-    edge = cr.Transfer("alone", "lake", cr.transfer.ObservationMapping(LAKE, LAKE))
-    plan = cr.Curriculum({"alone": LAKE, "lake": LAKE}, [edge], learner=ACTOR, budget=64,
-                         shaping=cr.deep.WeightTransfer())  # fmt: skip
-    result = plan.train(seeds=2)
-    assert result.policy is result["lake"].policy
-    assert result.policies is result["lake"].policies
-    assert result.policies[1] is not result["alone"].policies[1]
-
-
-def test_values_that_were_not_saved_are_no_policy():
-    off = cr.Storage(save_values=False)
-    plan = cr.Curriculum({"lake": LAKE}, learner=ACTOR, budget=64, storage=off)
-    with pytest.raises(SettingError, match="these were not saved"):
-        _ = plan.train(seeds=1).policy
-
-
 STUDY = """
 name = "level"
 scratch = false
@@ -168,6 +152,10 @@ def test_the_policies_of_a_study_are_read_from_its_folder(tmp_path):
     (one,) = stored.policies(arm, curriculum, seeds=[1])
     assert np.array_equal(one.predict(seen), policies[1].predict(seen))
     assert policies[0].episode(max_steps=3).frames[0].shape == (160, 160, 3)
+    seed, episode = played_episode(stored, study, arm, "level", 1)
+    assert (seed, episode.frames[0].ndim) == (1, 3)
+    with pytest.raises(StoreError, match="stores no episode of 'level'"):
+        stored_episode(stored, arm, "level")
     with pytest.raises(StoreError, match="for seed 7 yet"):
         stored.policies(arm, curriculum, seeds=[7])
 
@@ -213,16 +201,11 @@ def drawn_nowhere():
             ),
             "must have its task's observations, Box.*: that in .* has Box",
         ),
-        (lambda p, d: p.episode(max_steps=0), "max_steps of an episode"),
         (lambda p, d: p.episode(seed=2**32), r"seed of a network's .* below 2\^32: got 4294967296"),
         (lambda p, d: p.predict(np.zeros(3)), r"a policy takes observations of Box.*\(3,\)"),
         (
             lambda p, d: TrainedPolicy(cr.tasks.ObservationTask(drawn_nowhere), p.model).episode(),
             "must draw pictures, .*: got render_mode=None",
-        ),
-        (
-            lambda p, d: TrainedPolicy(_timeless(), p.model).episode(),
-            "without a time limit needs max_steps",
         ),
     ],
 )
@@ -242,7 +225,3 @@ def test_a_mistake_is_one_sentence(lake, tmp_path, wrong, sentence):
 def test_what_an_algorithm_refuses_is_one_sentence(learner, said):
     with pytest.raises(SettingError, match=f"DQN must take its task .* says .*{said}"):
         learn_deep(LAKE, learner, 10)
-
-
-def _timeless():
-    return cr.observation_task("FrozenLake-v1", max_episode_steps=-1)

@@ -8,8 +8,6 @@ import curricle as cr
 from curricle.curriculum import CurriculumResult
 from curricle.deep import DeepLearner, DeepResult, learn_deep
 from curricle.errors import SettingError, StoreError
-from curricle.study import StudyResults, read_study, run_study
-from curricle.study.analysis import played_episode, stored_episode
 
 from .worlds import one_hot, table_potential
 
@@ -128,37 +126,3 @@ def test_a_policy_that_cannot_be_written_leaves_nothing(tmp_path, lake, monkeypa
     with pytest.raises(StoreError, match=r"not at a URL: got 's3://b/lake'"):
         lake.policy.save("s3://b/lake")
     assert not list(tmp_path.iterdir())
-
-
-STUDY = """
-name = "lake"
-scratch = false
-seeds = 2
-budget = 64
-eval_freq = 32
-[learner]
-type = "deep"
-algorithm = "PPO"
-[learner.settings]
-n_steps = 32
-batch_size = 32
-[tasks.lake]
-type = "observation_task"
-id = "FrozenLake-v1"
-arguments = { is_slippery = false }
-time_limit = 20
-"""
-
-
-def test_a_network_of_a_study_is_played_with_its_file(tmp_path):
-    (tmp_path / "lake.toml").write_text(STUDY)
-    study = read_study(tmp_path / "lake.toml")
-    run_study(study, tmp_path / "out")
-    results = StudyResults(tmp_path / "out")
-    (arm,) = results.record.arms
-    with pytest.raises(StoreError, match="stores no episode of 'lake'"):
-        stored_episode(results, arm, "lake")
-    seed, episode = played_episode(results, study, arm, "lake", 1)
-    assert seed == 1
-    assert episode.frames[0].ndim == 3
-    assert str(episode).startswith("start")

@@ -30,7 +30,7 @@ from curricle.deep.networks import NetworkValues
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import SettingError
 from curricle.interop.potential_shaping import PotentialShaping
-from curricle.transfer.observation_mapping import FunctionValues, TableValues
+from curricle.transfer.observation_mapping import FunctionValues
 from curricle.transfer.potentials import ObservationPotential
 
 from .shaped_worlds import (
@@ -125,14 +125,6 @@ def test_values_are_read_once_a_step_and_never_of_a_terminal_state():
         assert values.sizes == [3 + cut + dones.sum()]
 
 
-def test_sources_have_terms_where_they_are_several():
-    venv = ShapedVecEnv(worlds(), {"a": height, "b": lambda o: 2 * height(o)}, discount=DISCOUNT)
-    venv.reset()
-    info = venv.step([0, 1])[3][1]
-    assert list(info["shaping_terms"]) == ["a", "b"]
-    assert info["shaping"] == pytest.approx(np.mean(list(info["shaping_terms"].values())))
-
-
 def test_a_potential_over_observations_brings_its_discount_and_its_space():
     task = observation_task(world, discount=0.8)
     phi = ObservationPotential.of(task, FunctionValues(state_values=height))
@@ -141,17 +133,6 @@ def test_a_potential_over_observations_brings_its_discount_and_its_space():
         ShapedVecEnv(worlds(), phi, discount=0.9)
     with pytest.raises(SettingError, match="must be read from those of its task"):
         ShapedVecEnv(worlds(observe=int), phi)
-
-
-def test_tables_of_values_read_states_that_are_numbers():
-    values = TableValues(np.stack([PHI, PHI - 1], axis=1))
-    runs = []
-    for potential in (values, PHI.__getitem__):
-        venv = ShapedVecEnv(worlds(observe=int), potential, discount=DISCOUNT)
-        venv.seed(0)
-        venv.reset()
-        runs.append([venv.step(np.zeros(2, int))[1] for _ in range(30)])
-    np.testing.assert_array_equal(*runs)
 
 
 @st.composite

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from curricle import GridWorld, Rewards, solve
-from curricle.errors import TaskError
 
 NORTH, EAST, SOUTH, WEST = range(4)
 PAY = Rewards(step=-1, treasure=200, fire=-500, near_fire=-250, pit=-2500)
@@ -41,21 +40,14 @@ def test_a_step_pays_for_the_cell_entered(drawing, paid):
     assert step(GridWorld(drawing, rewards=PAY), (0, 0), EAST) == ((0, 1), paid)
 
 
-def test_several_fires_nearby_are_paid_once():
+def test_fires_nearby_are_paid_once_and_not_diagonally():
     maze = GridWorld(["S.F", ".F.", "..T"], rewards=PAY)
     assert step(maze, (0, 0), EAST) == ((0, 1), -251)
-
-
-def test_fire_is_near_north_east_south_and_west_but_not_diagonally():
     maze = GridWorld(["S....", "..F..", "....T"], rewards=PAY)
     paid = {(r, c): step(maze, (r, c - 1), EAST)[1] for r in range(3) for c in (1, 2, 3)}
     near = {cell for cell, reward in paid.items() if reward == -251}
     assert near == {(0, 2), (1, 1), (1, 3), (2, 2)}
     assert paid[1, 2] == -501
-
-
-def test_a_fire_is_near_to_its_neighbouring_fire():
-    assert step(GridWorld("SFFT", rewards=PAY), (0, 0), EAST)[1] == -751
 
 
 def test_all_terms_of_a_cell_add_up():
@@ -109,23 +101,17 @@ def test_what_ends_an_episode_can_be_chosen(ends, ended):
     assert maze.mdp.terminal.tolist() == [c in ended for c in "SFPT"]
 
 
-def test_every_s_is_an_equally_likely_start():
+def test_starts_are_those_drawn_uniform_or_given():
     assert GridWorld("S.ST").mdp.start.tolist() == [0.5, 0, 0.5, 0]
-
-
-def test_a_uniform_start_is_anywhere_that_does_not_end():
     maze = GridWorld("S#PFT").with_start("uniform")
     assert maze.mdp.start.tolist() == [0.5, 0, 0.5, 0]
-
-
-def test_a_start_may_be_given_as_cells():
     maze = GridWorld("S..T")
     assert maze.with_start([(0, 1), (0, 2)]).mdp.start.tolist() == [0, 0.5, 0.5, 0]
     assert maze.mdp.start.tolist() == [1, 0, 0, 0]  # the original is as it was
     assert maze.with_start([(0, 1)]) == maze.with_start(((0, 1),))
 
 
-def test_a_crop_keeps_the_coordinates_and_forgets_what_is_outside():
+def test_a_crop_keeps_coordinates_and_rules():
     maze = GridWorld(["S.F.", "..PT"], rewards=PAY)
     part = maze.crop(rows=(0, 2), columns=(3, 4))
     assert part.cells.tolist() == [[0, 3], [1, 3]]
@@ -133,16 +119,10 @@ def test_a_crop_keeps_the_coordinates_and_forgets_what_is_outside():
     assert part.mdp.start.tolist() == [1, 0]
     assert step(maze, (0, 3), NORTH)[1] == -251
     assert step(part, (0, 3), NORTH)[1] == -1  # the fire is gone
-
-
-def test_a_crop_of_a_crop_speaks_the_first_maps_coordinates():
     maze = GridWorld(["S....", "....T"])
     part = maze.crop(rows=(0, 2), columns=(2, 5)).crop(rows=(1, 2), columns=(3, 5))
     assert part == maze.crop(rows=(1, 2), columns=(3, 5))
     assert part.objects == (("treasure", 1, 4),)
-
-
-def test_a_crop_keeps_rules_and_takes_a_start():
     maze = GridWorld("S.ST", discount=0.5, time_limit=7, combine="worst")
     part = maze.crop(rows=(0, 1), columns=(1, 4), start="map")
     assert part.mdp.start.tolist() == [0, 1, 0]
@@ -193,8 +173,3 @@ def test_states_at_gives_missing_off_the_map():
         -1,
         -1,
     ]
-
-
-def test_an_origin_that_is_no_cell_is_refused():
-    with pytest.raises(TaskError):
-        _ = GridWorld("S.T", origin=(0.5, 0)).mdp

@@ -75,13 +75,10 @@ def test_the_share_is_the_probability_that_phi_earns_more(n):
     ) == pytest.approx(found)
 
 
-def test_without_a_gain_the_share_is_that_of_a_learner_behind():
+def test_shares_at_the_ends():
     assert share_after([1.0, 2.0], [1.0, 1.9]) == GUARD.share_behind
     assert share_after([1.0, 1.0], [1.0, 1.0]) == GUARD.share_behind  # in doubt, the other one
     assert share_after([0.0, 1.0], [1e-9, 1.0 - 1e-12]) > UNDECIDED
-
-
-def test_a_clear_gain_has_the_largest_share():
     assert share_after([1.0, 1.0], [1.0 + 1e-9, 1.0 + 1e-9]) == GUARD.share_ahead
     assert share_after([0.0, 1.0, 0.5], [9.0, 8.0, 8.5]) == GUARD.share_ahead
 

@@ -1,5 +1,7 @@
 """Profiles, tests and their correction, against SciPy, naive code and numbers found by hand."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import scipy.stats
@@ -11,6 +13,7 @@ from curricle.statistics.hypothesis_tests import (
     probability_of_improvement,
     sign_flip_test,
 )
+from tests.refusals import check_values
 
 NAN, INF = np.nan, np.inf
 
@@ -26,10 +29,16 @@ def bounds(interval):
 # Performance profile
 
 
-def test_profile_counts_runs_strictly_above():
+def test_profile_by_hand():
     profile = performance_profile([0.1, 0.5, 0.5, 0.9], [0.0, 0.5, 0.9])
     assert profile.estimate.tolist() == [1.0, 0.25, 0.0]
     assert profile.n == 4
+    profile = performance_profile([1.0], [0.5])
+    assert profile.estimate.tolist() == [1.0]
+    assert np.isnan(bounds(profile)).all()
+    assert performance_profile([-INF, 0.0, INF], [-INF, 0.0]).estimate.tolist() == [2 / 3, 1 / 3]
+    profile = performance_profile([NAN, 1.0, 2.0], [0.0, 1.5])
+    assert np.isnan([profile.estimate, profile.low, profile.high]).all()
 
 
 @pytest.mark.parametrize("confidence", [0.5, 0.95])
@@ -41,40 +50,6 @@ def test_profile_has_wilsons_interval(above, confidence):
     assert profile.high[0] - profile.low[0] > 0.04
 
 
-def test_profile_of_one_seed_has_no_interval():
-    profile = performance_profile([1.0], [0.5])
-    assert profile.estimate.tolist() == [1.0]
-    assert np.isnan(bounds(profile)).all()
-
-
-def test_profile_takes_infinite_scores_and_thresholds_but_hides_no_nan():
-    assert performance_profile([-INF, 0.0, INF], [-INF, 0.0]).estimate.tolist() == [2 / 3, 1 / 3]
-    profile = performance_profile([NAN, 1.0, 2.0], [0.0, 1.5])
-    assert np.isnan([profile.estimate, profile.low, profile.high]).all()
-
-
-def test_profile_prints_its_ends():
-    profile = performance_profile([0.0, 1.0, 2.0, 3.0], [0.5, 1.5, 2.5])
-    assert str(profile).startswith(
-        "3 values, first 0.750 [0.301, 0.954], last 0.250 [0.046, 0.699]"
-    )
-
-
-@pytest.mark.parametrize(
-    ("scores", "thresholds", "settings", "message"),
-    [
-        ([], [0.0], {}, r"scores must have shape \(K,\) with K at least 1: got \(0,\)"),
-        (["good"], [0.0], {}, "scores must be an array of numbers: got"),
-        ([1.0], 0.5, {}, r"thresholds must have shape \(L,\) with L at least 1: got \(\)"),
-        ([1.0], [0.5, NAN], {}, "thresholds must be numbers: threshold 1 is nan"),
-        ([1.0], [0.5], {"confidence": 0}, "confidence must be between 0 and 1: got 0"),
-    ],
-)
-def test_profile_refuses(scores, thresholds, settings, message):
-    with pytest.raises(SettingError, match=message):
-        performance_profile(scores, thresholds, **settings)
-
-
 # Probability of improvement
 
 
@@ -82,6 +57,11 @@ def test_improvement_by_hand():
     assert probability_of_improvement([1.0, 3.0], [2.0]).estimate == 0.5
     assert probability_of_improvement([1.0, 2.0], [2.0, 3.0]).estimate == 0.125
     assert probability_of_improvement([INF, INF], [0.0, INF]).estimate == 0.75
+    interval = probability_of_improvement([NAN, 9.0, 9.0], [1.0, 2.0])
+    assert np.isnan([interval.estimate, *bounds(interval)]).all()
+    single = probability_of_improvement([1.5], [1.0, 2.0])
+    assert single.estimate == 0.5
+    assert np.isnan(bounds(single)).all()
 
 
 @pytest.mark.parametrize("digits", [1, 16])  # the first makes ties
@@ -111,28 +91,6 @@ def test_improvement_without_overlap_still_has_a_width(seeds, low):
     assert (back.low, back.high) == (0.0, pytest.approx(1 - low, abs=1e-3))
 
 
-def test_improvement_hides_no_nan_and_one_seed_has_no_interval():
-    interval = probability_of_improvement([NAN, 9.0, 9.0], [1.0, 2.0])
-    assert np.isnan([interval.estimate, *bounds(interval)]).all()
-    single = probability_of_improvement([1.5], [1.0, 2.0])
-    assert single.estimate == 0.5
-    assert np.isnan(bounds(single)).all()
-
-
-@pytest.mark.parametrize(
-    ("a", "b", "settings", "message"),
-    [
-        ([], [1.0], {}, r"a must have shape \(K,\) with K at least 1: got \(0,\)"),
-        ([1.0], [[1.0]], {}, r"b must have shape \(K,\) with K at least 1: got \(1, 1\)"),
-        ([1.0], "b", {}, "b must be an array of numbers: got 'b'"),
-        ([1.0], [1.0], {"confidence": 1.5}, "confidence must be between 0 and 1: got 1.5"),
-    ],
-)
-def test_improvement_refuses(a, b, settings, message):
-    with pytest.raises(SettingError, match=message):
-        probability_of_improvement(a, b, **settings)
-
-
 # Sign flips
 
 
@@ -142,11 +100,14 @@ def test_sign_flips_by_hand():
     assert sign_flip_test([1.0, 2.0, -3.0]) == 1.0
     assert sign_flip_test([1.0, 1.0, -1.0]) == 1.0
     assert sign_flip_test([4.0]) == 1.0
-
-
-def test_no_difference_at_all_is_no_evidence():
     assert sign_flip_test(np.zeros(5)) == 1.0
     assert sign_flip_test(np.zeros(50), resamples=20) == 1.0
+    # 0.1 + 0.2 - 0.3 is 0 on paper only, and 0.1 + 0.2 + 0.3 is not 0.3 + 0.2 + 0.1.
+    assert sign_flip_test([0.1, 0.2, -0.3]) == 1.0
+    assert sign_flip_test([0.1, 0.2, 0.3]) == sign_flip_test([0.3, 0.2, 0.1]) == 0.25
+    for seeds in (5, 14):
+        assert sign_flip_test(np.arange(1.0, seeds + 1)) == 2.0 ** (1 - seeds)
+    assert sign_flip_test(np.arange(1.0, 41.0), resamples=999) == 1 / 1000
 
 
 def exact_p(differences):
@@ -181,36 +142,10 @@ def test_many_normal_differences_give_students_p_value():
     assert sign_flip_test(differences) == pytest.approx(expected, abs=0.015)
 
 
-def test_equal_sums_count_in_spite_of_rounding():
-    # 0.1 + 0.2 - 0.3 is 0 on paper only, and 0.1 + 0.2 + 0.3 is not 0.3 + 0.2 + 0.1.
-    assert sign_flip_test([0.1, 0.2, -0.3]) == 1.0
-    assert sign_flip_test([0.1, 0.2, 0.3]) == sign_flip_test([0.3, 0.2, 0.1]) == 0.25
-
-
-def test_few_seeds_cannot_give_a_small_p_value():
-    for seeds in (5, 14):
-        assert sign_flip_test(np.arange(1.0, seeds + 1)) == 2.0 ** (1 - seeds)
-    assert sign_flip_test(np.arange(1.0, 41.0), resamples=999) == 1 / 1000
-
-
 def test_random_signs_follow_the_seed():
     differences = normal(20)
     one, same, other = (sign_flip_test(differences, resamples=500, seed=s) for s in (1, 1, 2))
     assert one == same != other
-
-
-@pytest.mark.parametrize(
-    ("differences", "settings", "message"),
-    [
-        ([], {}, r"differences must have shape \(K,\) with K at least 1: got \(0,\)"),
-        ([1.0, NAN], {}, "differences must be finite: seed 1 has nan"),
-        (["x"], {}, "differences must be an array of numbers"),
-        ([1.0], {"resamples": 0}, "resamples must be a whole number, at least 1: got 0"),
-    ],
-)
-def test_sign_flips_refuse(differences, settings, message):
-    with pytest.raises(SettingError, match=message):
-        sign_flip_test(differences, **settings)
 
 
 # Holm
@@ -230,15 +165,24 @@ def test_holm_by_hand(p_values, adjusted):
     assert holm(p_values) == pytest.approx(np.array(adjusted))
 
 
-@pytest.mark.parametrize(
-    ("p_values", "message"),
-    [
-        ([], r"p-values must have shape \(M,\) with M at least 1: got \(0,\)"),
-        ([0.5, 1.5], r"p-values must lie in \[0, 1\]: test 1 has 1.5"),
-        ([NAN], r"p-values must lie in \[0, 1\]: test 0 has nan"),
-        (["low"], "p-values must be an array of numbers"),
-    ],
-)
-def test_holm_refuses(p_values, message):
-    with pytest.raises(SettingError, match=message):
+WRONG = {
+    partial(performance_profile, thresholds=[0.0]): {"scores": [[], ["good"]]},
+    partial(performance_profile, [1.0]): {"thresholds": [0.5, [0.5, NAN]]},
+    partial(performance_profile, [1.0], [0.5]): {"confidence": [0]},
+    partial(probability_of_improvement, b=[1.0]): {"a": [[]]},
+    partial(probability_of_improvement, [1.0]): {"b": [[[1.0]], "b"]},
+    partial(probability_of_improvement, [1.0], [1.0]): {"confidence": [1.5]},
+    sign_flip_test: {"differences": [[], [1.0, NAN], ["x"]]},
+    partial(sign_flip_test, [1.0]): {"resamples": [0]},
+}
+
+
+@pytest.mark.parametrize("call", WRONG, ids=lambda call: getattr(call, "func", call).__name__)
+def test_wrong_values_are_named(call):
+    check_values(SettingError, call, WRONG[call])
+
+
+@pytest.mark.parametrize("p_values", [[], [0.5, 1.5], [NAN], ["low"]])
+def test_holm_refuses(p_values):
+    with pytest.raises(SettingError, match="p-values must"):
         holm(p_values)

@@ -52,14 +52,6 @@ WRONG = {
         lambda: (cr.GridWorld("S#.T"), cr.GridWorld("S.#T")),
         "states of row, column are 3 in the target and 3 in the source, not the same ones in the",
     ),
-    "fewer points": (
-        lambda: (cr.GridWorld("S..T"), cr.GridWorld("S.#T")),
-        "are 4 in the target and 3 in the source",
-    ),
-    "actions": (
-        lambda: (cr.GridWorld("S.T"), chain()),
-        "the target's states have row, column, the source's place; project maps by name",
-    ),
     "order of actions": (
         lambda: (chain(), chain(labels=("right", "left"))),
         "values of move are left, right in the target and right, left in the source; ",

@@ -1,6 +1,7 @@
 """Keys, locks and pits: the rules on small maps, optima and counts by breadth-first search."""
 
 from collections import deque
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from curricle import project, solve
 from curricle.errors import TaskError
 from curricle.tasks import KeyLockPit
 from curricle.tasks.mdp import reachable_states
-from tests.refusals import cases, check_refusal
+from tests.refusals import cases, check_refusal, check_values
 
 NORTH, EAST, SOUTH, WEST, PICK_UP, UNLOCK = range(6)
 WAYS = ((-1, 0), (0, 1), (1, 0), (0, -1))
@@ -36,10 +37,14 @@ def test_the_rewards_of_the_literature():
     assert ended
 
 
-def test_a_pit_ends_the_episode_and_walls_stop():
+def test_pits_walls_and_maps_without_locks_or_keys():
     assert follow(KeyLockPit("SPK"), EAST) == ([-200], "row=0 column=1 key=lying", True)
     paid, where, ended = follow(KeyLockPit(["S#", "K."]), NORTH, EAST, WEST)
     assert (paid, where, ended) == ([-10] * 3, "row=0 column=0 key=lying", False)
+    assert follow(KeyLockPit("SK"), EAST, PICK_UP) == ([-10, 500], "row=0 column=1 key=held", True)
+    assert follow(KeyLockPit("SL"), EAST, UNLOCK)[0] == [-10, 1000]
+    held = KeyLockPit("SKL", keys_held=True)
+    assert follow(held, EAST, PICK_UP, EAST, UNLOCK)[0] == [-10, -10, -10, 1000]
 
 
 def test_a_lock_needs_its_keys():
@@ -48,13 +53,6 @@ def test_a_lock_needs_its_keys():
     assert paid == [-10, 500, -10, -10, -10, -10, 1000]
     assert where == "row=0 column=4 key_1=held key_2=lying lock_1=locked lock_2=open"
     assert follow(KeyLockPit("SKLKL"), EAST, PICK_UP, EAST, UNLOCK)[0][-1] == -10
-
-
-def test_maps_without_locks_or_keys():
-    assert follow(KeyLockPit("SK"), EAST, PICK_UP) == ([-10, 500], "row=0 column=1 key=held", True)
-    assert follow(KeyLockPit("SL"), EAST, UNLOCK)[0] == [-10, 1000]
-    held = KeyLockPit("SKL", keys_held=True)
-    assert follow(held, EAST, PICK_UP, EAST, UNLOCK)[0] == [-10, -10, -10, 1000]
 
 
 def search(lines):
@@ -164,39 +162,36 @@ def test_starts():
 REFUSED = {
     "nothing to do": (lambda: KeyLockPit("S.P"), "needs a key K or a lock L: there is none"),
     "another letter": (lambda: KeyLockPit("SKT"), r"row 0, column 2 has 'T'"),
-    "ragged": (lambda: KeyLockPit(["SK", "L"]), "equally long: line 1 has 1 character,"),
-    "no map": (lambda: KeyLockPit(3), "a map must be text or a list of lines: got 3"),
     "no start": (lambda: KeyLockPit("KL"), "needs an S on the map"),
-    "a start in a pit": (lambda: KeyLockPit("KLP", start=[(0, 2)]), r"end there: got \(0, 2\)"),
-    "a start in a wall": (lambda: KeyLockPit("KL#", start=[(0, 2)]), r"got \(0, 2\)"),
-    "a start beyond": (lambda: KeyLockPit("KL", start=[(0, 9)]), r"got \(0, 9\)"),
-    "a start in words": (lambda: KeyLockPit(start="corner"), "'map', 'uniform' or cells: got 'cor"),
     "ended at the start": (lambda: KeyLockPit("SK", keys_held=True), r"end there: got \(0, 0\)"),
     "all ended": (
         lambda: KeyLockPit("K", start="uniform", keys_held=True),
         "needs a state that does not end",
     ),
-    "too few needs": (lambda: KeyLockPit(needs=[]), r"for each of the 1 locks: got \[\]"),
-    "needs in words": (lambda: KeyLockPit(needs="none"), "'all' or a list .*got 'none'"),
     "an unknown key": (lambda: KeyLockPit(needs=[[2]]), r"numbers from 1 to 1: got \[2\]"),
     "half a key": (lambda: KeyLockPit(needs=[[1.5]]), "keys of a lock must be whole numbers"),
-    "a reward of words": (lambda: KeyLockPit(key_reward="much"), "key_reward must be a number"),
-    "no flag": (lambda: KeyLockPit(keys_held=1), "keys_held must be a bool: got 1"),
-    "an origin": (lambda: KeyLockPit(origin=3), "origin must be a row and a column: got 3"),
     "too many keys": (lambda: KeyLockPit("S" + "K" * 30), "at most 5,000,000 states: 31 cells and"),
-    "a small room": (lambda: KeyLockPit.room(3), "size must be a whole number, at least 4: got 3"),
-    "a large room": (lambda: KeyLockPit.room(2000), r"size must lie in \[4, 1000\]"),
     "a crop beyond": (
         lambda: KeyLockPit().crop(rows=(0, 9), columns=(0, 8)),
         r"map's rows 0..8: got 0..9",
     ),
-    "an empty crop": (
-        lambda: KeyLockPit().crop(rows=(2, 4), columns=(0, 4)),
-        "needs a key K or a lock L",
-    ),
+}
+WRONG = {
+    "map": [3, ["SK", "L"]],
+    "needs": [[], "none"],
+    "key_reward": ["much"],
+    "keys_held": [1],
+    "origin": [3],
 }
 
 
 @pytest.mark.parametrize(("error", "call", "says"), cases({TaskError: REFUSED}))
 def test_what_makes_no_room_is_refused(error, call, says):
     check_refusal(error, call, says)
+
+
+def test_wrong_values_are_named():
+    check_values(TaskError, KeyLockPit, WRONG)
+    starts = [[(0, 2)], [(0, 3)], [(0, 9)], "corner"]  # a pit, a wall, beyond
+    check_values(TaskError, partial(KeyLockPit, "KLP#"), {"start": starts})
+    check_values(TaskError, KeyLockPit.room, {"size": [3, 2000]})

@@ -7,8 +7,6 @@ import curricle as cr
 from curricle import QLearning, compare
 from curricle.comparison import Arm, Comparison, verdicts_of
 from curricle.errors import CurriculumError, SettingError
-from curricle.plotting.styles import arm_styles
-from curricle.report.sections import findings, headline
 from curricle.statistics import Curve
 from tests.comparisons import MAZE, assert_same, copied, corner, pursuit
 
@@ -83,28 +81,6 @@ def test_it_is_the_test_of_verdicts_of():
     assert (gain.low, gain.high) == (wanted.gain.low, wanted.gain.high)
 
 
-def test_the_table_names_the_best():
-    lines = str(by_hand(9.0, 3.0, 8.0, 1.0)).split("\n")
-    assert [line.endswith("the best from scratch: gains are over it") for line in lines[2:7]] == [
-        False, False, True, False, False,
-    ]  # fmt: skip
-    assert lines[4].index("the best") == lines[1].index("verdict")
-    assert lines[6].endswith("pays (p = 0.0039)")
-    assert "best" not in str(by_hand(9.0))
-
-
-def test_the_report_and_the_pictures_show_all_of_them():
-    found = by_hand(9.0, 3.0, 8.0)
-    assert [one.arm for one in findings(found)] == ["mine"]
-    assert "scratch, 1" in headline(found).replace("\xa0", " ")
-    styles = arm_styles(found)
-    assert list(styles) == ["scratch", "scratch, 0", "scratch, 1", "mine"]
-    looks = {(one.colour, str(one.dashes)) for one in styles.values()}
-    assert len(looks) == 4
-    assert {styles[name].colour for name in found.scratches} == {"#000000"}
-    cr.plot(found)
-
-
 def test_learners_are_named_after_their_settings():
     given = [QLearning(epsilon=0.5, initial_value=3.0), cr.SARSA()]
     found = compare(corner(), seeds=1, scratch=given)
@@ -137,8 +113,6 @@ def test_seeds_are_added_until_the_gain_over_the_best_is_known():
         (FAST, "scratch, unless it names learners in a dict, must be a Sequence: got QLearning"),
         ([FAST, FAST], r"learners from scratch must differ: QLearning\(learning_rate=0.5\) is"),
         ([QLearning()], "must differ from the target's own: QLearning is QLearning"),
-        ([3], "learner int from scratch: learner of maze must be a Learner: got 3"),
-        ({"": FAST}, "a learner from scratch must"),
         ({"x\n": FAST}, "a learner from scratch must"),
     ],
 )

@@ -46,19 +46,13 @@ def test_identity_lifts_values_to_themselves(task):
     assert (identity(task).read(q) == q).all()
 
 
-def test_same_position_reads_the_same_cell_of_a_crop():
+def test_same_position_by_hand():
     mapping = same_position(LINE, END)
     assert source_states(mapping) == [UNMAPPED, UNMAPPED, 0, ENDED]
     assert mapping.index[2].tolist() == [0, 1, 2, 3]
-
-
-def test_same_position_leaves_walls_of_the_source_unmapped():
     open_field, walled = GridWorld(["S.", ".T"]), GridWorld(["S#", ".T"])
     assert source_states(same_position(open_field, walled)) == [0, UNMAPPED, 1, ENDED]
     assert source_states(same_position(walled, open_field)) == [0, 2, ENDED]
-
-
-def test_same_position_of_a_state_terminal_only_in_the_source_has_ended():
     deadly, mild = GridWorld("SPT"), GridWorld("SPT", ends=("treasure",))
     assert source_states(same_position(mild, deadly)) == [0, ENDED, ENDED]
     assert source_states(same_position(deadly, mild)) == [0, ENDED, ENDED]
@@ -89,11 +83,13 @@ def test_project_matches_cells_by_their_labels_across_grid_sizes():
     assert (mapping.index[outside] == UNMAPPED).all()
 
 
-def test_project_from_five_moves_to_four_leaves_staying_unmapped():
+def test_project_without_labels_or_with_other_moves():
     five, four = Pursuit(size=2, predators=1), Pursuit(size=2, predators=1, moves=4)
     state = five.states.encode(prey=0, predator=1)
     assert project(five, four).index[state].tolist() == [UNMAPPED, *range(4 * state, 4 * state + 4)]
     assert project(four, five).index[state].tolist() == list(range(5 * state + 1, 5 * state + 5))
+    assert project(plain(4), plain(2, low=1)).index[:, 0].tolist() == [UNMAPPED, 0, 1, UNMAPPED]
+    assert project(plain(2), plain(2, "other"), other="state").index[:, 0].tolist() == [0, 1]
 
 
 def plain(n, name="state", low=0):
@@ -104,28 +100,21 @@ def plain(n, name="state", low=0):
     )  # fmt: skip
 
 
-def test_project_without_labels_matches_values():
-    assert project(plain(4), plain(2, low=1)).index[:, 0].tolist() == [UNMAPPED, 0, 1, UNMAPPED]
-    assert project(plain(2), plain(2, "other"), other="state").index[:, 0].tolist() == [0, 1]
-
-
 # -- relative_objects ----------------------------------------------------------------------------
 
 
-def test_relative_objects_finds_the_source_at_its_only_shift():
+def test_relative_objects_by_hand():
     target = GridWorld(["S....", "..F.T"])
     source = GridWorld(["F.T", "S.."])  # fits with its top row on the target's bottom row
     assert np.array(source_states(relative_objects(target, source))).reshape(2, 5).tolist() == [
         [UNMAPPED] * 5,
         [UNMAPPED, UNMAPPED, 0, 1, ENDED],
     ]
-
-
-def test_relative_objects_without_a_fitting_shift_maps_nothing():
     mapping = relative_objects(GridWorld("SF..T"), GridWorld("SF.T"))
     assert source_states(mapping)[:4] == [UNMAPPED] * 4
     assert mapping.coverage().mapped == 0
     assert mapping.coverage().mean_readers == 0
+    assert relative_objects(GridWorld("SF.PT"), GridWorld("SP.T")).coverage().mapped == 0
 
 
 def test_relative_objects_takes_the_smallest_shift_that_maps_a_cell():
@@ -136,10 +125,6 @@ def test_relative_objects_takes_the_smallest_shift_that_maps_a_cell():
     wide = GridWorld("S.T..", ends=())
     # Shift -2 maps columns 0, 1, 2 and comes first; shift 0 adds 3 and 4.
     assert source_states(relative_objects(both, wide)) == [2, 3, 4, 3, 4]
-
-
-def test_relative_objects_reads_the_class_of_the_objects():
-    assert relative_objects(GridWorld("SF.PT"), GridWorld("SP.T")).coverage().mapped == 0
 
 
 # -- from_function -------------------------------------------------------------------------------
@@ -157,13 +142,19 @@ def test_from_function_gets_broadcastable_components():
     assert source_states(mapping) == [UNMAPPED, ENDED]
 
 
-def test_from_function_may_map_actions_by_state():
+def test_from_function_may_map_actions_by_state_and_does_not_round():
     def mirrored(state, action):
         east_is_west = np.array([0, 3, 2, 1])[action["move"]]
         return state, {"move": np.where(state["column"] == 0, east_is_west, action["move"])}
 
     mapping = from_function(LINE, LINE, mirrored)
     assert mapping.index[:2].tolist() == [[0, 3, 2, 1], [4, 5, 6, 7]]
+
+    def half(state, action):
+        return {**state, "column": state["column"] / 2}, action
+
+    with pytest.raises(CurricleError):
+        from_function(LINE, LINE, half)
 
 
 def test_a_function_that_asks_for_an_unknown_component_is_told_those_there_are():
@@ -175,14 +166,6 @@ def test_a_function_that_asks_for_an_unknown_component_is_told_those_there_are()
         project(LINE, END, x="row")
 
 
-def test_from_function_does_not_round_fractions():
-    def half(state, action):
-        return {**state, "column": state["column"] / 2}, action
-
-    with pytest.raises(CurricleError):
-        from_function(LINE, LINE, half)
-
-
 # -- compose -------------------------------------------------------------------------------------
 
 
@@ -191,9 +174,6 @@ def test_compose_maps_through_the_middle_task():
     both = compose(same_position(LINE, middle), same_position(middle, END))
     assert source_states(both) == [UNMAPPED, UNMAPPED, 0, ENDED]
     assert (both.target, both.source) == (LINE, END)
-
-
-def test_composition_keeps_the_unmapped_value_of_the_first():
     first = same_position(LINE, END, unmapped_value=-3)
     assert compose(first, identity(END)).read(np.ones((2, 4)))[0].tolist() == [-3] * 4
 
@@ -201,16 +181,14 @@ def test_composition_keeps_the_unmapped_value_of_the_first():
 # -- reading and coverage ------------------------------------------------------------------------
 
 
-def test_unmapped_and_ended_differ():
+def test_reading_by_hand():
     q = np.arange(8.0).reshape(2, 4) + 10
     read = same_position(LINE, END, unmapped_value=-7).read(q)
     assert read.tolist() == [[-7] * 4, [-7] * 4, [10, 11, 12, 13], [0] * 4]
-
-
-def test_reading_keeps_leading_axes():
     q = np.arange(24.0).reshape(3, 2, 4)
     assert same_position(LINE, END).read(q).shape == (3, 4, 4)
     assert same_position(LINE, END).read(q)[2, 2].tolist() == [16, 17, 18, 19]
+    assert same_position(LINE, END).mapped_states().tolist() == [False, False, True, False]
 
 
 def test_rows_of_terminal_target_states_do_not_count():
@@ -230,22 +208,6 @@ def test_coverage_counts_by_hand():
     )  # fmt: skip
 
 
-def test_coverage_prints_its_numbers():
-    text = str(same_position(LINE, END).coverage())
-    assert text.startswith("33.3% of 12 target pairs mapped, 0.0% at the source's end, 66.7% unm")
-
-
-def test_mapped_states_have_at_least_one_mapped_pair():
-    assert same_position(LINE, END).mapped_states().tolist() == [False, False, True, False]
-
-
-def test_a_mapping_keeps_its_own_index():
-    index = np.zeros((4, 4), dtype=int)
-    mapping = StateActionMapping(LINE, END, index)
-    index[:] = 3
-    assert (mapping.index[:3] == 0).all()
-
-
 # -- the edge ------------------------------------------------------------------------------------
 
 
@@ -253,15 +215,6 @@ def test_scale_and_shift_apply_to_mapped_pairs_only():
     mapping = same_position(LINE, END, unmapped_value=-7)
     phi = Transfer("end", "line", mapping, scale=2, shift=-1).potential(np.full((2, 4), 5.0))
     assert phi[:3, 0].tolist() == [-7, -7, 9]
-
-
-def test_the_value_of_an_ended_pair_is_the_shift():
     deadly, mild = GridWorld("SPT"), GridWorld("SPT", ends=("treasure",))
     edge = Transfer("deadly", "mild", same_position(mild, deadly), scale=2, shift=3)
     assert edge.potential(np.full((3, 4), 5.0))[:2, 0].tolist() == [13, 3]
-
-
-def test_a_transfer_does_not_change_the_source_values():
-    q = np.full((2, 4), 5.0)
-    Transfer("end", "line", same_position(LINE, END), scale=2).potential(q)
-    assert (q == 5).all()

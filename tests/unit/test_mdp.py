@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 
@@ -36,38 +35,26 @@ def expand(mdp):
 def test_from_dense_keeps_the_transitions():
     p, _ = expand(dense(np.zeros(3)))
     assert (p[:2] == P[:2]).all()
+    assert dense(np.zeros(3)).probability.shape == (6, 2)
 
 
-def test_from_dense_takes_a_reward_for_the_state_that_is_left():
+def test_from_dense_takes_rewards_of_states_pairs_or_transitions():
     _, r = expand(dense([1.0, 2.0, 9.0]))
     assert r.tolist() == [[1, 1], [2, 2], [0, 0]]
-
-
-def test_from_dense_takes_a_reward_for_each_pair():
     _, r = expand(dense([[1.0, 2.0], [3.0, 4.0], [9.0, 9.0]]))
     assert r.tolist() == [[1, 2], [3, 4], [0, 0]]
-
-
-def test_from_dense_takes_a_reward_for_each_transition():
     reward = np.zeros((3, 2, 3))
     reward[0, 0, 1], reward[1, 1, 2], reward[0, 0, 2] = 4.0, 8.0, 99.0  # the last is impossible
     _, r = expand(dense(reward))
     assert r.tolist() == [[2, 0], [0, 6], [0, 0]]
 
 
-def test_from_dense_stores_only_the_possible_outcomes():
-    assert dense(np.zeros(3)).probability.shape == (6, 2)
-
-
-def test_from_outcomes_pads_short_lists_with_probability_0():
+def test_from_outcomes_pads_lists_and_reads_ends():
     lists = [[[(0.5, 0, -1.0), (0.5, 1, 3.0)], [(1.0, 1, 7.0)]], [[], []]]
     mdp = FiniteMDP.from_outcomes(lists, terminal=[False, True], start=0, discount=0.5)
     p, r = expand(mdp)
     assert p[0].tolist() == [[0.5, 0.5], [0, 1]]
     assert r[0].tolist() == [1, 7]
-
-
-def test_from_outcomes_reads_the_end_off_the_terminated_flags():
     lists = {0: {0: [(1.0, 1, 0.0, False)]}, 1: {0: [(1.0, 2, 1.0, True)]}, 2: {0: []}}
     mdp = FiniteMDP.from_outcomes(lists, start=0, discount=1.0)
     assert mdp.terminal.tolist() == [False, False, True]
@@ -95,14 +82,6 @@ def test_discount_1_is_allowed_where_every_policy_ends():
     assert solve(mdp).values.tolist() == [-1, 0]
 
 
-def test_an_mdp_does_not_change_with_the_callers_arrays():
-    start, reward = np.array([1.0, 0, 0]), np.array([1.0, 2.0, 3.0])
-    mdp = dense(reward, start=start)
-    start[:], reward[:] = 7, 7
-    assert mdp.start.tolist() == [1, 0, 0]
-    assert expand(mdp)[1][0, 0] == 1
-
-
 def test_arrays_that_nobody_can_write_to_are_shared_and_others_copied():
     mdp = GridWorld("S.T").mdp
     fields = {n: getattr(mdp, n) for n in mdp.__dataclass_fields__}
@@ -114,12 +93,6 @@ def test_arrays_that_nobody_can_write_to_are_shared_and_others_copied():
         copied = FiniteMDP(**(fields | {"reward": given})).reward
         assert not np.shares_memory(copied, mine)
         assert not copied.flags.writeable
-
-
-def test_an_mdp_is_a_task():
-    mdp = dense(np.zeros(3))
-    assert mdp.mdp is mdp
-    assert repr(mdp) == "FiniteMDP(3 states, 2 actions, 1 terminal, discount 0.9, no time limit)"
 
 
 @pytest.mark.parametrize(
@@ -152,17 +125,6 @@ def test_frozen_lake_ends_in_its_holes_and_at_the_goal():
     lake = FiniteMDP.from_outcomes(FrozenLakeEnv().P, start=0, discount=0.99)
     assert np.flatnonzero(lake.terminal).tolist() == [5, 7, 11, 12, 15]
     assert solve(lake).start_value == pytest.approx(0.5420, abs=5e-5)  # the textbook value
-
-
-def test_frozen_lake_without_slipping_is_six_steps_long():
-    lake = FiniteMDP.from_outcomes(FrozenLakeEnv(is_slippery=False).P, start=0, discount=0.9)
-    assert solve(lake).start_value == pytest.approx(0.9**5)
-
-
-def test_cliff_walking_takes_thirteen_steps():
-    cliff = FiniteMDP.from_outcomes(CliffWalkingEnv().P, start=36, discount=0.9)
-    assert np.flatnonzero(cliff.terminal).tolist() == [47]
-    assert solve(cliff).start_value == pytest.approx(-(1 - 0.9**13) / (1 - 0.9))
 
 
 TAXI_ENDS = [0, 85, 410, 475]  # taxi and passenger at the destination

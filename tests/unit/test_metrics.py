@@ -1,5 +1,7 @@
 """Learning curves and measures of transfer, on numbers small enough to check by hand."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from curricle.statistics import (
 )
 from curricle.statistics.curves import charge_source, smooth
 from curricle.statistics.thresholds import fraction_of_optimum, midpoint
+from tests.refusals import check_values
 
 NAN = np.nan
 STEPS = np.array([0, 100, 200, 300, 400])
@@ -31,25 +34,11 @@ HELPED = curve([2, 3, 4, 4, 4], [2, 2, 2, 2, 2], source=[150, 200])
 # Curve
 
 
-def test_curve_copies_and_freezes_its_arrays():
-    steps, values = np.array([0, 100]), np.array([[1.0, 2.0]])
-    made = Curve(steps, values)
-    values[0, 0] = 9.0
-    assert made.values[0, 0] == 1.0
-    for array in (made.steps, made.values, made.source_steps):
-        with pytest.raises(ValueError, match="read-only"):
-            array[...] = 0
-    assert steps.flags.writeable
-
-
-def test_curve_dtypes_and_default_source_steps():
+def test_source_steps_are_one_number_or_one_a_seed():
     made = Curve(np.array([5, 7], dtype=np.int32), np.ones((3, 2), dtype=np.float32))
     assert (made.steps.dtype, made.values.dtype) == (np.int64, np.float64)
     assert made.source_steps.dtype == np.int64
     assert made.source_steps.tolist() == [0, 0, 0]
-
-
-def test_one_number_of_source_steps_stands_for_all_seeds():
     assert curve([1, 2], [3, 4], steps=[0, 1], source=7).source_steps.tolist() == [7, 7]
 
 
@@ -60,11 +49,9 @@ def test_one_number_of_source_steps_stands_for_all_seeds():
         ([[0]], [[1]], 0, r"steps must have shape \(T,\) with T at least 1: got \(1, 1\)"),
         ([0, 5, 5], [[1, 2, 3]], 0, "steps must be increasing: checkpoint 2 is 5 after 5"),
         ([-1, 0], [[1, 2]], 0, "steps must be at least 0: checkpoint 0 is -1"),
-        ([0, 1], [1, 2], 0, r"shape \(K, 2\) with K at least 1: got \(2,\)"),
         ([0, 1], [[1, 2, 3]], 0, r"shape \(K, 2\) with K at least 1: got \(1, 3\)"),
         ([0, 1], [[1, np.inf]], 0, "not be infinite: seed 0, checkpoint 1 is inf"),
         ([0, 1, 2], [[1, NAN, 2]], 0, "first measurement: seed 0, checkpoint 1 is NaN"),
-        ([0, 1], [[1, 2], [NAN, NAN]], 0, "first measurement: seed 1, checkpoint 1 is NaN"),
         ([0, 1], [[1, 2]], [1, 2], r"source_steps must have shape \(1,\), one per seed"),
         ([0, 1], [[1, 2]], -3, "source_steps must be at least 0: got -3"),
         ([0, 1], [[1, 2]], 0.5, "source_steps must be integers"),
@@ -83,28 +70,12 @@ def test_filled_puts_the_first_measured_value_in_leading_nan():
 # smooth
 
 
-def test_smooth_is_a_trailing_mean_over_fewer_at_the_start():
+def test_smooth_is_a_trailing_mean_over_what_is_measured():
     values = np.array([[3.0, 5.0, 10.0, 0.0], [1.0, 1.0, 1.0, 1.0]])
     np.testing.assert_allclose(smooth(values, 3), [[3, 4, 6, 5], [1, 1, 1, 1]])
     assert smooth(values, 1).tolist() == values.tolist()
-
-
-def test_smooth_leaves_leading_nan_out_of_the_means():
     assert smooth(np.array([[NAN, NAN, 4.0, 6.0, 8.0]]), 2).tolist()[0][2:] == [4, 5, 7]
     assert np.isnan(smooth(np.array([[NAN, NAN, 4.0]]), 3)).tolist() == [[True, True, False]]
-
-
-@pytest.mark.parametrize("window", [0, 4, 1.5, NAN])
-def test_smooth_refuses_a_window_that_does_not_fit(window):
-    message = f"window must be a whole number of checkpoints from 1 to 3: got {window}"
-    with pytest.raises(SettingError, match=message):
-        smooth(np.zeros((2, 3)), window)
-
-
-@pytest.mark.parametrize("shape", [(3,), (0, 3), (3, 0)])
-def test_smooth_refuses_a_shape_that_is_no_curve(shape):
-    with pytest.raises(SettingError, match="values must have shape"):
-        smooth(np.zeros(shape), 1)
 
 
 # Thresholds
@@ -114,9 +85,6 @@ def test_midpoint_is_taken_on_the_smoothed_mean_over_seeds():
     made = curve([0, 8, 0, 4, 4], [0, 8, 0, 0, 8])  # mean 0 8 0 2 6
     assert midpoint(made) == 4.0
     assert midpoint(made, window=2) == 2.0  # 0 4 4 1 4
-
-
-def test_midpoint_reads_leading_nan_as_the_first_measured_value():
     assert midpoint(curve([NAN, 2, 4], [0, 0, 0], steps=[0, 1, 2])) == 1.5
 
 
@@ -126,21 +94,6 @@ def test_fraction_of_optimum():
     assert fraction_of_optimum(-1.1773, -2500.0, 1) == -1.1773
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((0.0, 1.0, 0.5), "worst must be finite and at most optimum: got 1.0 and 0.0"),
-        ((NAN, 1.0, 0.5), "worst must be finite"),
-        ((0.0, -np.inf, 0.5), "worst must be finite"),
-        ((1.0, 0.0, 1.1), "fraction must be from 0 to 1: got 1.1"),
-        ((1.0, 0.0, NAN), "fraction must be from 0 to 1: got nan"),
-    ],
-)
-def test_fraction_of_optimum_refuses(arguments, message):
-    with pytest.raises(SettingError, match=message):
-        fraction_of_optimum(*arguments)
-
-
 # Time to threshold
 
 
@@ -148,6 +101,12 @@ def test_time_is_the_first_checkpoint_at_or_above_the_threshold():
     times = time_to_threshold(curve([0, 1, 0, 3, 4], [5, 0, 0, 0, 0]), 1.0)
     assert times.steps.tolist() == [100, 0]
     assert times.reached.all()
+    assert time_to_threshold(curve([0, 0, 0, 0, 1]), 1.0).reached.all()
+    assert time_to_threshold(curve([0, 4, 4, 4, 4]), 4.0, window=3).steps.tolist() == [300]
+    assert time_to_threshold(curve([NAN, NAN, 4, 4, 4]), 1.0).steps.tolist() == [200]
+    made = Curve(np.arange(50), np.full((1, 50), 0.1))
+    assert time_to_threshold(made, 0.1, window=10).steps.tolist() == [0]
+    assert smooth(made.values, 10).min() == 0.1
 
 
 def test_a_seed_that_never_reaches_is_censored_at_the_last_checkpoint():
@@ -159,63 +118,15 @@ def test_a_seed_that_never_reaches_is_censored_at_the_last_checkpoint():
     assert strong.reached.tolist() == [True, False]
 
 
-def test_reaching_at_the_last_checkpoint_is_not_censored():
-    assert time_to_threshold(curve([0, 0, 0, 0, 1]), 1.0).reached.all()
-
-
-def test_smoothing_delays_the_time():
-    assert time_to_threshold(curve([0, 4, 4, 4, 4]), 4.0, window=3).steps.tolist() == [300]
-
-
-def test_leading_nan_never_reaches():
-    assert time_to_threshold(curve([NAN, NAN, 4, 4, 4]), 1.0).steps.tolist() == [200]
-
-
-def test_a_constant_curve_reaches_its_own_value_however_smoothed():
-    made = Curve(np.arange(50), np.full((1, 50), 0.1))
-    assert time_to_threshold(made, 0.1, window=10).steps.tolist() == [0]
-    assert smooth(made.values, 10).min() == 0.1
-
-
-@pytest.mark.parametrize("threshold", [NAN, np.inf])
-def test_threshold_must_be_finite(threshold):
-    with pytest.raises(SettingError, match="threshold must be a finite return"):
-        time_to_threshold(SCRATCH, threshold)
-
-
-@pytest.mark.parametrize(
-    ("steps", "reached", "text"),
-    [
-        ([27_000, 27_800], [True, True], "27,400 steps (2 seeds)"),
-        ([100], [True], "100 steps (1 seed)"),
-        ([200, 400], [True, False], "at least 300 steps (1 of 2 seeds never reached it)"),
-        ([400], [False], "at least 400 steps (1 of 1 seed never reached it)"),
-    ],
-)
-def test_times_print(steps, reached, text):
-    assert str(Times(np.array(steps), np.array(reached))) == text
-
-
 def test_restricted_mean_keeps_the_censored():
     assert (
         Times(np.array([200.0, 400.0]), np.array([True, False])).restricted_mean().estimate == 300.0
     )
 
 
-@pytest.mark.parametrize(
-    ("steps", "reached"), [([1.0], [True, True]), ([], []), ([NAN], [True]), ([-1.0], [True])]
-)
-def test_times_refuse(steps, reached):
-    with pytest.raises(SettingError, match="steps"):
-        Times(np.array(steps), np.array(reached))
-
-
 def test_steps_saved_is_paired_by_seed():
     assert steps_saved(SCRATCH, HELPED, 2.0).tolist() == [200, 400]
     assert steps_saved(SCRATCH, HELPED, 2.0, strong=True).tolist() == [50, 200]
-
-
-def test_steps_saved_when_nobody_arrives():
     assert steps_saved(SCRATCH, HELPED, 99.0).tolist() == [0, 0]
     assert steps_saved(SCRATCH, HELPED, 99.0, strong=True).tolist() == [-150, -200]
 
@@ -223,27 +134,18 @@ def test_steps_saved_when_nobody_arrives():
 # The strong axis
 
 
-def test_charge_source_shifts_each_seed_by_its_own_source_steps():
+def test_charge_source_by_hand():
     charged = charge_source(SCRATCH, HELPED)
     np.testing.assert_allclose(charged.values, [[0, 0, 2.5, 3.5, 4], [0, 0, 2, 2, 2]])
     assert charged.source_steps.tolist() == [0, 0]
     assert charged.steps.tolist() == STEPS.tolist()
-
-
-def test_with_source_steps_beyond_the_budget_the_first_value_stays():
     charged = charge_source(curve([1, 2, 3, 4, 5]), curve([9, 9, 9, 9, 9], source=1000))
     assert charged.values.tolist() == [[1, 1, 1, 1, 1]]
-
-
-def test_charge_source_where_the_checkpoints_start_later():
     steps = [100, 200, 300]
     charged = charge_source(
         curve([1, 2, 3], steps=steps), curve([7, 8, 9], steps=steps, source=100)
     )
     assert charged.values.tolist() == [[1, 7, 8]]
-
-
-def test_charge_source_reads_leading_nan_as_the_first_measured_value():
     charged = charge_source(curve([NAN, 1, 2, 3, 4]), curve([NAN, 5, 6, 7, 8], source=100))
     assert charged.values.tolist() == [[1, 5, 5, 6, 7]]
 
@@ -254,9 +156,6 @@ def test_charge_source_reads_leading_nan_as_the_first_measured_value():
 def test_jumpstart_weak_and_strong():
     assert jumpstart(SCRATCH, HELPED).tolist() == [2, 2]
     assert jumpstart(SCRATCH, HELPED, strong=True).tolist() == [0.5, 2]
-
-
-def test_strong_jumpstart_is_unknown_beyond_the_baseline():
     strong = jumpstart(
         SCRATCH, curve([2, 2, 2, 2, 2], [2, 2, 2, 2, 2], source=[400, 401]), strong=True
     )
@@ -268,15 +167,6 @@ def test_asymptotic_performance_is_the_mean_of_the_last_checkpoints():
     assert asymptotic_performance(SCRATCH).tolist() == [4, 4]
     assert asymptotic_performance(SCRATCH, fraction=0.4).tolist() == [3.5, 2]
     assert asymptotic_performance(SCRATCH, fraction=1).tolist() == [2, 0.8]
-
-
-@pytest.mark.parametrize("fraction", [0, -0.1, 1.01, NAN])
-def test_asymptotic_performance_refuses(fraction):
-    with pytest.raises(SettingError, match="fraction must be above 0 and at most 1"):
-        asymptotic_performance(SCRATCH, fraction=fraction)
-
-
-def test_strong_asymptote_is_taken_at_the_same_total_budget():
     helped = curve([0, 1, 2, 3, 4], source=100)
     assert asymptotic_performance(charge_source(curve([0, 0, 0, 0, 0]), helped)).tolist() == [3]
 
@@ -287,7 +177,17 @@ def test_total_reward_is_the_mean_height_with_uneven_checkpoints():
     assert mean_return(curve([NAN, 4, 4], steps=[0, 1, 2])).tolist() == [4]
 
 
-def test_total_reward_needs_two_checkpoints():
+def test_measures_refuse_wrong_values():
+    check_values(SettingError, partial(smooth, np.zeros((2, 3))), {"window": [0, 4, 1.5, NAN]})
+    shapes = [np.zeros(shape) for shape in ((3,), (0, 3), (3, 0))]
+    check_values(SettingError, partial(smooth, window=1), {"values": shapes})
+    check_values(SettingError, partial(time_to_threshold, SCRATCH), {"threshold": [NAN, np.inf]})
+    fractions = {"fraction": [0, -0.1, 1.01, NAN]}
+    check_values(SettingError, partial(asymptotic_performance, SCRATCH), fractions)
+    check_values(SettingError, partial(fraction_of_optimum, 1.0, 0.0), {"fraction": [1.1, NAN]})
+    check_values(SettingError, partial(fraction_of_optimum, 0.0, fraction=0.5), {"worst": [1.0]})
+    steps = [np.array(wrong) for wrong in ([1.0], [NAN, 1], [-1.0, 1])]
+    check_values(SettingError, partial(Times, reached=np.array([True, True])), {"steps": steps})
     with pytest.raises(SettingError, match="an area needs at least 2 checkpoints: got 1"):
         mean_return(curve([1], steps=[0]))
 

@@ -7,6 +7,7 @@ import curricle as cr
 from curricle.errors import SettingError
 from curricle.learning import OptimisticQLearning, harmonic, value_bounds
 from curricle.learning.storage import Storage
+from tests.refusals import check_values
 from tests.tasks import ring, ring_by_tables
 
 
@@ -25,9 +26,6 @@ def test_settings_come_from_the_task_unless_given():
     mine = OptimisticQLearning(learning_rate=0.2, value_range=(0, 5), initial_value=1.0)
     assert mine.for_task(task) == mine
     assert mine.value_range == (0.0, 5.0)
-
-
-def test_the_horizon_is_the_time_limit_where_that_is_shorter():
     task = cr.GridWorld("S.T", discount=0.99, time_limit=30)
     assert OptimisticQLearning().for_task(task).learning_rate == harmonic(half=31.0)
 
@@ -43,20 +41,12 @@ def test_a_task_that_does_not_tell_is_refused():
     assert learnt.greedy_return[0, -1] > learnt.greedy_return[0, 0]
 
 
-@pytest.mark.parametrize(
-    ("settings", "rule"),
-    [
-        ({"value_range": (2, 1)}, "lowest <= highest"),
-        ({"value_range": 3}, "must be .lowest, highest.: got 3"),
-        ({"value_range": (0, float("inf"))}, "finite"),
-        ({"learning_rate": 2.0}, "learning_rate"),
-        ({"initial_value": float("nan")}, "initial_value"),
-        ({"epsilon": 0.1, "inverse_temperature": 1.0}, "either"),
-    ],
-)
-def test_settings_out_of_range_are_refused(settings, rule):
-    with pytest.raises(SettingError, match=rule):
-        OptimisticQLearning(**settings)
+def test_settings_out_of_range_are_refused():
+    nan, inf = float("nan"), float("inf")
+    wrong = {"value_range": [(2, 1), 3, (0, inf)], "learning_rate": [2.0], "initial_value": [nan]}
+    check_values(SettingError, OptimisticQLearning, wrong)
+    with pytest.raises(SettingError, match="either"):
+        OptimisticQLearning(epsilon=0.1, inverse_temperature=1.0)
 
 
 def test_what_the_loop_does_not_support_is_refused():
@@ -82,16 +72,3 @@ def test_single_precision_learns_the_same_policy():
     assert single.greedy_return[0, -1] == pytest.approx(
         cr.learn(task, OptimisticQLearning(), 500).greedy_return[0, -1]
     )
-
-
-def test_a_curriculum_takes_it_as_a_learner():
-    source, target = cr.GridWorld("S.T"), cr.GridWorld("S.T", start="uniform")
-    curriculum = cr.Curriculum(
-        {"source": source, "target": target},
-        [cr.Transfer("source", "target", cr.from_function(target, source, lambda s, a: (s, a)))],
-        learner=OptimisticQLearning(),
-        budget=cr.StoppingRule(500),
-    )
-    result = curriculum.train(seeds=2)
-    assert result["target"].greedy_return[:, -1].min() > 190
-    assert result["source"].steps_used.sum() == 1000

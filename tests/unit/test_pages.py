@@ -17,7 +17,7 @@ import typer
 from curricle.cli.app import app
 from curricle.comparison.verdicts import Reason, Verdict, not_asked, too_few_seeds
 from curricle.statistics import Interval
-from tests.pages import Command, File, Table, blocks, commands_of, put, stated_seconds, steps
+from tests.pages import Command, blocks, commands_of
 from tests.walk import Ended, faults, walk
 
 ROOT = Path(__file__).parents[2]
@@ -32,12 +32,10 @@ ENDS = re.compile(r"\s(?:#|\||&|>|;).*|&$")
 
 
 def of_pages(find):
-    """Return what `find` finds on each page, as parameters: a page and one thing found there."""
-    return [
-        pytest.param(page, found, id=f"{page.relative_to(ROOT)}: {found}"[:120])
-        for page in PAGES
-        for found in find(page.read_text("utf-8"))
-    ]
+    """Yield a page and one thing that `find` finds on it, for each of them."""
+    for page in PAGES:
+        for found in find(page.read_text("utf-8")):
+            yield page, found
 
 
 def prose(text: str) -> str:
@@ -73,54 +71,53 @@ def typed(text: str, program: str) -> list[str]:
     return [ENDS.sub("", line) for line in lines if line.startswith(f"{program} ")]
 
 
-@pytest.mark.parametrize(("page", "link"), of_pages(links))
-def test_links_lead_somewhere(page, link):
-    path, _, anchor = link.partition("#")
-    place = (page.parent / path).resolve() if path else page
-    assert place.exists(), f"{link} of {page.name} leads to no file"
-    assert not anchor or anchor in anchors(place), f"{link} of {page.name} leads to no heading"
+def test_links_lead_somewhere():
+    for page, link in of_pages(links):
+        path, _, anchor = link.partition("#")
+        place = (page.parent / path).resolve() if path else page
+        assert place.exists(), f"{link} of {page.name} leads to no file"
+        assert not anchor or anchor in anchors(place), f"{link} of {page.name}: no such heading"
 
 
-@pytest.mark.parametrize(("page", "line"), of_pages(lambda text: typed(text, "curricle")))
-def test_commands_are_as_the_command_line_has_them(page, line):
-    name, *words = shlex.split(line)[1:]
-    if name.startswith("--"):
-        pytest.skip("not a command but an option of all")
+def test_commands_are_as_the_command_line_has_them():
     commands = typer.main.get_command(app).commands
-    try:
-        commands[name].make_context(name, words)
-    except click.UsageError as wrong:
-        pytest.fail(f"{page.name}: {line}: {wrong.format_message()}")
+    for page, line in of_pages(lambda text: typed(text, "curricle")):
+        name, *words = shlex.split(line)[1:]
+        if name.startswith("--"):  # not a command but an option of all
+            continue
+        try:
+            commands[name].make_context(name, words)
+        except click.UsageError as wrong:
+            pytest.fail(f"{page.name}: {line}: {wrong.format_message()}")
 
 
-@pytest.mark.parametrize(("page", "line"), of_pages(lambda text: typed(text, "python")))
-def test_scripts_exist_with_their_flags(page, line):
-    words = shlex.split(line)[1:]
-    module = words[1].replace(".", "/") if words[0] == "-m" else words[0].removesuffix(".py")
-    if words[0] == "-c" or module == "pip":
-        return
-    found = [ROOT / f"{module}{ending}" for ending in (".py", "/__main__.py")]
-    code = "".join(path.read_text("utf-8") for path in found if path.exists())
-    assert code, f"{page.name}: {line}: there is no {module}"
-    for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
-        assert f'"{flag}"' in code, f"{page.name}: {line}: {module} has no {flag}"
+def test_scripts_exist_with_their_flags():
+    for page, line in of_pages(lambda text: typed(text, "python")):
+        words = shlex.split(line)[1:]
+        module = words[1].replace(".", "/") if words[0] == "-m" else words[0].removesuffix(".py")
+        if words[0] == "-c" or module == "pip":
+            continue
+        found = [ROOT / f"{module}{ending}" for ending in (".py", "/__main__.py")]
+        code = "".join(path.read_text("utf-8") for path in found if path.exists())
+        assert code, f"{page.name}: {line}: there is no {module}"
+        for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
+            assert f'"{flag}"' in code, f"{page.name}: {line}: {module} has no {flag}"
 
 
-@pytest.mark.parametrize(("page", "line"), of_pages(lambda text: typed(text, "make")))
-def test_targets_are_in_the_makefile(page, line):
+def test_targets_are_in_the_makefile():
     targets = re.findall(r"^([a-z-]+):.*## ", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
-    assert shlex.split(line)[1] in targets
+    for page, line in of_pages(lambda text: typed(text, "make")):
+        assert shlex.split(line)[1] in targets, f"{page.name}: {line}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_a_page_has_one_title(page):
-    titles = re.findall(r"^# .*", prose(page.read_text("utf-8")), re.MULTILINE)
-    assert len(titles) == 1, titles
+def test_a_page_has_one_title():
+    for page in PAGES:
+        titles = re.findall(r"^# .*", prose(page.read_text("utf-8")), re.MULTILINE)
+        assert len(titles) == 1, (page, titles)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_toml_and_python_parse(page):
-    for language, block in blocks(page.read_text("utf-8")):
+def test_toml_and_python_parse():
+    for _, (language, block) in of_pages(blocks):
         if language == "toml":
             tomllib.loads(block)
         elif language == "python" and ">>> " not in block:
@@ -128,56 +125,6 @@ def test_toml_and_python_parse(page):
 
 
 # -- reading a page, and walking along it ------------------------------------------------------
-
-PAGE = """
-```sh
-pip install .     # at most 5 minutes
-```
-
-```toml
-# own.toml
-name = "own"
-[one]   # first
-a = 1
-
-[two]
-b = 2
-```
-
-```toml
-[one]
-a = 3
-```
-
-```console
-$ curricle show own-results   # 20 s
-own: ... seeds
-$ curricle check own.toml
-curricle: own.toml: nothing is right
-```
-"""
-
-
-def test_a_page_is_read_as_steps():
-    install, own, one, show, check = steps(PAGE)
-    assert (install, install.seconds) == (Command("pip install .     # at most 5 minutes"), 300)
-    assert isinstance(own, File)
-    assert one == Table("[one]", "[one]\na = 3\n")
-    assert (show.output, show.seconds) == ("own: ... seeds\n", 20)
-    assert (check.line, check.seconds) == ("curricle check own.toml", stated_seconds(""))
-
-
-def test_files_and_tables_are_put_in_their_places(tmp_path):
-    for step in steps(PAGE):
-        if isinstance(step, File | Table):
-            put(step, tmp_path)
-    assert tomllib.loads((tmp_path / "own.toml").read_text("utf-8")) == {
-        "name": "own",
-        "one": {"a": 3},
-        "two": {"b": 2},
-    }
-    with pytest.raises(LookupError, match="one file must have"):
-        put(Table("[three]", "[three]\n"), tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from benchmarks.pairs import run, tables
-from benchmarks.pairs.arms import ARMS, RAW, curricula
+from benchmarks.pairs.arms import RAW, curricula
 from benchmarks.pairs.playing import pair_named
 from benchmarks.pairs.results import Played, read, realised
 from curricle import compare
@@ -100,29 +100,11 @@ def test_other_seeds_arms_or_code_are_other_parts():
     assert run.part_name("a", [RAW, "state"], 2, "x") == run.part_name("a", ["state", RAW], 2, "x")
 
 
-def test_unknown_arms_and_pairs_are_refused(capsys):
-    for arguments, text in (["--arms", "rae"], "got rae"), (["--pair", "none"], "no pair is of"):
-        with pytest.raises(SystemExit):
-            run.parsed(arguments)
-        assert text in capsys.readouterr().err
-
-
-def test_each_pair_has_a_curriculum_for_each_arm():
-    for name in CORNER, "hunts/one chases":
-        pair = pair_named(name)
-        found = curricula(pair, run.ALL_ARMS)
-        several = len(pair.mappings) > 1
-        assert len(found) == (len(run.ALL_ARMS) if several else len(ARMS))
-        assert {one.setting("budget", "target") for one in found.values()} == {pair.target_budget}
-
-
 def test_the_tables_print_every_bar(played, capsys):
     tables.main([str(played)])
     text = capsys.readouterr().out
     assert text.count("MET: ") == 2 * 4
     assert "1, treasure" not in text
-    assert "2, treasure" in text
-    assert "of 2 pairs" in text
     assert realised([played])[LOST][0] > 0.5
 
 
@@ -169,19 +151,3 @@ def test_the_guard_must_cap_harm_and_keep_gains():
     assert "in 1 of 2 pairs (shown in 1; raw in 1)" in found
     lost = known("lost", raw=0.2, guarded=0.1)
     assert "keeps 50%" in bar_of(tables.guard([lost]))
-
-
-def test_default_settings_pay_or_tie_where_a_person_would_call_it_sensible():
-    pays, loses = known("pays", default=0.1), known("loses", default=-0.2)
-    assert bar_of(tables.defaults([pays])).startswith("MET")
-    assert bar_of(tables.defaults([pays, loses])).startswith("NOT MET")
-    loses.facts["sensible"] = False
-    assert bar_of(tables.defaults([pays, loses])).startswith("MET")
-
-
-def test_optimism_must_be_called_by_its_name():
-    pair = known("20 from 6", raw=0.5, **{"raw, placebo": 0.5})
-    pair.facts["family"] = "river-swim"
-    assert bar_of(tables.optimism([pair])).startswith("NOT MET")
-    pair.arms["raw"]["reason"] = np.array(["by optimism alone"] * 3)
-    assert bar_of(tables.optimism([pair])).startswith("MET")

@@ -34,12 +34,6 @@ def test_a_stored_episode_is_printed(play, finished):
     assert corner.startswith("chain: corner, learnt by seed 0\n")
 
 
-def test_a_stored_episode_takes_no_changes(play, finished):
-    code, _, complaint = play(finished, "--arm", "chain", "--set", "tasks.maze.budget=5")
-    assert code == 2
-    assert "--set changes the file of --study" in complaint
-
-
 def test_a_stored_episode_is_a_gif(play, finished, tmp_path):
     code, out, _ = play(finished, "--arm", "chain", "--out", "new/maze.gif")
     words = r"chain: maze, learnt by seed 0: Episode\((\d+) steps, .*\)\nOpen new/maze.gif\n"
@@ -128,13 +122,13 @@ def hall(folder, storage=""):
     [
         ([], 2, "--arm must be one of scratch, chain, state, calibrated: got none"),
         (
-            ["--arm", "chain", "--task", "no"],
-            1,
-            "a task of arm 'chain' must be one of .*: got 'no'",
+            ["--set", "tasks.maze.budget=5", "--arm", "chain"],
+            2,
+            "--set changes the file of --study",
         ),
+        (["--arm", "chain", "--task", "no"], 1, "of arm 'chain' must be one of .*: got 'no'"),
         (["--arm", "chain", "--seed", "2"], 1, "an episode of seed 0 alone: got seed 2; --study"),
         (["--arm", "chain", "--out", "maze.mp4"], 1, "saved as a GIF: got the file name"),
-        (["--arm", "chain", "--study", "no.toml"], 1, "no.toml"),
     ],
 )
 def test_a_mistake_is_one_sentence(play, finished, tmp_path, arguments, code, words):

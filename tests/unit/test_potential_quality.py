@@ -181,9 +181,6 @@ def test_the_typical_reward_is_the_median_of_those_not_0():
     outcomes = [[[(0.5, 0, 0.0), (0.5, 0, -2.0)], [(0.5, 0, 4.0), (0.5, 0, 7.0)]]]
     task = cr.FiniteMDP.from_outcomes(outcomes, start=0, discount=0.5, terminal=[False])
     assert Target.of(task).typical_reward == 4.0
-
-
-def test_the_typical_reward_is_1_where_all_are_0():
     idle = cr.FiniteMDP.from_outcomes([[[(1.0, 0, 0.0)]]], start=0, discount=0.5, terminal=[False])
     assert Target.of(idle).typical_reward == 1.0
 

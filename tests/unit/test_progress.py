@@ -31,7 +31,7 @@ def clock():
     return Clock()
 
 
-def test_the_rate_is_that_of_the_last_minute(clock):
+def test_the_rate_is_that_of_what_was_seen(clock):
     pace, every = Pace(clock), units(1_000)
     pace.note(Progress(every))
     for unit in every[:100]:  # 1 a second, then 10 a second
@@ -43,35 +43,6 @@ def test_the_rate_is_that_of_the_last_minute(clock):
         pace.note(Progress(every, unit))
     assert pace.rate() == pytest.approx(10.0, rel=0.05)
     assert pace.line() == "800 of 1,000 units, 1 worker, 10 units a second, 0:00:20 left"
-
-
-def test_units_of_an_hour_have_a_rate_too(clock):
-    pace, every = Pace(clock), units(10)
-    pace.note(Progress(every, workers=3, link="http://here"))
-    for unit in every[:4]:
-        clock.now += 3_600.0
-        pace.note(Progress(every, unit, workers=3, link="http://here"))
-    assert pace.line() == "4 of 10 units, 3 workers, 1 unit an hour, 6:00:00 left, http://here"
-
-
-def test_the_end_has_no_time_left(clock):
-    pace, every = Pace(clock), units(2)
-    pace.note(Progress(every))
-    for unit in every:
-        clock.now += 1.0
-        pace.note(Progress(every, unit))
-    assert pace.line() == "2 of 2 units, 1 worker, 1 unit a second"
-
-
-def test_units_that_were_begun_again_are_counted(clock):
-    pace, every = Pace(clock), units(3)
-    pace.note(Progress(every, workers=2, repeated=1))
-    assert pace.line() == "0 of 3 units, 2 workers, 1 unit begun again"
-    pace.note(Progress(every, workers=1, repeated=1_200))
-    assert pace.line() == "0 of 3 units, 1 worker, 1,200 units begun again"
-
-
-def test_the_rate_of_a_folder_is_that_of_what_was_seen(clock):
     pace = Pace(clock)
     assert pace.line_of(40, 100) == "40 of 100 units"
     clock.now += 10.0
@@ -79,23 +50,6 @@ def test_the_rate_of_a_folder_is_that_of_what_was_seen(clock):
     assert pace.line_of(45, 100) == "45 of 100 units, 30 units a minute, 0:01:50 left"
     clock.now += 10.0
     assert pace.line_of(50, 200) == "50 of 200 units, 30 units a minute, 0:05:00 left"
-
-
-def test_a_run_of_a_part_says_how_far_the_study_is_too(clock):
-    pace, every = Pace(clock), units(3)
-    assert pace.line_in(0, 0) == ""
-    assert pace.line_in(6, 9) == "6 of 9 units"
-    pace.note(Progress(every, workers=2, tuning="tuning, 1 of 1 trials"))
-    assert pace.line_in(0, 3) == "0 of 3 units; its tuning: 0 of 3 units, 2 workers"
-    pace.note(Progress(every, workers=1))
-    assert pace.line_in(6, 9) == "6 of 9 units; this run: 0 of 3 units, 1 worker"
-    assert pace.line_in(0, 3) == "0 of 3 units, 1 worker"
-
-
-def test_one_unit_is_named_in_the_singular(clock):
-    pace = Pace(clock)
-    pace.note(Progress(units(1)))
-    assert pace.line() == "0 of 1 unit, 1 worker"
 
 
 def printed(capsys, clock, number):
@@ -107,18 +61,6 @@ def printed(capsys, clock, number):
         lines.show(progress)
         clock.now += 0.01
     return capsys.readouterr().err.splitlines()
-
-
-def test_each_unit_has_a_line(capsys, clock):
-    found = printed(capsys, clock, 40)
-    assert found == [f"done scratch: maze, seed {seed}" for seed in range(40)]
-
-
-def test_trials_made_at_once_have_one_line(capsys, clock):
-    lines, every = Lines(Pace(clock)), units(3)
-    for unit in (None, *every):
-        lines.show(Progress(every, unit, tuning="tuning, 3 of 9 trials"))
-    assert capsys.readouterr().err == "tuning, 3 of 9 trials\n"
 
 
 def test_very_many_units_have_a_line_a_second(capsys, clock):

@@ -194,13 +194,6 @@ def test_bars_end_with_an_error(notebook):
     assert set(notebook[0].shown[-1].values()) == {""}
 
 
-def test_the_size_of_work_may_change(capsys):
-    with shown(True) as bars:
-        bars.at("tabulating", 3, 9)
-        bars.at("tabulating", 12, 12)
-    assert capsys.readouterr().err == "tabulating: 12 done\n"
-
-
 def test_a_full_bar_has_one_line(capsys):
     with shown(True) as bars:
         for done in (11, 12, 12):

@@ -126,18 +126,13 @@ def fleeing(position):
     return [0, 0, 1, 0, 0] if prey // 2 == hunter // 2 else [0.5, 0.5, 0, 0, 0]
 
 
-def test_a_prey_may_have_a_policy_by_its_own_cell():
+def test_a_prey_may_have_a_policy():
     policy = np.random.default_rng(1).dirichlet(np.ones(5), size=4)
     game = Pursuit(size=2, predators=2, prey=policy)
     agrees(game, lambda position: policy[position[0]])
-
-
-def test_a_prey_may_have_a_policy_by_state():
     by_state = [fleeing(p) for p in itertools.product(range(4), repeat=3)]
     agrees(Pursuit(size=2, predators=2, prey=by_state), fleeing)
 
-
-def test_a_prey_may_be_a_function_of_the_decoded_states():
     def decide(where):
         same = where["prey"] // 2 == where["predator_1"] // 2
         return np.where(same[:, None], [0, 0, 1, 0, 0], [0.5, 0.5, 0, 0, 0])
@@ -152,20 +147,14 @@ def test_a_policy_by_cell_equals_the_same_policy_by_state():
     np.testing.assert_allclose(solve(by_cell).values, solve(by_state).values, atol=1e-7)
 
 
-def test_swapping_cells_with_the_prey_is_no_capture():
+def test_who_moves_where_in_one_step():
     west = np.eye(5)[[4] * 4]
     game = Pursuit(size=2, predators=1, prey=west)
     state = game.states.encode(prey=1, predator=0)
     assert table_dynamics(game, state, 2) == {((0, 1), -1.0): 1.0}  # predator east, prey west
-
-
-def test_the_prey_moves_on_while_its_cell_is_entered():
     game = Pursuit(size=3, predators=1, prey=np.eye(5)[[2] * 9])  # always east
     state = game.states.encode(prey=1, predator=0)
     assert table_dynamics(game, state, 2) == {((2, 1), -1.0): 1.0}
-
-
-def test_predators_may_share_a_cell():
     game = Pursuit(size=2, predators=2, prey=np.eye(5)[[0] * 4])
     state = game.states.encode(prey=0, predator_1=3, predator_2=3)
     north = game.actions.encode(predator_1=1, predator_2=1)
@@ -194,13 +183,6 @@ def test_the_optimal_values_of_the_4x4_game_are_the_known_ones(capture, value):
     # Mean of V* over all states, the caught ones (V = 0) counted.
     values = solve(Pursuit(size=4, predators=2, capture=capture), tolerance=1e-5).values
     assert values.mean() == pytest.approx(value, abs=6e-4)
-
-
-def test_predators_and_moves_have_names():
-    game = Pursuit(size=3, predators=3, moves=4)
-    assert game.actions.names == ("predator_1", "predator_2", "predator_3")
-    assert game.actions.component("predator_2").labels == ("north", "east", "south", "west")
-    assert Pursuit(size=2, predators=1).actions.label(0) == "predator=stay"
 
 
 def test_a_table_too_large_is_refused_before_anything_is_allocated():

@@ -1,7 +1,5 @@
 """The referee of designers: its statistics, its files, and the published claim that it checks."""
 
-import json
-import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +7,9 @@ import pytest
 
 import curricle as cr
 from benchmarks.referee import claim, playing
-from benchmarks.referee.__main__ import main
-from benchmarks.referee.domains import LEAST_OPTIMUM, MAKERS, Domain, domain, random_mazes
-from benchmarks.referee.lines import Lines, held
+from benchmarks.referee.domains import MAKERS, Domain, domain
 from benchmarks.referee.players import FIXED, PLAYERS, RACING, SCRATCH, Player
-from benchmarks.referee.playing import QUICK, best_rate, path_of, play
+from benchmarks.referee.playing import QUICK, path_of, play
 from benchmarks.referee.problem import Problem, SearchBudget
 from benchmarks.referee.recipes import STANDING, Recipe, Trend
 from benchmarks.referee.tables import on_racing, read
@@ -62,35 +58,6 @@ def test_a_search_is_charged_to_one_training_and_may_pay_later():
     assert paid_after(unit([[110, 120, 100]], search=90), base) is None
 
 
-def record(steps, search=0.0, shared=False, case="a", rate=0.5):
-    return {
-        "case": case,
-        "rate": rate,
-        "length": 100,
-        "steps": steps,
-        "learnt": [True] * len(steps),
-        "search": search,
-        "shared": shared,
-    }
-
-
-def test_a_search_for_a_domain_is_shared_by_its_targets_and_booked_once_in_tuning():
-    tuning = [record([10], 500, shared, case) for shared in (True,) for case in "ab"]
-    found = Unit.of(tuning, [record([10, 20], 500, True, case) for case in "ab"])
-    assert found.search.tolist() == [250, 250]
-    assert found.tuning == 20 + 500
-    own = Unit.of(
-        [record([10], 500, False, case) for case in "ab"],
-        [record([10, 20], 500, False, case) for case in "ab"],
-    )
-    assert own.search.tolist() == [500, 500]
-    assert own.tuning == 20 + 1000
-
-
-def test_the_learning_rate_is_that_with_the_fewest_steps():
-    assert best_rate({0.1: [record([10]), record([90])], 0.2: [record([40]), record([50])]}) == 0.2
-
-
 def test_racing_needs_six_domains_and_three_of_them():
     fast, slow = unit([[50, 51, 52]]), unit([[100, 101, 99]])
 
@@ -106,19 +73,6 @@ def test_racing_needs_six_domains_and_three_of_them():
     assert "default" not in sentence(3, 6)
 
 
-def test_the_best_fixed_recipe_is_that_with_the_fewest_steps_in_a_domain():
-    units = {
-        SCRATCH: unit([[100, 101, 102]]),
-        FIXED[0]: unit([[80, 81, 83]]),
-        FIXED[1]: unit([[60, 61, 64]]),
-    }
-    found = Match({"a": units, "b": {SCRATCH: units[SCRATCH]}})
-    assert found.best_fixed("a") == FIXED[1]
-    assert found.best_fixed("b") is None
-    assert found.beaten(FIXED[0]) == {"a": True}
-    assert found.beaten(FIXED[0], fixed=True) == {"a": False}
-
-
 # -- domains -------------------------------------------------------------------------------------
 
 
@@ -129,12 +83,6 @@ def test_no_target_is_both_developed_on_and_judged():
         assert not {repr(one.target) for one in found.development} & {
             repr(one.target) for one in found.held_out
         }
-
-
-def test_random_mazes_are_worth_walking():
-    member = next(random_mazes(10, 0))
-    assert cr.solve(member.task).start_value > LEAST_OPTIMUM
-    assert (member["size"], member["time_limit"], member["walls"]) == (10, 200, 0.0)
 
 
 # -- designers -----------------------------------------------------------------------------------
@@ -215,114 +163,9 @@ def test_a_killed_unit_goes_on_where_it_was(corridor, monkeypatch, tmp_path):
     assert not found.refused
 
 
-def test_a_designer_without_a_design_learns_the_target_alone(corridor, monkeypatch, tmp_path):
-    def refusing(problem, candidates, budget, *, seed):
-        raise cr.errors.CurriculumError("a design needs more than this")
-
-    monkeypatch.setitem(PLAYERS, "refusing", Player("refusing", refusing))
-    for player in (SCRATCH, "refusing"):
-        assert play(player, "corridor", QUICK, tmp_path)
-    own, alone = (read(tmp_path, one, "corridor", QUICK) for one in ("refusing", SCRATCH))
-    assert own.refused == 1
-    assert (own.steps == alone.steps).all()
-
-
-def test_a_recipe_is_searched_on_other_maps_and_applied(corridor, monkeypatch, tmp_path):
-    seen = []
-
-    def searching(problems, budget, *, seed):
-        seen.extend(problem.name for problem in problems)
-        return Recipe()
-
-    monkeypatch.setitem(PLAYERS, "searching", Player("searching", searching, on_target=False))
-    assert play("searching", "corridor", QUICK, tmp_path)
-    assert set(seen) == {"2 cells"}
-    assert read(tmp_path, "searching", "corridor", QUICK).steps.shape == (1, QUICK.seeds)
-
-
-def test_other_settings_are_other_records(corridor, tmp_path):
-    assert play(SCRATCH, "corridor", QUICK, tmp_path)
-    assert read(tmp_path, SCRATCH, "corridor", playing.FULL) is None
-
-
-def test_two_processes_do_not_play_one_unit(corridor, tmp_path):
-    with held(path_of(tmp_path, SCRATCH, "corridor")) as alone:
-        assert alone
-        assert not play(SCRATCH, "corridor", QUICK, tmp_path)
-    assert play(SCRATCH, "corridor", QUICK, tmp_path)
-
-
-def test_lines_are_kept_by_key(tmp_path):
-    lines = Lines(tmp_path / "unit.jsonl")
-    lines.once(["a", 0.5], lambda: {"steps": [1]})
-    assert Lines(lines.path).get(["a", 0.5]) == {"steps": [1]}
-    assert Lines(lines.path).get(["a", 0.1]) is None
-    assert json.loads(lines.path.read_text()) == {"key": ["a", 0.5], "record": {"steps": [1]}}
-
-
 # -- the published claim -------------------------------------------------------------------------
 
 
 def test_their_maze_is_theirs():
     # Their trials end at 18.367886, the return of the best policy.
     assert cr.solve(claim.target()).start_value == pytest.approx(18.367886071, abs=1e-8)
-
-
-def trial(returns, at=50):
-    rows = (f"{k * at},20.00,{one},0.00" for k, one in enumerate(returns))
-    return "steps,steps_completed,reward,goal_perc\n" + "\n".join(rows) + "\n"
-
-
-@pytest.fixture
-def clone(tmp_path):
-    """Return a folder laid out as a clone of theirs, with two trials an arm."""
-    for number, arm in enumerate(claim.PUBLISHED):
-        folder = tmp_path / "results/GridWorld" / arm.folder
-        folder.mkdir(parents=True)
-        late = [-10.0] * (number + 2)
-        (folder / "_0_1_AGENT_1_RESULTS_eval").write_text(trial([*late, 18.1, 18.2, 18.3]))
-        (folder / "_0_2_AGENT_1_RESULTS_eval").write_text(trial([18.1, 18.2, *late]))
-        (folder / "_0_3_AGENT_1_RESULTS_eval").write_text(trial([18.3, 18.3]))  # cut short
-        (folder / "__EVAL_rewards").write_text("a summary")
-    return tmp_path
-
-
-def test_their_trials_are_read_from_a_clone_with_and_without_a_work_tree(clone, tmp_path):
-    found = claim.published(clone, claim.PUBLISHED[1])
-    assert found.steps.tolist() == [150.0, np.inf]
-    assert (found.never, found.distinct) == (1, 2)
-    git = ["git", "-C", str(clone), "-c", "user.name=a", "-c", "user.email=a@b"]
-    for command in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "trials"]):
-        subprocess.run([*git, *command], check=True)
-    bare = claim.published(clone / ".git", claim.PUBLISHED[1])
-    assert sorted(bare.steps) == [150.0, np.inf]
-
-
-def test_a_clone_without_trials_is_refused(tmp_path):
-    (tmp_path / "results/GridWorld" / claim.PUBLISHED[0].folder).mkdir(parents=True)
-    with pytest.raises(ValueError, match="must hold trials in results/GridWorld/QLearning"):
-        claim.published(tmp_path, claim.PUBLISHED[0])
-
-
-def arm(name, rate, steps, ours=False):
-    return claim.Arm(name, rate, np.array(steps, float), len(steps), ours)
-
-
-@pytest.mark.parametrize(("own", "said"), [(2150, "the gain is gone"), (2950, "0 of 1 gains are")])
-def test_the_verdict_compares_equal_learning_rates(own, said):
-    arms = [
-        arm("no curriculum", 0.5, [2750, 2800, 2850]),
-        arm("object-oriented", 0.9, [2450, 2500, 2550]),
-        arm("shaping", 0.5, [np.inf, np.inf, 3000]),
-        arm("ours", 0.5, [2800, 2800, 2800], True),
-        arm("ours", 0.9, [own, own, own], True),
-    ]
-    lines = list(claim.verdicts(arms))
-    assert said in next(line for line in lines if line.startswith("verdict"))
-    assert "shaping: 2 of 3 trials never arrive" in lines
-
-
-def test_the_command_checks_a_clone(clone):
-    lines = []
-    main(["claim", str(clone), "--seeds", "2"], lines.append)
-    assert len(lines) > len(claim.PUBLISHED) + len(claim.RATES)

@@ -6,10 +6,9 @@ import pytest
 from curricle import evaluate, solve
 from curricle.errors import TaskError
 from curricle.tasks import RiverSwim
-from tests.refusals import cases, check_refusal
+from tests.refusals import cases, check_refusal, check_values
 
 LEFT, RIGHT = range(2)
-NAN = float("nan")
 
 
 def dense(task):
@@ -92,20 +91,11 @@ def test_a_crop_keeps_positions_and_the_rewards_of_the_banks_that_it_has():
 
 
 REFUSED = {
-    "one position": (lambda: RiverSwim(size=1), "size must be a whole number, at least 2: got 1"),
-    "too many": (lambda: RiverSwim(size=10**7), r"size must lie in \[2, 1e\+06\]"),
-    "a chance above 1": (lambda: RiverSwim(forward=1.5), r"forward must lie in \[0, 1\]: got 1.5"),
     "chances above 1": (
         lambda: RiverSwim(forward=0.7, back=0.4),
         "at most 1 together: got 0.7 and 0.4",
     ),
-    "NaN reward": (lambda: RiverSwim(left_reward=NAN), "left_reward must be finite"),
-    "a start beyond": (lambda: RiverSwim(start=[6]), r"positions in 0..5: got \[6\]"),
     "a start of words": (lambda: RiverSwim(start="bank"), "'uniform' or positions .*'bank'"),
-    "no start": (lambda: RiverSwim(start=()), r"got \(\)"),
-    "a nested start": (lambda: RiverSwim(start=[[1], [2, 3]]), "positions of start must be"),
-    "a start of fractions": (lambda: RiverSwim(start=[1.5]), "must be whole numbers: got float64"),
-    "no iterable": (lambda: RiverSwim(start=1), "got 1"),
     "a crop beyond": (
         lambda: RiverSwim().crop(positions=(4, 7)),
         r"positions 0..6: got \(4, 7\)",
@@ -113,8 +103,18 @@ REFUSED = {
     "a crop of one": (lambda: RiverSwim().crop(positions=(4, 5)), r"2 or more .*got \(4, 5\)"),
     "no discount": (lambda: RiverSwim(discount=1, time_limit=None).mdp, "needs a time limit"),
 }
+WRONG = {
+    "size": [1, 10**7],
+    "forward": [1.5],
+    "left_reward": [float("nan")],
+    "start": [[6], (), [[1], [2, 3]], [1.5], 1],
+}
 
 
 @pytest.mark.parametrize(("error", "call", "says"), cases({TaskError: REFUSED}))
 def test_what_makes_no_river_is_refused(error, call, says):
     check_refusal(error, call, says)
+
+
+def test_wrong_values_are_named():
+    check_values(TaskError, RiverSwim, WRONG)

@@ -17,6 +17,11 @@ def test_an_episode_runs_to_the_end():
     assert episode.actions.tolist() == [1, 1, 1]
     assert episode.rewards.tolist() == [-1, -1, 199]
     assert (episode.terminated, episode.truncated, len(episode)) == (True, False, 3)
+    assert rollout(LINE, [1, 1, 1, 0], start=2).states.tolist() == [2, 3]
+    episode = rollout(LINE, [1, 1, 1, 0])
+    assert episode.discounted_return(0.5) == -1 - 0.5 + 199 / 4
+    assert episode.discounted_return(1) == 197
+    assert episode.discounted_return(0) == -1
 
 
 def test_an_episode_is_cut_at_the_time_limit_or_at_steps():
@@ -25,17 +30,6 @@ def test_an_episode_is_cut_at_the_time_limit_or_at_steps():
     cut = rollout(LINE, west, steps=4)
     assert (len(cut), cut.terminated, cut.truncated) == (4, False, True)
     assert not rollout(LINE, [1, 1, 1, 0], steps=3).truncated
-
-
-def test_an_episode_may_start_anywhere_that_does_not_end():
-    assert rollout(LINE, [1, 1, 1, 0], start=2).states.tolist() == [2, 3]
-
-
-def test_rewards_are_discounted_by_their_step():
-    episode = rollout(LINE, [1, 1, 1, 0])
-    assert episode.discounted_return(0.5) == -1 - 0.5 + 199 / 4
-    assert episode.discounted_return(1) == 197
-    assert episode.discounted_return(0) == -1
 
 
 def test_a_random_policy_follows_its_probabilities_and_its_seed():

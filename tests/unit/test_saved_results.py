@@ -3,7 +3,6 @@
 import io
 import os
 import pickle
-import re
 import zipfile
 
 import numpy as np
@@ -94,21 +93,13 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, learnt, monkeypatch):
     assert [one.name for one in tmp_path.iterdir()] == ["maze.npz"]
 
 
-@pytest.mark.parametrize(
-    ("path", "words"),
-    [
-        (3, "a file must be a path: got 3"),
-        (None, "a file must be a path: got None"),
-        ("", "a file needs a name: got ''"),
-        ("/", "a file needs a name: got '/'"),
-    ],
-)
-def test_what_is_no_path_is_refused(learnt, trained, path, words):
+def test_what_is_no_path_is_refused(learnt, trained):
     uses = [one.save for one in (learnt, trained, learnt.policy, learnt.watch(seed=0))]
     uses += [LearningResult.load, lambda path: CurriculumResult.load(path, plan())]
     for use in uses:
-        with pytest.raises(StoreError, match=f"^{re.escape(words)}$"):
-            use(path)
+        for path in (3, None, "", "/"):
+            with pytest.raises(StoreError, match=f"^a file .*: got {path!r}$"):
+                use(path)
 
 
 def test_a_url_is_refused_and_nothing_is_written(tmp_path, learnt, trained, monkeypatch):

@@ -2,41 +2,14 @@
 
 import pytest
 
-from curricle import SARSA, QLearning, read_study
+from curricle import SARSA, QLearning
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig, run_study
 from curricle.study.arms import Arms
 from curricle.study.record import StudyRecord, plain, read_record
 from curricle.study.recording import study_record
+from tests.studies import CORNER, reader
 
-FILE = """
-name = "corner"
-seeds = 2
-window = 1
-learner.learning_rate = 0.2
-
-[tasks.maze]
-type = "maze"
-map = '''
-....T
-.PPP.
-S....
-'''
-time_limit = 50
-budget = 1_000
-
-[tasks.corner]
-type = "crop"
-of = "maze"
-rows = [0, 2]
-columns = [2, 5]
-budget = 200
-
-[[transfers]]
-source = "corner"
-target = "maze"
-mapping = "same_position"
-"""
 FURTHER = """
 [scratch_learners.optimistic]
 initial_value = 50.0
@@ -47,10 +20,14 @@ type = "SARSA"
 NAMES = ("scratch", "scratch, optimistic", "scratch, sarsa")
 
 
+SET = [
+    *("seeds=2", "window=1", "learner.learning_rate=0.2", "tasks.maze.time_limit=50"),
+    *("tasks.maze.budget=1_000", "tasks.corner.budget=200"),
+]
+
+
 def study(tmp_path, text=FURTHER, changes=()):
-    path = tmp_path / "corner.toml"
-    path.write_text(FILE + text, "utf-8")
-    return read_study(path, set=changes)
+    return reader(tmp_path)(CORNER + text, set=[*SET, *changes])
 
 
 def test_each_changes_the_targets_own_learner(tmp_path):
@@ -88,20 +65,11 @@ def test_they_survive_as_plain_data(tmp_path):
 @pytest.mark.parametrize(
     ("text", "changes", "message"),
     [
-        (
-            "[scratch_learners.a]\nepsilon = 2.0",
-            [],
-            r"scratch_learners\.a cannot be compared: epsilon must",
-        ),
+        ("[scratch_learners.a]\nepsilon = 2.0", [], r"scratch_learners\.a cannot be compared: eps"),
         ("[scratch_learners.a]\nepsilom = 0.2", [], r"scratch_learners\.a\.epsilom is unknown"),
-        ("[scratch_learners]\na = 3", [], r"scratch_learners\.a must be a table"),
         ("[scratch_learners.a]\nlearning_rate = 0.2", [], "must differ from the target's own"),
         (FURTHER, ["scratch=false"], "scratch_learners are compared with the target's own"),
-        (
-            FURTHER + '[arms."scratch, sarsa"]\naggregate = "minimum"',
-            [],
-            "must have another name: a learner has it",
-        ),
+        (f'{FURTHER}[arms."scratch, sarsa"]', [], "must have another name: a learner has it"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(tmp_path, text, changes, message):
@@ -116,4 +84,3 @@ def test_a_run_trains_them_and_its_comparison_is_against_the_best(tmp_path):
     assert list(comparison.contrasts) == ["transfer"]
     assert comparison.verdicts["transfer"].rivals == 3
     assert {len(found.results[name]["maze"].steps) for name in NAMES} == {121}
-    assert "the best from scratch" in str(comparison)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.errors import ConfigError, SettingError
+from curricle.errors import ConfigError
 from curricle.learning.stopping import SETTLED, share_of_rise
 from curricle.study import read_study
 
@@ -21,14 +21,11 @@ def plan(**settings):
 # -- what the rule measures ------------------------------------------------------------------------
 
 
-def test_a_return_that_has_settled_rose_by_nothing():
+def test_the_rise_by_hand():
     greedy = np.array([0.0] * 20 + [1.0] * 81)
     assert share_of_rise(greedy, 100) == 0.0
     # While it rises, the last three tenths lie above those before.
     assert share_of_rise(np.arange(101.0), 100) > 0.2
-
-
-def test_the_rise_is_that_of_the_last_three_tenths_over_those_before():
     greedy = np.zeros(101)
     greedy[71:] = 4.0  # the last 30 of 100
     greedy[49:71] = 1.0  # and those before them
@@ -52,17 +49,10 @@ def test_all_conditions_that_are_given_have_to_hold():
     settled = cr.StoppingRule(1_000, settled=0.05).decisions(steps, greedy)
     assert settled[-1].criterion == "settled return reached"
     assert settled[-1].step < 1_000
-    assert "< 0.05 of its range" in str(settled[-1])
     both = cr.StoppingRule(1_000, settled=0.05, threshold=2.0, when="all")
     assert both.decisions(steps, greedy)[-1].criterion == "all steps used"
     either = cr.StoppingRule(1_000, settled=0.05, threshold=1.0)
     assert either.decisions(steps, greedy)[-1].criterion == "threshold reached"
-
-
-@pytest.mark.parametrize("share", [-0.1, 1.5, float("nan"), "much"])
-def test_a_share_that_makes_no_sense_is_refused(share):
-    with pytest.raises(SettingError, match="settled of a stopping rule"):
-        cr.StoppingRule(1_000, settled=share)
 
 
 # -- sources ---------------------------------------------------------------------------------------
@@ -135,11 +125,6 @@ def test_a_number_that_is_stated_is_a_cap():
 def test_episodes_and_rules_of_a_source_are_taken_as_they_are():
     for budget in (cr.Episodes(20), cr.StoppingRule(900, threshold=150.0)):
         assert plan(budget=budget).node("corner").budget == budget
-
-
-def test_a_source_budget_that_is_no_number_of_steps_is_refused():
-    with pytest.raises(SettingError, match="budget in steps must be a whole"):
-        plan(budget={"corner": 0})
 
 
 def test_a_source_that_is_not_evaluated_takes_its_cap():

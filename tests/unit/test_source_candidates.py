@@ -1,6 +1,7 @@
 """Candidates for the sources of a target, kind by kind, and which of them are dropped."""
 
 from collections import Counter
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -11,9 +12,7 @@ from curricle import Component, FiniteMDP, GridWorld, Pursuit, Space, same_posit
 from curricle.design import SourceCandidate, mappings_between, source_candidates
 from curricle.design.bottlenecks import betweenness
 from curricle.design.candidates import KINDS
-from curricle.design.simpler_models import ordered_components
 from curricle.errors import CurriculumError, TaskError
-from curricle.interop.encoders import Bins
 from curricle.paper.settings import maze as paper_maze
 from curricle.tasks import (
     CliffWalking,
@@ -24,13 +23,12 @@ from curricle.tasks import (
     Taxi,
     frozen_lake_family,
     goal_distance,
-    maze_family,
     pursuit_family,
 )
 from curricle.tasks.start_states import goal_states
 from curricle.transfer import family_mappings
 from curricle.transfer.mapping import ENDED, UNMAPPED, terminal_states
-from tests.refusals import cases, check_refusal
+from tests.refusals import cases, check_refusal, check_values
 from tests.renumbering import renumbered
 from tests.tasks import ring
 
@@ -81,18 +79,14 @@ def test_members_are_those_that_are_easier_with_the_familys_mappings():
     for mapping, expected in zip(one.mappings, declared, strict=True):
         assert (mapping.index == expected.index).all()
     assert one.words.endswith("size 2 instead of 3, predators 1 instead of 2")
-
-
-def test_half_the_size_comes_first():
-    found = only("member", maze_family(size=10, seed=4), most=3)
-    assert names(found)[0] == "maze(size=5, seed=4)"
-    assert found.cut
+    with pytest.raises(CurriculumError, match="up to 20,000,000 state-action pairs"):
+        source_candidates(pursuit_family(size=10, predators=2))
 
 
 # -- crops ---------------------------------------------------------------------------------------
 
 
-def test_crops_of_the_papers_maze_lie_around_the_treasure():
+def test_a_target_is_cropped_around_its_goal():
     found = only("crop", MAZE)
     (treasure,) = [(row, column) for name, row, column in MAZE.objects if name == "treasure"]
     assert len(found) >= 6
@@ -102,54 +96,37 @@ def test_crops_of_the_papers_maze_lie_around_the_treasure():
         assert (one.mapping.index == same_position(MAZE, one.task).index).all()
     sides = {len(one.task.map) for one in found}
     assert sides <= set(range(2, 10))
-
-
-def test_crops_of_other_domains():
     assert names(only("crop", RiverSwim(size=4))) == ["positions 2..3", "positions 1..3"]
     assert names(only("crop", DeepSea(size=3))) == ["lowest 1 rows", "lowest 2 rows"]
     assert "rows 5..7, columns 5..7" in names(only("crop", FrozenLake("8x8")))
     assert len(only("crop", FourRooms(size=9))) > 1
 
 
-def test_crops_of_a_maze_whose_states_are_relative_to_objects():
-    relative = GridWorld(["S...", "....", "...T"], representation="relative")
-    assert len(only("crop", relative)) > 0
-
-
 # -- what is removed -----------------------------------------------------------------------------
 
 
-def test_pits_and_fires_are_removed_together_and_one_by_one():
+def test_hazards_are_removed_together_and_one_by_one():
     maze = GridWorld(["S.PF", "....", "P..T"])
     found = only("removed", maze)
     assert names(found)[:3] == ["no hazards", "no fire", "no pit"]
     assert found["no hazards"].task.map == ("S...", "....", "...T")
     assert found["no pit at (2, 0)"].task.map == ("S.PF", "....", "...T")
     assert found["no pit"].mapping.coverage().unmapped == 0
-
-
-def test_what_pays_is_no_hazard():
+    found = only("removed", FrozenLake("4x4"))
+    assert found["no hole"].task.map == ("SFFF", "FFFF", "FFFF", "FFFG")
+    assert len(found) == 5
     rewards = cr.Rewards(pit=5.0)
     with pytest.raises(CurriculumError, match="no candidates of the kinds removed"):
         only("removed", GridWorld(["S.P", "..T"], rewards=rewards))
 
 
-def test_holes_of_a_lake_are_removed():
-    found = only("removed", FrozenLake("4x4"))
-    assert found["no hole"].task.map == ("SFFF", "FFFF", "FFFF", "FFFG")
-    assert len(found) == 5
-
-
-def test_predators_are_removed_and_each_reads_in_turn():
+def test_predators_are_removed_unless_the_prey_looks_at_them():
     target = Pursuit(size=3, predators=2)
     found = only("removed", target)
     assert names(found) == ["1 predator"]
     assert found["1 predator"].task == Pursuit(size=3, predators=1)
     read = [dict(one.renaming)["predator"] for one in found["1 predator"].mappings]
     assert read == ["predator_1", "predator_2"]
-
-
-def test_predators_that_the_prey_looks_at_cannot_be_removed():
     looks = np.full((4**3, 5), 0.2)
     for prey in (looks, lambda states: looks):
         with pytest.raises(CurriculumError, match="no candidates of the kinds removed"):
@@ -168,12 +145,7 @@ def test_penalties_are_rewards_below_those_of_most_steps():
 # -- chance, starts, bottlenecks, coarser tables -------------------------------------------------
 
 
-def test_moves_of_a_lake_no_longer_slip():
-    (one,) = only("deterministic", FrozenLake("4x4"))
-    assert one.task == FrozenLake("4x4", slippery=False)
-
-
-def test_each_pair_of_a_users_table_has_its_likeliest_outcome():
+def test_the_likeliest_outcome_of_each_pair_stays():
     target = chain(slip=0.3)
     (one,) = only("deterministic", target)
     assert (one.task.probability == 1).all()
@@ -181,9 +153,6 @@ def test_each_pair_of_a_users_table_has_its_likeliest_outcome():
         row = one.task.outcome_row[state, 1]
         assert one.task.next_state[row, 0] == state + 1
         assert one.task.reward[row, 0] == (10 if state == 6 else -1)
-
-
-def test_outcomes_that_lead_to_one_state_count_together():
     once = [(0.3, 0, 0.0), (0.3, 0, 2.0), (0.4, 1, 0.0)]
     target = FiniteMDP.from_outcomes(
         [[once, [(1.0, 1, 100.0)]], [[], []]], terminal=[False, True], start=0, discount=0.9
@@ -191,16 +160,10 @@ def test_outcomes_that_lead_to_one_state_count_together():
     (one,) = only("deterministic", target)
     row = one.task.outcome_row[0, 0]
     assert (one.task.next_state[row, 0], one.task.reward[row, 0]) == (0, 1.0)
-
-
-def test_two_outcomes_that_are_as_likely_have_no_likeliest():
     with pytest.raises(CurriculumError, match="1 cannot be made"):
         only("deterministic", Pursuit(size=3, predators=1))
-
-
-def test_without_chance_a_swimmer_never_gets_to_the_other_bank():
-    with pytest.raises(CurriculumError, match="1 goal never reached from the start"):
-        only("deterministic", RiverSwim())
+    (one,) = only("deterministic", FrozenLake("4x4"))
+    assert one.task == FrozenLake("4x4", slippery=False)
 
 
 @pytest.mark.parametrize("target", [MAZE, chain(), RiverSwim(size=9), Taxi(size=3, stands=2)])
@@ -270,25 +233,6 @@ def test_an_end_is_never_merged_with_what_goes_on():
     assert names(found) == ["row, column by 2", "row by 2", "column by 2"]
 
 
-def test_which_components_are_ordered():
-    bins = Bins({"x": [0.0, 1.0, 2.0, 3.0, 4.0], "v": [0.0, 1.0, 2.0]})
-    assert ordered_components(bins.states) == ("x",)
-    assert ordered_components(Pursuit(size=2, predators=1).states) == ()
-    assert ordered_components(chain().states) == ()
-
-
-def test_labels_of_merged_bins_name_both():
-    bins = Bins({"x": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]})
-    n = bins.states.size
-    target = FiniteMDP.from_outcomes(
-        [[[(1.0, max(s - 1, 0), -1.0)], [(1.0, min(s + 1, n - 1), -float(s < n - 2))]]
-         for s in range(n)],
-        terminal=np.arange(n) == n - 1, start=0, discount=0.9, states=bins.states,
-    )  # fmt: skip
-    (one,) = only("coarser", target)
-    assert one.task.states.component("x").labels[0] == "below 1 or 1 to 2"
-
-
 # -- all together --------------------------------------------------------------------------------
 
 
@@ -303,13 +247,6 @@ def test_a_users_table_without_names_has_candidates():
         budget=200,
     )
     assert plan.train(seeds=1)["chain"].steps_used == [200]
-
-
-def test_kinds_take_turns():
-    found = source_candidates(maze_family(size=8, pits=0.2, seed=1), most=5)
-    assert [one.kind for one in found] == ["member", "crop", "removed", "starts", "bottleneck"]
-    assert found.cut
-    assert len(found) == 5
 
 
 def test_the_same_in_every_run():
@@ -370,15 +307,6 @@ def test_candidates_without_tables_must_be_members_of_one_family():
     check_refusal(
         CurriculumError, lambda: mappings_between(ring(), near, near), "must be members of one"
     )
-
-
-def test_it_prints_candidates_and_why_others_were_dropped():
-    found = only("removed", GridWorld(["SP.#P", "...#.", "..T##"]))
-    lines = str(found).splitlines()
-    assert lines[0].split() == ["kind", "states", "optimum", "random"]
-    assert lines[1].startswith("no pit ")
-    assert lines[-1].startswith("dropped 2 of 4: 1 same as another candidate; 1 same as")
-    assert {one.detail for one in found.dropped} == {"", "no pit"}
 
 
 # -- a user's own, and what is dropped -----------------------------------------------------------
@@ -468,16 +396,8 @@ REFUSALS = {
             lambda: only("member", pursuit_family(size=2, predators=1)),
             "a family needs a member that is easier than the target: pursuit",
         ),
-        "no family": (lambda: only("member", CORRIDOR), "no candidates of the kinds member"),
-        "unknown kind": (lambda: only("crops", CORRIDOR), "must be one of member, crop"),
-        "kinds no list": (lambda: source_candidates(CORRIDOR, kinds="crop"), "must be a list"),
         "no kinds": (lambda: source_candidates(CORRIDOR, kinds=[]), "at least one kind"),
-        "none wanted": (lambda: source_candidates(CORRIDOR, most=0), "at least 1: got 0"),
-        "propose no function": (lambda: source_candidates(CORRIDOR, propose=5), "a function"),
-        "propose returns nothing": (
-            lambda: source_candidates(CORRIDOR, propose=lambda target: None),
-            "propose must return SourceCandidates, in a list: got None",
-        ),
+        "no family": (lambda: only("member", CORRIDOR), "no candidates of the kinds member"),
         "propose returns tasks": (own(NEAR), "propose must return SourceCandidates: got GridWorld"),
         "propose one name twice": (own(proposed(NEAR), proposed(NEAR)), "'mine' is given twice"),
         "mapping of another target": (
@@ -489,13 +409,6 @@ REFUSALS = {
             "must lead to its task: one of 'a'",
         ),
         "no mapping": (lambda: SourceCandidate("a", NEAR, []), "needs mappings from the target"),
-        "no name": (lambda: SourceCandidate("", NEAR, same_position(CORRIDOR, NEAR)), "the name"),
-        "no candidate left": (
-            lambda: source_candidates(
-                CORRIDOR, kinds=[], propose=lambda target: [proposed(GridWorld("S#T"))]
-            ),
-            "a target needs a candidate that can be learnt: 1 goal never reached",
-        ),
         "unknown candidate": (
             lambda: source_candidates(CORRIDOR)["far"],
             "a candidate must be one of rows",
@@ -517,21 +430,13 @@ def test_refusals(error, call, says):
     check_refusal(error, call, says)
 
 
-def test_a_target_too_large_is_designed_for_on_smaller_members():
-    with pytest.raises(CurriculumError, match="up to 20,000,000 state-action pairs"):
-        source_candidates(pursuit_family(size=10, predators=2))
+def test_wrong_values_are_named():
+    wrong = {"kinds": [["crops"], "crop"], "most": [0], "propose": [5, lambda target: None]}
+    check_values(CurriculumError, partial(source_candidates, CORRIDOR), wrong)
 
 
 def test_every_kind_has_its_turn_in_some_target():
-    assert KINDS == (
-        "member",
-        "crop",
-        "removed",
-        "deterministic",
-        "starts",
-        "bottleneck",
-        "coarser",
-    )
     found = source_candidates(frozen_lake_family(map="8x8"), most=7)
     assert {one.kind for one in found} == set(KINDS)
+    assert len(KINDS) == 7
     assert all(a.name != b.name for a, b in pairwise(found))

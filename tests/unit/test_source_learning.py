@@ -35,11 +35,14 @@ def judged(*tables):
     return source_learning(plan(), values_of(*tables))["corner"]
 
 
-def test_the_optimal_values_are_the_whole_way():
+def test_the_optimal_and_the_worst_values_by_hand():
     found = judged(solved(), solved())
     assert found.returns == pytest.approx([Target.of(CORNER).optimum] * 2)
     assert (found.shares, found.noise, found.learnt) == (pytest.approx([1.0, 1.0]), 0.0, True)
     assert str(found) == "corner learnt 100 % of the way to its optimum"
+    found = judged(-solved())
+    assert found.share < 0
+    assert "did NOT learn its own task" in str(found)
 
 
 def test_equal_values_are_the_random_policy_and_learnt_nothing():
@@ -53,12 +56,6 @@ def test_equal_values_are_the_random_policy_and_learnt_nothing():
     )
 
 
-def test_the_worst_policy_is_below_random():
-    found = judged(-solved())
-    assert found.share < 0
-    assert "did NOT learn its own task" in str(found)
-
-
 def test_a_seed_that_failed_is_not_hidden_by_those_that_learnt():
     found = judged(*[solved()] * 4, -solved() * 0)
     assert 0.5 < found.share < 0.9
@@ -67,16 +64,15 @@ def test_a_seed_that_failed_is_not_hidden_by_those_that_learnt():
     )
 
 
-def test_nearly_the_whole_way_is_not_called_100_per_cent():
-    found = replace(judged(solved()), returns=np.array([99.7]), random_return=0.0, reference=100.0)
-    assert str(found).startswith("corner learnt 99 % of the way")
-
-
-def test_a_task_where_random_is_as_good_as_the_optimum_cannot_be_judged():
+def test_what_cannot_be_judged_is_left_open():
     found = replace(judged(solved()), reference=5.0, random_return=5.0)
     assert np.isnan(found.share)
     assert found.learnt is None
     assert str(found) == ("corner cannot be judged: its optimum returns 5, no more than random (5)")
+    kept = values_of(solved())
+    assert source_learning(plan(), {"corner": replace(kept["corner"], values=None)}) == {}
+    found = replace(judged(solved()), returns=np.array([99.7]), random_return=0.0, reference=100.0)
+    assert str(found).startswith("corner learnt 99 % of the way")
 
 
 def test_a_source_that_cannot_be_solved_is_measured_by_a_fresh_learner_of_twice_the_steps():
@@ -109,11 +105,6 @@ def test_a_source_that_is_not_evaluated_while_learning_is_judged_all_the_same():
     off = cr.GreedyEvaluation(method="off", discounted=False)
     found = source_learning(plan(evaluation={"corner": off}), values_of(solved()))["corner"]
     assert found.share == pytest.approx(1.0)
-
-
-def test_values_that_were_not_kept_are_left_out():
-    kept = values_of(solved())
-    assert source_learning(plan(), {"corner": replace(kept["corner"], values=None)}) == {}
 
 
 def test_a_forecast_has_a_line_for_every_source():

@@ -19,13 +19,10 @@ def test_a_box_is_numbered_with_the_last_component_fastest():
     assert (BOX.size, len(BOX), BOX.shape, BOX.names) == (6, 6, (2, 3), ("row", "column"))
 
 
-def test_listed_points_keep_the_order_given():
+def test_values_are_numbered_and_found_or_missing():
     assert LISTED.size == 4
     assert LISTED.decode([0, 1])["x"].tolist() == [1, -1]
     assert LISTED.encode(x=[1, -1, 0, 1], y=[0, 1, 0, 1]).tolist() == [0, 1, 2, 3]
-
-
-def test_values_that_are_no_point_are_missing():
     assert BOX.encode(row=[4, 5, 7, 6], column=[0, 3, 0, -1]).tolist() == [-1] * 4
     assert LISTED.encode(x=[0, 2, -1], y=[1, 0, 0]).tolist() == [-1] * 3
 
@@ -38,16 +35,13 @@ def test_encode_broadcasts_and_decode_keeps_the_shape():
     assert LISTED.encode(x=[[1], [0]], y=[[0, 1]]).tolist() == [[0, 3], [2, -1]]
 
 
-def test_points_print_by_name_and_label():
+def test_points_print_and_components_are_found_by_name():
     move = Component("move", 2, low=1, labels=("left", "right"))
     assert Space([move, Component("n", 2)]).label(2) == "move=right n=0"
     assert LISTED.label(1) == "x=-1 y=1"
-
-
-def test_a_long_space_prints_short():
-    assert repr(BOX) == "Space(6 points: row[2] x column[3])"
-    many = Space([Component(f"c{i}", 1) for i in range(8)])
-    assert repr(many).endswith("x ... (8 components))")
+    assert BOX.component("row").low == 5
+    with pytest.raises(TaskError, match=r"one of row, column: got 'z'"):
+        BOX.component("z")
 
 
 def test_the_size_of_a_huge_space_does_not_overflow():
@@ -62,19 +56,6 @@ def test_spaces_are_equal_when_components_and_points_are():
     assert Space(LISTED.components, points=[[1, 0]]) != LISTED
     assert Space([Component("row", 2), Component("column", 3)]) != BOX
     assert BOX != "a space"
-
-
-def test_a_space_keeps_its_own_points():
-    points = np.array([[0], [1]])
-    space = Space([Component("a", 2)], points)
-    points[:] = 1
-    assert space.decode()["a"].tolist() == [0, 1]
-
-
-def test_component_is_found_by_name():
-    assert BOX.component("row").low == 5
-    with pytest.raises(TaskError, match=r"one of row, column: got 'z'"):
-        BOX.component("z")
 
 
 def test_points_need_one_column_for_each_component():

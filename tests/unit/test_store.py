@@ -1,9 +1,5 @@
 """The results store: whole files or none, results of one description, nothing of others touched."""
 
-import json
-import os
-
-import pyarrow.parquet as pq
 import pytest
 
 from curricle.archives import sealed
@@ -50,41 +46,8 @@ def test_another_schema_version_is_refused_with_what_to_do(tmp_path, version):
     assert (tmp_path / "study.json").read_bytes() == before
 
 
-def test_the_schema_version_is_stored(tmp_path):
-    opened(tmp_path)
-    assert json.loads((tmp_path / "study.json").read_text())["schema_version"] == SCHEMA_VERSION
-
-
-def test_unfinished_files_of_a_killed_run_are_removed(tmp_path):
-    (tmp_path / ".study123.part").write_text('{"see')
-    assert opened(tmp_path).description == SETTINGS
-    assert not (tmp_path / ".study123.part").exists()
-
-
 def test_a_damaged_file_is_named(tmp_path):
     store = opened(tmp_path)
     store.write("claims.json", b"{")
     with pytest.raises(StoreError, match=r"claims\.json is not as .* it must be JSON"):
         store.read_json("claims.json")
-
-
-def test_a_write_that_fails_leaves_the_old_file_and_no_trace(tmp_path, monkeypatch):
-    store = opened(tmp_path)
-    store.write("data/x", b"old")
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(StoreError, match=r"No space left.* what was stored before is whole"):
-        store.write("data/x", b"new")
-    assert (tmp_path / "data" / "x").read_bytes() == b"old"
-    assert [path.name for path in (tmp_path / "data").iterdir()] == ["x"]
-
-
-def test_tables_are_parquet(tmp_path):
-    opened(tmp_path).write_table("t.parquet", {"seed": [0, 1], "steps": [5.0, 7.5]})
-    assert pq.read_table(tmp_path / "t.parquet").to_pydict() == {
-        "seed": [0, 1],
-        "steps": [5.0, 7.5],
-    }

@@ -6,22 +6,9 @@ import pytest
 import curricle as cr
 from curricle.errors import ConfigError, CurriculumError, SettingError, StoreError
 from curricle.study import StudyConfig, StudyResults
-from tests.studies import MAZE
+from tests.studies import CORNER
 
-STUDY = (
-    MAZE
-    + """
-[tasks.corner]
-type = "crop"
-of = "maze"
-rows = [0, 2]
-columns = [2, 5]
-[[transfers]]
-source = "corner"
-target = "maze"
-mapping = "same_position"
-"""
-).replace('name = "maze"', 'name = "maze"\nseeds = [3, 5]\nbudget = 600\nthreshold = 5\nwindow = 2')
+STUDY = CORNER.replace("\n", "\nseeds = [3, 5]\nbudget = 600\nthreshold = 5\nwindow = 2\n", 1)
 PLAN = "[arms.plain]\n[arms.halved]\ntransfers.0.scale = 0.5\n"
 
 
@@ -91,10 +78,3 @@ def test_what_is_no_study_is_refused_in_a_sentence(file, tmp_path_factory):
     with pytest.raises(StoreError, match="a folder must be a path or a URL: got 5"):
         cr.run_study(file, 5)
     assert [path.name for path in file.parent.iterdir()] == ["corners.toml"]
-
-
-def test_curricula_are_taken_as_ever(file):
-    with pytest.raises(TypeError, match="missing 1 required positional argument"):
-        cr.compare()
-    plan = cr.read_study(file).curriculum("transfer")
-    assert cr.forecast(curriculum=plan, trial=False).trained["corner"].seeds == (0, 1, 2)

@@ -7,10 +7,10 @@ from concurrent.futures import Executor, Future
 import numpy as np
 import pytest
 
-from curricle.errors import EngineError, ForeignError, StoreError, StudyError
+from curricle.errors import StoreError, StudyError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
-from curricle.study.engines.engine import SentUnit, called, train_sent, versions_here
+from curricle.study.engines.engine import SentUnit, train_sent, versions_here
 from curricle.study.store import FAILURES
 from curricle.study.workers import WorkerProcesses
 
@@ -153,29 +153,6 @@ def test_so_they_do_in_processes(own_errors, tmp_path):
     wanted = told_of(own_errors("Unmet"), tmp_path / "threads", None)
     with WorkerProcesses(1) as pool:
         assert told_of(own_errors("Unmet"), tmp_path / "processes", pool) == wanted
-
-
-def test_a_note_has_the_traceback_of_what_is_sent():
-    class Here(Exception):
-        pass
-
-    def fails(error):
-        try:
-            raise Here("on line 3")
-        except Here:
-            raise error from None
-
-    for error, words in (
-        (Here("too"), "Here: too"),
-        (LookupError("a"), "a"),
-        (EngineError("a"), "a"),
-    ):
-        with pytest.raises(ForeignError if words != "a" else type(error)) as caught:
-            called(fails, error)
-        found = caught.value
-        assert str(found) == words
-        assert "in fails" in found.__notes__[0]
-        assert (found.__cause__, found.__context__) == (None, None)
 
 
 class FailsScratch(Executor):

@@ -66,12 +66,9 @@ def test_a_folder_of_other_files_is_refused(study_file, tmp_path, refused):
         refused(tmp_path / "out", "holds other files", read_study(study_file), resume=resume)
 
 
-def test_a_file_in_its_place_is_refused(study_file, tmp_path, refused):
+def test_what_is_no_folder_is_refused(study_file, tmp_path, refused):
     (tmp_path / "out").write_text("not a folder")
     refused(tmp_path / "out", "is a file", read_study(study_file))
-
-
-def test_a_place_below_a_file_is_refused(study_file, tmp_path):
     (tmp_path / "file").write_text("not a folder")
     with pytest.raises(StoreError, match=r"cannot be written to .*Not a directory"):
         run_study(read_study(study_file), tmp_path / "file" / "out")

@@ -91,15 +91,6 @@ def test_pandas_says_the_same(finished, finals, rows):
     assert last.groupby("arm").mean().to_dict() == pytest.approx(finals)
 
 
-def test_polars_says_the_same(finished, finals, rows):
-    frame = pl.read_parquet(finished / RESULTS)
-    assert len(frame) == rows
-    target = frame.filter(pl.col("task") == "maze").sort("checkpoint")
-    last = target.group_by("arm", "seed").agg(pl.col("greedy_return").last())
-    means = last.group_by("arm").agg(pl.col("greedy_return").mean())
-    assert dict(means.iter_rows()) == pytest.approx(finals)
-
-
 def test_duckdb_says_the_same(finished, finals, rows):
     file = finished / RESULTS
     assert duckdb.sql(f"SELECT count(*) FROM '{file}'").fetchall() == [(rows,)]

@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import pickle
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, wait
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from curricle.study.arms import Arms
 from curricle.study.results import DECISIONS, RESULTS
 from curricle.study.serialization import RUN
 from curricle.study.units import UnitInput, train_unit, units_of
+from tests.refusals import check_values
+from tests.studies import NUMBERED_HUNT, reader
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 CURVES = ("steps", "training_return", "greedy_return", "guard_share", "episodes")
@@ -161,31 +164,11 @@ def test_fewer_seeds_forget_none(study_file, finished, copied, contents):
     assert contents(copied) == contents(finished)
 
 
-@pytest.mark.parametrize("shard", [(0, 1), (3, 2), (1, 0), (1.5, 2), ("1", 2), (1,), "1/2", None])
-def test_a_shard_that_makes_no_sense_is_refused(study_file, tmp_path, shard):
-    with pytest.raises(SettingError, match=r"a shard is \(i, n\)"):
-        run_study(read_study(study_file), tmp_path / "out", shard=shard)
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("setting", "rule"),
-    [
-        ({"executor": 3}, "executor must be a concurrent.futures.Executor: got 3"),
-        ({"report": 3}, "report must be a function of a sentence: got 3"),
-        ({"resume": "no"}, "resume must be True or False: got 'no'"),
-    ],
-)
-def test_a_setting_of_a_wrong_kind_is_refused(study_file, tmp_path, setting, rule):
-    with pytest.raises(SettingError, match=rule):
-        run_study(read_study(study_file), tmp_path / "out", **setting)
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("workers", [0, -1, 1.5])
-def test_workers_that_make_no_sense_are_refused(study_file, tmp_path, workers):
-    with pytest.raises(SettingError, match="workers"):
-        run_study(read_study(study_file), tmp_path / "out", workers=workers)
+def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):
+    shards = [(0, 1), (3, 2), (1, 0), (1.5, 2), ("1", 2), (1,), "1/2", None]
+    wrong = {"executor": [3], "report": [3], "resume": ["no"], "workers": [0, -1, 1.5]}
+    wrong |= {"shard": shards, "trackers": ["tensorboard"]}
+    check_values(SettingError, partial(run_study, read_study(study_file), tmp_path / "out"), wrong)
     assert not (tmp_path / "out").exists()
 
 
@@ -302,44 +285,6 @@ def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):
     np.testing.assert_array_equal(once.arrays["values"], whole.values[rows])
 
 
-FAILING = """
-from pathlib import Path
-
-import numpy as np
-
-
-def mean(values):
-    if Path(__file__).with_name("broken").exists():
-        raise LookupError("a rule of the thesis is not met")
-    return np.mean(values, axis=0)
-"""
-
-
-def test_code_of_the_study_that_fails_is_named_and_the_rest_stays(study_file, finished, tmp_path):
-    (tmp_path / "rules.py").write_text(FAILING)
-    (tmp_path / "broken").touch()
-    text = study_file.read_text().replace(
-        'shaping = "StateShaping"', 'shaping = "StateShaping"\naggregate="rules:mean"'
-    )
-    (tmp_path / "chain.toml").write_text(text)
-    study, pool, stored = read_study(tmp_path / "chain.toml"), Inline(), []
-    with pytest.raises(StudyError, match="state: easy, seeds 0-1 failed") as caught:
-        run_study(
-            study,
-            tmp_path / "out",
-            executor=pool,
-            progress=lambda one: stored.append(one.stored),
-        )
-    assert isinstance(caught.value.__cause__, LookupError)
-    assert "LookupError: a rule of the thesis is not met" in str(caught.value)
-    assert {unit.arm for unit in stored[1:]} >= {"scratch", "chain"}
-    files = StudyResults(tmp_path / "out").store.units()
-    assert sum(len(one.seeds) for one in files) == 2 * (len(stored) - 1) == 2 * pool.trained
-    (tmp_path / "broken").unlink()
-    run_study(study, tmp_path / "out", resume=True, workers=2)
-    assert_same_results(tmp_path / "out", finished)
-
-
 def test_a_source_whose_values_are_not_kept_is_said_so(study_file, tmp_path):
     changes = ["tasks.easy.storage.save_values=false"]
     with pytest.raises(StudyError, match=r"values must be kept.*'easy'") as caught:
@@ -347,29 +292,14 @@ def test_a_source_whose_values_are_not_kept_is_said_so(study_file, tmp_path):
     assert caught.value.__cause__ is None  # it is a mistake in the file, not in the study's code
 
 
-SPARSE = """
-name = "hunt"
-seeds = "3,7,8"
-seeds_per_unit = 2
-budget = 400
-[tasks.chase]
-type = "pursuit"
-size = 3
-predators = 1
-[tasks.hunt]
-type = "pursuit"
-size = 3
-storage.kind = "sparse"
-[[transfers]]
-source = "chase"
-target = "hunt"
-project = { predator = "predator_1" }
-"""
+SPARSE = [
+    *('seeds="3,7,8"', "seeds_per_unit=2", "tasks.hunt.storage.kind='sparse'"),
+    *("tasks.chase.budget=400", "tasks.hunt.budget=400"),
+]
 
 
 def test_sparse_tables_are_stored_and_read(tmp_path):
-    (tmp_path / "hunt.toml").write_text(SPARSE)
-    study = read_study(tmp_path / "hunt.toml")
+    study = reader(tmp_path)(NUMBERED_HUNT, set=SPARSE)
     found = run_study(study, tmp_path / "out", workers=2)
     plan = study.curriculum("transfer").replace("hunt", budget=800, eval_freq=4)
     learnt = plan.train([3, 7, 8], charge=True)["hunt"]
@@ -380,9 +310,3 @@ def test_sparse_tables_are_stored_and_read(tmp_path):
         np.testing.assert_array_equal(one.values, other.values)
     assert stored.snapshots is None
     assert found.result("transfer", "hunt").values is None
-
-
-def test_trackers_are_a_list(tmp_path, study_file):
-    with pytest.raises(SettingError, match="trackers must be a list of them: got 'tensorboard'"):
-        run_study(study_file, tmp_path / "out", trackers="tensorboard")
-    assert not (tmp_path / "out").exists()

@@ -105,12 +105,6 @@ def test_a_merged_study_can_be_run_on(part, one_arm, finished, tmp_path):
     assert_same_tables(tmp_path / "whole", finished)
 
 
-def test_runs_of_all_machines_are_told(part, tmp_path):
-    parts = [part(f"part-{i}", shard=(i, 2)) for i in (1, 2)]
-    whole = merge(tmp_path / "whole", parts)
-    assert len(whole.store.runs()) == 2
-
-
 def test_parts_of_different_studies_are_refused(part, finished, tmp_path, contents):
     parts = [part("a", 'seeds="0-0"'), part("b", 'seeds="1-1"', "tasks.maze.budget=700")]
     with pytest.raises(StoreError, match=r"other settings.*budget is .*[67]00"):
@@ -122,7 +116,7 @@ def test_parts_of_different_studies_are_refused(part, finished, tmp_path, conten
     assert contents(parts[0]) == there
 
 
-def test_other_folders_are_refused(part, tmp_path):
+def test_other_folders_are_refused(part, tmp_path, finished):
     with pytest.raises(StoreError, match="at least one folder"):
         merge(tmp_path / "whole", [])
     (tmp_path / "empty").mkdir()
@@ -133,6 +127,9 @@ def test_other_folders_are_refused(part, tmp_path):
     with pytest.raises(StoreError, match="other files"):
         merge(tmp_path / "thesis", [tmp_path / "a"])
     assert not (tmp_path / "whole").exists()
+    for one in (str(finished), finished):
+        with pytest.raises(StoreError, match="must be a list"):
+            merge(tmp_path / "whole", one)
 
 
 def snapshots_in(folder):
@@ -176,12 +173,6 @@ def test_parts_merged_one_after_the_other_are_parts_merged_at_once(part, finishe
     assert whole.runs == once.runs
     assert len(once.runs) == 2
     assert snapshots_in(tmp_path / "whole") == snapshots_in(finished)
-
-
-def test_one_folder_to_merge_is_no_list(finished, tmp_path):
-    for one in (str(finished), finished):
-        with pytest.raises(StoreError, match="must be a list"):
-            merge(tmp_path / "whole", one)
 
 
 def test_parts_merged_later_keep_the_snapshots_of_the_first_seed(part, tmp_path, monkeypatch):

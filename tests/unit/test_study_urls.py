@@ -13,13 +13,7 @@ from curricle.errors import LostStoreError, StoreError
 from curricle.files import RemotePath, place_at, write_whole
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
-from curricle.study.arms import Arms
-from curricle.study.engines.engine import ExecutorWorkers
-from curricle.study.packing import Packing
-from curricle.study.scheduling import Scheduler
-from curricle.study.store import Failures, StoredUnit
-from curricle.study.units import units_of
-from tests.studies import OBSERVED_HUNT
+from curricle.study.store import StoredUnit
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -97,34 +91,6 @@ def test_a_place_at_a_url_is_sent_with_its_options(url):
     assert (str(sent), sent.key, sent.system) == (str(place), place.key, place.system)
 
 
-@pytest.mark.parametrize("shared", [True, False])
-def test_networks_have_checkpoints_where_their_workers_see_a_place(tmp_path, shared):
-    (tmp_path / "hunt.toml").write_text(OBSERVED_HUNT)
-    study = read_study(tmp_path / "hunt.toml")
-    arms = Arms.of(study)
-
-    class Noting(ExecutorWorkers):
-        def see(self, place):
-            return isinstance(place, RemotePath)
-
-        def train(self, given, stored=None, place=None):
-            return given
-
-    workers = Noting(None, 1, shared)
-    for place, kept in ((url_of(tmp_path / "out"), True), (tmp_path / "here", shared)):
-        with StudyStore.opened(place, {}, resume=False) as store:
-            packing = Packing(store, {}, dict.fromkeys(arms.keys.values(), 1))
-            scheduler = Scheduler(("", "", ""), arms, packing, workers, Failures(arms.keys))
-            deep = [
-                unit
-                for unit in units_of(study, arms, {})
-                if not unit.sources and arms.curricula[unit.arm].node(unit.task).deep
-            ]
-            given = [scheduler._train(unit).checkpoints for unit in deep]
-            assert given
-            assert given == [store.checkpoints(unit) if kept else None for unit in deep]
-
-
 @pytest.mark.parametrize("place", ["folder", "url"])
 def test_checkpoints_end_when_their_unit_is_stored(finished, tmp_path, place):
     out = url_of(tmp_path / "out") if place == "url" else tmp_path / "out"
@@ -157,33 +123,26 @@ def test_a_missing_bucket_is_named(tmp_path):
         StudyStore(RemotePath(objects, "bucket/study", "s3://"))
 
 
-@pytest.mark.parametrize("name", [".npz", "results.parquet", "analysis.json"])
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [("write", ".npz"), ("write", "results.parquet"), ("write", "analysis.json"), ("unlink", "")],
+)
 def test_a_place_that_is_lost_during_a_run_has_an_error_of_its_own(
-    study_file, tmp_path, monkeypatch, name
+    study_file, tmp_path, monkeypatch, method, name
 ):
-    write = RemotePath.write
+    works = getattr(RemotePath, method)
 
-    def failing(path, content):
+    def failing(path, *given, **settings):
         if str(path).endswith(name):
             raise OSError("nothing answers")
-        write(path, content)
+        return works(path, *given, **settings)
 
-    monkeypatch.setattr(RemotePath, "write", failing)
+    monkeypatch.setattr(RemotePath, method, failing)
     study, url = read_study(study_file), url_of(tmp_path / "out")
     with pytest.raises(LostStoreError, match=r"results cannot be written to .*nothing answers"):
         run_study(study, url)
     monkeypatch.undo()
     assert run_study(study, url, resume=True).seeds == study.seeds
-
-
-def test_a_file_that_cannot_be_removed_any_more_is_a_lost_place(study_file, tmp_path, monkeypatch):
-    def failing(path, missing_ok=False):
-        raise OSError("nothing answers")
-
-    monkeypatch.setattr(RemotePath, "unlink", failing)
-    study, url = read_study(study_file, set=["seeds=1"]), url_of(tmp_path / "out")
-    with pytest.raises(LostStoreError, match=r"results cannot be written to .*nothing answers"):
-        run_study(study, url)
 
 
 def test_parts_at_urls_are_merged(study_file, finished, tmp_path):

@@ -1,5 +1,7 @@
 """The policy of a table: what it does in a state, in Gymnasium, live, and in episodes."""
 
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import curricle as cr
 from curricle.errors import SettingError
 from curricle.learning import SparseValues, TabularPolicy
 from curricle.planning.target import Target
+from tests.refusals import check_values
 from tests.tasks import random_mdp
 
 MAZE = cr.GridWorld(["..T", "S#."], time_limit=20)
@@ -160,21 +163,12 @@ def test_a_live_task_is_played_in_its_environment(kind):
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (lambda p: p.predict(-1), "a state must be a whole number"),
-        (lambda p: p.predict(9), "a state must be below 5: got 9"),
-        (lambda p: p.predict(0.5), "a state must be a whole number"),
-        (lambda p: p.predict([1, 2, 3]), "one for each of row, column: got"),
-        (lambda p: p.predict([7, 0]), "a state must be one of Space"),
         (lambda p: TabularPolicy(None, p.values).predict([0, 0]), "without its task reads numbers"),
         (lambda p: TabularPolicy(None, p.values).episode(), "an episode needs the task"),
-        (lambda p: p.episode(max_steps=0), "max_steps of an episode"),
-        (lambda p: p.episode(seed=-1), "seed must be a whole number"),
         (
             lambda p: TabularPolicy(random_mdp(1), np.zeros((6, 3))).episode(),
             "without a time limit needs max_steps",
         ),
-        (lambda p: TabularPolicy(MAZE, p.values[:2]), "values of 5 states x 4 actions: got"),
-        (lambda p: TabularPolicy(MAZE, "values"), "must be an array of numbers"),
         (
             lambda p: TabularPolicy(MAZE, SparseValues(np.array([9]), np.zeros((1, 4)))),
             "sparse values of 5 states x 4 actions",
@@ -188,3 +182,12 @@ def test_a_live_task_is_played_in_its_environment(kind):
 def test_a_mistake_is_one_sentence(learnt, wrong, words):
     with pytest.raises(SettingError, match=words):
         wrong(learnt.policy)
+
+
+def test_wrong_values_are_named(learnt):
+    for state in (-1, 9, 0.5, [1, 2, 3], [7, 0]):
+        with pytest.raises(SettingError, match=r"a state must|one for each of row, column: got"):
+            learnt.policy.predict(state)
+    check_values(SettingError, learnt.policy.episode, {"max_steps": [0], "seed": [-1]})
+    wrong = {"values": [learnt.policy.values[:2], "values"]}
+    check_values(SettingError, partial(TabularPolicy, MAZE), wrong)

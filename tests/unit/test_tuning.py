@@ -348,20 +348,20 @@ def test_a_range_that_a_learner_refuses_is_refused_beforehand(tuned_file, tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("key", "value", "words"),
     [
-        (lambda found: found | {"seeds": []}, "seeds"),
-        (lambda found: found | {"total": "many"}, "total"),
-        (lambda found: found | {"space": {"a": {"low": 1.0}}}, "either low and high, or values"),
-        (lambda found: found | {"space": {}}, "trials must set what is in the space"),
-        (lambda found: found | {"arms": {"transfer": {"arm": "x", "trials": []}}}, "trials"),
+        ("seeds", [], "seeds"),
+        ("total", "many", "total"),
+        ("space", {"a": {"low": 1.0}}, "either low and high, or values"),
+        ("space", {}, "trials must set what is in the space"),
+        ("arms", {"transfer": {"arm": "x", "trials": []}}, "trials"),
     ],
 )
-def test_a_tuning_that_was_made_up_is_refused(tuned, tmp_path, change, words):
+def test_a_tuning_that_was_made_up_is_refused(tuned, tmp_path, key, value, words):
     folder = shutil.copytree(tuned, tmp_path / "copied")
     found = json.loads((folder / TUNING).read_bytes())
     del found["digest"]
-    (folder / TUNING).write_bytes(sealed(change(found)))
+    (folder / TUNING).write_bytes(sealed(found | {key: value}))
     with pytest.raises(StoreError, match=words):
         read_tuning(StudyResults(folder).store)
     (folder / TUNING).write_bytes(b"{}")

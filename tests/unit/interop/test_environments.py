@@ -2,19 +2,20 @@
 
 import subprocess
 import sys
+from functools import partial
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
 
-from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space
+from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space, from_gymnasium
 from curricle.errors import SettingError, TaskError
 from curricle.interop.environment import to_gymnasium
 from curricle.interop.registration import register
 from curricle.planning import rollout
 from curricle.tasks.task import generative_model
+from tests.refusals import check_values
 
 from .environments import TASKS, WALLED
 
@@ -69,26 +70,6 @@ def test_registering_imports_nothing_heavy():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_environments_side_by_side_reset_by_themselves(mode):
-    many = gymnasium.make_vec(
-        "Curricle/Maze-v0",
-        3,
-        map="S.T",
-        time_limit=4,
-        vector_kwargs={"autoreset_mode": mode},
-    )
-    observed, _ = many.reset(seed=0)
-    assert observed.tolist() == [0, 0, 0]
-    ends = []
-    for _ in range(4):
-        *_, terminated, truncated, _ = many.step(np.array([EAST, WEST, EAST]))
-        ends.append((terminated.tolist(), truncated.tolist()))
-    assert ends[1] == ([True, False, True], [False, False, False])
-    assert ends[3][1][1]  # the one that moves into the wall is cut off
-    many.close()
-
-
 # -- episodes ----------------------------------------------------------------------------------
 
 
@@ -105,7 +86,7 @@ def test_an_episode_is_the_task_s():
     assert not truncated
 
 
-def test_terminated_and_truncated_differ():
+def test_ends_are_told_apart_and_the_tasks_own_limit_is_the_only_one():
     environment = to_gymnasium(GridWorld("S.T", time_limit=2))
     environment.reset()
     assert environment.step(WEST)[2:4] == (False, False)
@@ -113,9 +94,6 @@ def test_terminated_and_truncated_differ():
     environment.reset()
     environment.step(EAST)
     assert environment.step(EAST)[2:4] == (True, False)  # the last step allowed is an end
-
-
-def test_the_task_s_own_limit_is_the_only_one():
     made = gymnasium.make("Curricle/Maze-v0", map="S.T", time_limit=3)
     assert made.spec.max_episode_steps is None
     made.reset()
@@ -149,20 +127,6 @@ def test_a_start_can_be_named(given):
         assert hunt.states.encode(prey=1, predator_1=4, predator_2=1) == 118
     state, info = to_gymnasium(hunt).reset(options={"state": given})
     assert state == info["state"] == 118
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"start": 1}, "hold only 'state'"),
-        ({"state": 2}, "not terminal"),
-        ({"state": -1}, "at least 0"),
-        ({"state": {"row": 0, "column": 9}}, "not terminal"),
-    ],
-)
-def test_invalid_starts_are_refused(options, words):
-    with pytest.raises(SettingError, match=words):
-        to_gymnasium(GridWorld("S.T")).reset(options=options)
 
 
 def test_a_step_needs_an_episode():
@@ -204,22 +168,6 @@ def test_joint_actions_can_be_given_by_component():
         assert joint.step(action) == apart.step(moves)
 
 
-@pytest.mark.parametrize(
-    ("form", "action"),
-    [
-        ("index", 25),
-        ("index", [1, 2]),
-        ("components", [1, 5]),
-        ("components", [1, 2, 3]),
-    ],
-)
-def test_actions_outside_the_space_are_refused(form, action):
-    environment = to_gymnasium(Pursuit(3, 2), action=form)
-    environment.reset()
-    with pytest.raises(SettingError, match="must lie in"):
-        environment.step(action)
-
-
 def test_actions_by_component_need_a_box():
     moves = Space([Component("x", 2), Component("y", 2)], points=[[0, 1], [1, 0]])
     task = FiniteMDP.from_dense(
@@ -234,15 +182,25 @@ def test_actions_by_component_need_a_box():
         to_gymnasium(task, action="components")
 
 
-@pytest.mark.parametrize("setting", ["observation", "action", "render_mode"])
-def test_unknown_settings_are_refused(setting):
-    with pytest.raises(SettingError, match=f"{setting} must be one of"):
-        to_gymnasium(WALLED, **{setting: "pixels"})
-
-
-def test_what_is_an_environment_already_is_refused():
-    import curricle
-
-    blackjack = curricle.from_gymnasium("Blackjack-v1", discount=1.0, time_limit=100)
+def test_wrong_values_are_refused():
+    starts = [
+        {"start": 1},
+        {"state": 2},
+        {"state": -1},
+        {"state": 3},
+        {"state": {"row": 0, "column": 9}},
+    ]
+    for options in starts:
+        with pytest.raises(SettingError, match=r"hold only 'state'|not terminal|at least 0"):
+            to_gymnasium(GridWorld("S.T")).reset(options=options)
+    for form, actions in (("index", [25, [1, 2]]), ("components", [[1, 5], [1, 2, 3]])):
+        environment = to_gymnasium(Pursuit(3, 2), action=form)
+        environment.reset()
+        for action in actions:
+            with pytest.raises(SettingError, match="must lie in"):
+                environment.step(action)
+    settings = {key: ["pixels"] for key in ("observation", "action", "render_mode")}
+    check_values(SettingError, partial(to_gymnasium, WALLED), settings)
+    blackjack = from_gymnasium("Blackjack-v1", discount=1.0, time_limit=100)
     with pytest.raises(TaskError, match="is an environment already"):
         to_gymnasium(blackjack)

@@ -1,13 +1,15 @@
 """Gymnasium's spaces, and observations made discrete, as states and actions of a task."""
 
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
 
 import curricle as cr
-from curricle.interop.spaces import Number as space_number
 from curricle.tasks.task import same_task
+from tests.refusals import check_values
 
 from .environments import TWO, Echo, Ring
 
@@ -63,13 +65,6 @@ def played_actions(space):
     for action in range(task.actions.size):
         cr.planning.rollout(task, [action, action])
     return task, notes
-
-
-def test_an_observation_of_other_numbers_is_none():
-    number = space_number(spaces.MultiDiscrete([2, 3]))
-    assert number(np.array([1, 2])) == 5
-    for wrong in (np.array([1.0, 2.0]), np.array([1, 2**63], object), np.array([1, 3]), None):
-        assert number(wrong) == -1
 
 
 def test_joint_actions_are_what_the_environment_takes():
@@ -140,30 +135,6 @@ def test_bins_make_numbers_states():
     assert len(set(close)) == 4
 
 
-BAD_BINS = {
-    "no dict": ([1, 2], "bins need a dict"),
-    "descending": ({"x": [2, 1]}, "'x' has"),
-    "not a number": ({"x": [1, np.nan]}, "'x' has"),
-    "a table": ({"x": [[1, 2]]}, "'x' has"),
-}
-
-
-@pytest.mark.parametrize("name", BAD_BINS)
-def test_bad_bins_are_refused(name):
-    edges, message = BAD_BINS[name]
-    with pytest.raises(cr.errors.TaskError, match=message):
-        cr.interop.Bins(edges)
-
-
-@pytest.mark.parametrize(
-    ("observation", "message"),
-    [([0.0, np.nan], "must be of numbers"), ([0.0], "must have 2 entries")],
-)
-def test_what_is_no_observation_is_refused_by_bins(observation, message):
-    with pytest.raises(cr.errors.TaskError, match=message):
-        cr.interop.Bins(EDGES)(np.array(observation))
-
-
 BOX = spaces.Box(0, 1, (2,))
 
 
@@ -191,20 +162,24 @@ def test_what_cannot_be_a_task_is_refused_in_a_sentence(name):
         cr.from_gymnasium(Echo, **{"discount": 0.9, **settings})
 
 
+def test_wrong_bins_are_named():
+    wrong = [[1, 2], {"x": [2, 1]}, {"x": [1, np.nan]}, {"x": [[1, 2]]}]
+    for edges in wrong:
+        with pytest.raises(cr.errors.TaskError, match=r"bins need a dict|'x' has"):
+            cr.interop.Bins(edges)
+    for observation in ([0.0, np.nan], [0.0]):
+        with pytest.raises(cr.errors.TaskError, match=r"must be of numbers|must have 2 entries"):
+            cr.interop.Bins(EDGES)(np.array(observation))
+
+
 def test_what_cannot_be_made_is_refused_in_a_sentence():
-    with pytest.raises(cr.errors.TaskError, match="an environment must be an id"):
-        cr.from_gymnasium(5, discount=0.9)
-    with pytest.raises(cr.errors.TaskError, match=r"must be an id.*: got None"):
-        cr.from_gymnasium(None, discount=0.9)
-    with pytest.raises(cr.errors.TaskError, match=r"must be a gymnasium.Env: .* made {}"):
-        cr.from_gymnasium(dict, discount=0.9)
+    made = partial(cr.from_gymnasium, discount=0.9)
+    check_values(cr.errors.TaskError, made, {"environment": [5, None, dict]})
     with pytest.raises(cr.errors.TaskError, match="takes no arguments: got map_name"):
-        cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9, map_name="8x8")
+        made(gym.make("FrozenLake-v1"), map_name="8x8")
     with pytest.raises(cr.errors.TaskError, match="cannot be made again for each seed"):
-        cr.from_gymnasium(Echo(TWO, TWO), discount=0.9)
-    for limit in (0, 1.5, "5"):
-        with pytest.raises(cr.errors.TaskError, match="time_limit in steps must be a whole number"):
-            cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=limit)
+        made(Echo(TWO, TWO))
+    check_values(cr.errors.TaskError, partial(made, "Taxi-v4"), {"time_limit": [0, 1.5, "5"]})
     for make in (cr.from_gymnasium, cr.observation_task):
         for name, arguments, failure in (
             ("NoSuchThing-v0", {}, "NameNotFound"),
@@ -214,12 +189,10 @@ def test_what_cannot_be_made_is_refused_in_a_sentence():
         ):
             with pytest.raises(cr.errors.TaskError, match=f"{name}' failed with {failure}: "):
                 make(name, discount=0.9, **arguments)
-    for name in ("make", "encode", "act"):
-        parts = {"make": Ring, name: 3}
-        with pytest.raises(cr.errors.TaskError, match=f"{name} must be a function: got 3"):
-            cr.tasks.LiveMDP(
-                cr.Space([cr.Component("s", 3)]), cr.Space([cr.Component("a", 2)]), **parts
-            )
+    spaces_of_task = cr.Space([cr.Component("s", 3)]), cr.Space([cr.Component("a", 2)])
+    live = partial(cr.tasks.LiveMDP, *spaces_of_task)
+    check_values(cr.errors.TaskError, live, {"make": [3]})
+    check_values(cr.errors.TaskError, partial(live, Ring), {"encode": [3], "act": [3]})
 
 
 def test_live_tasks_made_of_the_same_are_one():

@@ -86,20 +86,6 @@ def test_the_optimum_is_the_one_that_gymnasium_states():
     assert cr.planning.Target.of(cliff, evaluation).optimum == -13
 
 
-def test_places_and_moves_have_their_names():
-    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9)
-    cliff = cr.from_gymnasium("CliffWalking-v1", discount=0.9)
-    taxi = cr.from_gymnasium("Taxi-v4", discount=0.9)
-    assert lake.states.label(7) == "row=1 column=3"
-    assert cliff.states.label(47) == "row=3 column=11"
-    assert taxi.states.label(499) == "row=4 column=4 passenger=taxi destination=blue"
-    assert [task.actions.label(3) for task in (lake, cliff, taxi)] == [
-        "move=north",
-        "move=west",
-        "move=west",
-    ]
-
-
 def test_moves_go_where_their_names_say():
     moves = {"north": (-1, 0), "south": (1, 0), "east": (0, 1), "west": (0, -1)}
     lake = cr.from_gymnasium("FrozenLake8x8-v1", discount=0.9, is_slippery=False)

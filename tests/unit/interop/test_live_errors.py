@@ -1,7 +1,6 @@
 """What goes wrong in an environment surfaces as it is, and closes what was opened."""
 
 import _thread
-import re
 import signal
 
 import gymnasium as gym
@@ -11,7 +10,7 @@ import pytest
 import curricle as cr
 from curricle.learning.potential_rollouts import greedy_rollouts
 
-from .environments import OFF, TWO, Echo, Ring, watched
+from .environments import OFF, TWO, Ring, watched
 
 
 class Trouble(Exception):
@@ -82,8 +81,6 @@ def test_failures_outside_of_learning_surface_too():
         with pytest.raises(Trouble):
             work()
 
-
-def test_errors_on_making_and_closing_an_environment_are_raised():
     class Unclosable(Ring):
         def close(self):
             raise Trouble("close")
@@ -112,44 +109,24 @@ def test_an_interrupt_from_the_keyboard_stops_learning():
     assert log.count("open") == log.count("close")
 
 
-@pytest.mark.parametrize("shown", [2, 1.5, np.array([1, 1])])
-def test_an_observation_that_is_no_state_is_refused(shown):
-    task = cr.from_gymnasium(lambda: Echo(TWO, TWO, [0, shown, 0]), discount=0.9)
-    with pytest.raises(
-        cr.errors.TaskError, match=r"must encode to a state, a number in 0\.\.1 or .* state"
-    ):
-        cr.learn(task, budget=10, evaluation=OFF)
-
-
-PARTS = "must return (observation, reward, terminated, truncated, info): got"
+def odd(method, answer):
+    """Return a live task whose environment answers this when it is stepped or reset."""
+    kind = type("Odd", (Ring,), {method: lambda *_, **__: answer})
+    return cr.from_gymnasium(kind, discount=0.9, live=True)
 
 
 @pytest.mark.parametrize(
-    ("answer", "words"),
+    ("task", "words"),
     [
-        ((0, None, False, False, {}), "rewards must be finite, .* the environment returned None"),
-        ((0, 1.0), re.escape(f"a step of an environment {PARTS} (0, 1.0)")),
-        (None, re.escape(f"a step of an environment {PARTS} None")),
+        *((odd("step", answer), "a step of an environment must") for answer in ((0, 1.0), None)),
+        *((odd("reset", wrong), "a reset of an environment must") for wrong in (0, (0, {}, {}))),
+        *((odd("step", (shown, 1.0, False, False, {})), "encode to a state") for shown in (3, 1.5)),
+        (odd("step", (0, None, False, False, {})), "rewards must be finite, .* returned None"),
     ],
 )
-def test_steps_that_are_not_gymnasiums_are_refused(answer, words):
-    class Odd(Ring):
-        def step(self, action):
-            return answer
-
+def test_answers_that_are_not_gymnasiums_are_refused(task, words):
     with pytest.raises(cr.errors.TaskError, match=words):
-        cr.learn(cr.from_gymnasium(Odd, discount=0.9, live=True), budget=10, evaluation=OFF)
-
-
-@pytest.mark.parametrize("answer", [0, None, (0, {}, {})])
-def test_resets_that_are_not_gymnasiums_are_refused(answer):
-    class Odd(Ring):
-        def reset(self, *, seed=None, options=None):
-            return answer
-
-    words = f"a reset of an environment must return (observation, info): got {answer!r}"
-    with pytest.raises(cr.errors.TaskError, match=re.escape(words)):
-        cr.learn(cr.from_gymnasium(Odd, discount=0.9, live=True), budget=10, evaluation=OFF)
+        cr.learn(task, budget=10, evaluation=OFF)
 
 
 @pytest.mark.parametrize("turned", [cr.from_gymnasium, cr.tabulate, cr.observation_task])

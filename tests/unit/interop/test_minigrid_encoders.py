@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.errors import SettingError, StoreError, TaskError
-from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
-from curricle.tasks.observation_task import EnvironmentMaker
+from curricle.errors import SettingError, TaskError
+from curricle.interop import FlatDict, MiniGridFullView, MiniGridView
 
 minigrid = pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
 CROSSING = "MiniGrid-SimpleCrossingS9N1-v0"
@@ -132,17 +131,6 @@ def test_tables_of_a_level_have_the_observations_of_the_networks_task(encode, sh
     assert (found == seen).reshape(len(found), -1).all(axis=1).any()
 
 
-def test_an_encoded_level_is_read_from_its_file(tmp_path):
-    def table(encode):
-        maker = EnvironmentMaker("MiniGrid-Empty-5x5-v0", encode=encode)
-        return cr.tabulate(maker, discount=0.9, cache=tmp_path / "level")
-
-    first, again = (table(MiniGridView()).observations.batch() for _ in range(2))
-    np.testing.assert_array_equal(first, again)
-    with pytest.raises(StoreError, match="a cache must hold tables of the same environment"):
-        table(MiniGridView(picture=True))
-
-
 def test_minigrids_own_limit_is_the_tasks():
     assert cr.observation_task(CROSSING, encode=MiniGridView()).longest == 324
     assert cr.observation_task(CROSSING, time_limit=50).longest == 50
@@ -158,21 +146,9 @@ def test_minigrids_own_limit_is_the_tasks():
         (lambda: MiniGridView(picture=True, mission=True), SettingError, "goes with a vector"),
         (lambda: MiniGridView()(gym.make("CartPole-v1")), TaskError, "is for MiniGrid's"),
         (
-            lambda: MiniGridView()(minigrid.wrappers.ImgObsWrapper(gym.make(CROSSING))),
-            TaskError,
-            r"a Dict with an image of codes and the direction: got Box\(",
-        ),
-        (
             lambda: first_views(minigrid.wrappers.FullyObsWrapper(gym.make(DOOR))),
             TaskError,
             r"must be below \(11, 6, 3\): got up to \[10, ., 3\]",
-        ),
-        (
-            lambda: cr.tabulate(
-                EnvironmentMaker(CROSSING, encode=StackedFrames(4, MiniGridView())), discount=0.9
-            ),
-            TaskError,
-            "stacked frames cannot be tabulated",
         ),
     ],
 )

@@ -1,5 +1,7 @@
 """Names for the components of an environment's states, and labels for its actions."""
 
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from gymnasium.wrappers import TimeLimit
 
 import curricle as cr
 from curricle.tasks.observation_task import EnvironmentMaker
+from tests.refusals import check_values
 
 from .environments import TWO, Echo, Ring
 
@@ -40,7 +43,7 @@ def test_the_numbers_in_an_observation_are_named_in_their_order(kind):
     assert cr.planning.rollout(task, np.zeros(task.states.size, int)).states[0] == state
 
 
-def test_one_number_is_named_or_split():
+def test_numbers_and_actions_are_named():
     one = echo(spaces.Discrete(12, start=1), 8, names=["place"])
     assert one.states.label(7) == "place=8"
     split = echo(spaces.Discrete(12, start=1), 8, names=["row", "column"], sizes=[3, 4])
@@ -49,18 +52,12 @@ def test_one_number_is_named_or_split():
     )
     ring = cr.from_gymnasium(Ring, discount=0.9, names=["place"])
     assert ring.mdp.states.names == ("place",)  # by its table
-
-
-def test_bins_and_known_environments_take_other_names():
     bins = cr.interop.Bins({"x": [0, 1, 2], "v": [0, 1]})
     car = cr.from_gymnasium("MountainCar-v0", discount=0.9, encode=bins, names=["place", "speed"])
     assert car.states.names == ("place", "speed")
     assert car.states.components[0].labels == bins.states.components[0].labels
     jack = cr.from_gymnasium("Blackjack-v1", discount=0.9, names=["hand", "card", "ace"])
     assert jack.states.label(5) == "hand=0 card=2 ace=usable"
-
-
-def test_actions_are_labelled():
     task = echo(TWO, 0, actions=["left", "right"])
     assert [task.actions.label(a) for a in range(2)] == ["action=left", "action=right"]
     lake = cr.tabulate("FrozenLake-v1", discount=0.9, actions=list("wsen"))
@@ -69,8 +66,6 @@ def test_actions_are_labelled():
 
 GRID = spaces.MultiDiscrete([2, 3])
 REFUSED = {
-    "too few": (GRID, {"names": ["row"]}, "in the order of state_1, state_2: got 1, row"),
-    "twice": (GRID, {"names": ["a", "a"]}, "must differ: got a, a"),
     "sizes alone": (TWO, {"sizes": [2]}, r"sizes need names of what has them: got sizes \[2\]"),
     "sizes of several": (
         GRID,
@@ -87,11 +82,6 @@ REFUSED = {
         {"names": ["a"], "states": cr.Space([cr.Component("b", 2)])},
         r"names go without states, whose components have names: got both, names \['a'\]",
     ),
-    "too few labels": (
-        TWO,
-        {"actions": ["a"]},
-        "actions must have one label each, 2 in all: got 1",
-    ),
 }
 
 
@@ -100,6 +90,8 @@ def test_what_names_nothing_is_refused_in_a_sentence(name):
     space, settings, sentence = REFUSED[name]
     with pytest.raises(cr.errors.TaskError, match=sentence):
         echo(space, space.sample(), **settings)
+    wrong = {"names": [["row"], ["a", "a"]], "actions": [["a"]]}
+    check_values(cr.errors.TaskError, partial(echo, GRID, GRID.sample()), wrong)
 
 
 def test_the_time_limit_of_a_wrapper_is_the_task_s():

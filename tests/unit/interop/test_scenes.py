@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from curricle import Pursuit
-from curricle.errors import TaskError
 from curricle.interop.environment import to_gymnasium
 from curricle.tasks import (
     BlockDude,
@@ -16,12 +15,9 @@ from curricle.tasks import (
     RiverSwim,
     Taxi,
 )
-from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.scene import AGENT, FIGURES, PREY, painted, predator, scene_of
 
-from .environments import RING, TASKS, WALLED
-
-EAST = 1
+from .environments import TASKS, WALLED
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -48,23 +44,16 @@ def test_figures_differ_without_their_colours():
             assert abs(one - other).max() > 100
 
 
-def test_text_shows_the_map_and_the_agent():
+def test_text_shows_who_is_where():
     environment = to_gymnasium(WALLED, render_mode="ansi")
     environment.reset(options={"state": {"row": 0, "column": 1}})
     assert environment.render() == "S@#T\nFP.."
-
-
-def test_text_shows_the_prey_and_the_predators_numbers():
     hunt = Pursuit(3, 2)
     environment = to_gymnasium(hunt, render_mode="ansi")
     environment.reset(options={"state": {"prey": 0, "predator_1": 0, "predator_2": 8}})
     assert environment.render() == "P1 .  .\n.  .  .\n.  .  2"
-
-
-def test_other_tasks_are_named():
-    environment = to_gymnasium(RING, render_mode="ansi")
-    environment.reset(options={"state": 3})
-    assert environment.render() == "place=3"
+    first = int(GRIDS["Block Dude"].mdp.start_states[0])
+    assert "1" in scene_of(GRIDS["Block Dude"]).text(first)
 
 
 GRIDS = {
@@ -94,16 +83,6 @@ def test_what_says_where_its_states_lie_is_drawn_there(name):
         row, column = layout.cells[state] - layout.origin
         assert lines[row][column] == "@"
         assert "".join(lines[: layout.shape[0]]).count("@") == 1
-
-
-def test_what_moves_beside_the_agent_has_numbers():
-    first = int(GRIDS["Block Dude"].mdp.start_states[0])
-    assert "1" in scene_of(GRIDS["Block Dude"]).text(first)
-
-
-def test_an_object_without_a_picture_is_refused():
-    with pytest.raises(TaskError, match=r"an object of a layout must be one of .*: got 'coin'"):
-        GridLayout(np.zeros((1, 2), int), ("row",), (1, 1), objects=(("coin", 0, 0, False),))
 
 
 def test_rendering_needs_a_mode():

@@ -1,12 +1,10 @@
 """Potentials that are values of observations, in the Gymnasium wrappers, without a network."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Text, Tuple
+from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Text, Tuple
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.vector.utils import concatenate, create_empty_array
-from gymnasium.wrappers import TimeLimit
 from hypothesis import given, strategies as st
 
 import curricle as cr
@@ -18,85 +16,53 @@ from curricle.transfer.aggregation import aggregate, aggregate_numbers
 from curricle.transfer.observation_mapping import FunctionValues, TableValues
 from curricle.transfer.potentials import ObservationPotential
 
-SIZE, DISCOUNT, LIMIT = 5, 0.9, 4
-PHI = np.array([3.0, -2.0, 5.0, 1.0, np.nan])  # the value of the end is never read
-PAIRS = np.nan_to_num(np.stack([PHI - 1, PHI], axis=1), nan=0.0)
-HOT = Box(0, 1, (SIZE,))
+from .shaping import (
+    DISCOUNT,
+    N_STATES,
+    PHI as TABLE,
+    PICTURE,
+    SOME,
+    actions_of,
+    as_picture,
+    paid,
+    vector_steps,
+    world,
+)
+
+PHI = np.where(SOME, np.nan, TABLE)  # the value of the end is never read
+PAIRS = np.stack([TABLE - 2, TABLE - 1, TABLE], axis=1)
 
 
-def one_hot(state):
-    return np.eye(SIZE, dtype=np.float32)[state]
+def paid_in_vectors(envs, steps=100):
+    return np.array([rewards for rewards, _ in vector_steps(envs, actions_of(steps, 3))])
 
 
 def in_parts(state):
-    return {"state": state, "more": (one_hot(state), state % 2)}
+    return {"state": state, "more": (as_picture(state), state % 2)}
 
 
 SEEN = {
-    "vectors": (HOT, one_hot, lambda o: PHI[o.argmax(axis=1)]),
-    "numbers": (Discrete(SIZE), int, lambda o: PHI[o]),
+    "vectors": (PICTURE, as_picture, lambda o: PHI[o.argmax(axis=1)]),
+    "numbers": (Discrete(N_STATES), int, lambda o: PHI[o]),
     "dicts": (
-        Dict({"state": Discrete(SIZE), "more": Tuple([HOT, Discrete(2)])}),
+        Dict({"state": Discrete(N_STATES), "more": Tuple([PICTURE, Discrete(2)])}),
         in_parts,
         lambda o: PHI[o["more"][0].argmax(axis=1)],
     ),
     "tuples": (
-        Tuple([Discrete(2), HOT]),
-        lambda state: (state % 2, one_hot(state)),
+        Tuple([Discrete(2), PICTURE]),
+        lambda state: (state % 2, as_picture(state)),
         lambda o: PHI[o[1].argmax(axis=1)],
     ),
 }
-
-
-class Walk(gym.Env):
-    """Cells in a row, walked at random; the last is the end."""
-
-    action_space = Discrete(2)
-
-    def __init__(self, space, observe):
-        self.observation_space, self.observe = space, observe
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.cell = int(self.np_random.integers(SIZE - 1))
-        return self.observe(self.cell), {}
-
-    def step(self, action):
-        self.cell = int(np.clip(self.cell + self.np_random.choice([-1, 1]), 0, SIZE - 1))
-        return self.observe(self.cell), -1.0, self.cell == SIZE - 1, False, {}
-
-
-def walk(space=SEEN["numbers"][0], observe=int):
-    return TimeLimit(Walk(space, observe), LIMIT)
-
-
-def paid(env, steps=100):
-    rewards, _ = [], env.reset(seed=0)
-    for _ in range(steps):
-        _, reward, terminated, truncated, _ = env.step(0)
-        rewards.append(reward)
-        if terminated or truncated:
-            env.reset()
-    return rewards
-
-
-def paid_in_vectors(envs, steps=100):
-    rewards, _ = [], envs.reset(seed=0)
-    for _ in range(steps):
-        _, reward, terminated, truncated, _ = envs.step(np.zeros(envs.num_envs, int))
-        rewards.append(reward)
-        ended = terminated | truncated
-        if envs.metadata["autoreset_mode"] is AutoresetMode.DISABLED and ended.any():
-            envs.reset(options={"reset_mask": ended})
-    return np.array(rewards)
 
 
 @pytest.mark.parametrize("seen", SEEN)
 def test_values_of_observations_pay_what_their_numbers_do(seen):
     space, observe, read = SEEN[seen]
     values = FunctionValues(state_values=read)
-    shaped = PotentialShaping(walk(space, observe), values, discount=DISCOUNT)
-    plain = PotentialShaping(walk(), PHI.__getitem__, discount=DISCOUNT)
+    shaped = PotentialShaping(world(observe=observe, space=space), values, discount=DISCOUNT)
+    plain = PotentialShaping(world(), PHI.__getitem__, discount=DISCOUNT)
     assert paid(shaped) == paid(plain)
 
 
@@ -104,10 +70,10 @@ def test_values_of_observations_pay_what_their_numbers_do(seen):
 @pytest.mark.parametrize("seen", SEEN)
 def test_so_they_do_in_vectors(seen, mode):
     space, observe, read = SEEN[seen]
-    envs = SyncVectorEnv([lambda: walk(space, observe)] * 3, autoreset_mode=mode)
+    envs = SyncVectorEnv([lambda: world(observe=observe, space=space)] * 3, autoreset_mode=mode)
     values = FunctionValues(state_values=read)
     shaped = VectorPotentialShaping(envs, values, discount=DISCOUNT)
-    envs = SyncVectorEnv([walk] * 3, autoreset_mode=mode)
+    envs = SyncVectorEnv([world] * 3, autoreset_mode=mode)
     plain = VectorPotentialShaping(envs, PHI.__getitem__, discount=DISCOUNT)
     np.testing.assert_array_equal(paid_in_vectors(shaped), paid_in_vectors(plain))
 
@@ -122,7 +88,7 @@ class Calls(TableValues):
 
 def test_vectors_are_read_in_one_go():
     values = Calls(PAIRS)
-    envs = SyncVectorEnv([walk] * 3, autoreset_mode=AutoresetMode.SAME_STEP)
+    envs = SyncVectorEnv([world] * 3, autoreset_mode=AutoresetMode.SAME_STEP)
     shaped = VectorPotentialShaping(envs, values, discount=DISCOUNT)
     paid_in_vectors(shaped, steps=50)
     assert len(values.sizes) == 51
@@ -130,18 +96,18 @@ def test_vectors_are_read_in_one_go():
 
 
 def test_a_potential_over_observations_states_the_discount_and_the_space():
-    task = observation_task(walk, discount=0.8)
+    task = observation_task(world, discount=0.8)
     phi = ObservationPotential.of(task, TableValues(PAIRS))
-    env = PotentialShaping(walk(), phi)
+    env = PotentialShaping(world(), phi)
     assert env.discount == 0.8
-    expected = PotentialShaping(walk(), np.nan_to_num(PHI).__getitem__, discount=0.8)
+    expected = PotentialShaping(world(), TABLE.__getitem__, discount=0.8)
     assert paid(env) == paid(expected)
     with pytest.raises(SettingError, match=r"0.8 by the task of 'potential', 0.9 by the argument"):
-        PotentialShaping(walk(), phi, discount=0.9)
+        PotentialShaping(world(), phi, discount=0.9)
     with pytest.raises(SettingError, match="read from those of its task: 'potential' is one of"):
-        PotentialShaping(walk(HOT, one_hot), phi)
+        PotentialShaping(world(observe=as_picture, space=PICTURE), phi)
     with pytest.raises(SettingError, match="a discount must be given"):
-        PotentialShaping(walk(), TableValues(np.zeros((SIZE, 1))))
+        PotentialShaping(world(), TableValues(np.zeros((N_STATES, 1))))
 
 
 @pytest.mark.parametrize(
@@ -152,14 +118,20 @@ def test_a_potential_over_observations_states_the_discount_and_the_space():
     ],
 )
 def test_values_that_cannot_be_used_are_named(read, said):
-    env = PotentialShaping(walk(), FunctionValues(state_values=read), discount=DISCOUNT)
+    env = PotentialShaping(world(), FunctionValues(state_values=read), discount=DISCOUNT)
     with pytest.raises(PotentialError, match=said):
         env.reset(seed=0)
 
 
 @given(st.data())
 def test_observations_are_stacked_as_gymnasium_stacks_them(data):
-    spaces = [HOT, Discrete(7, start=3), MultiDiscrete([2, 3]), MultiBinary(4), SEEN["dicts"][0]]
+    spaces = [
+        PICTURE,
+        Discrete(7, start=3),
+        MultiDiscrete([2, 3]),
+        MultiBinary(4),
+        SEEN["dicts"][0],
+    ]
     space = data.draw(st.sampled_from([*spaces, SEEN["tuples"][0], Text(5)]))
     space.seed(data.draw(st.integers(0, 99)))
     rows = [space.sample() for _ in range(data.draw(st.integers(1, 4)))]

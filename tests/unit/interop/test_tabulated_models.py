@@ -76,8 +76,6 @@ def test_large_tasks_are_asked_in_batches(monkeypatch):
     ("rule", "said"),
     [
         (lambda seen: 3, r"actions must lie in 0\.\.2: got 3\.\.3"),
-        (lambda seen: -1, r"actions must lie in 0\.\.2: got -1\.\.-1"),
-        (lambda seen: 0.5, "one action for each of 8 observations: got an array of float64"),
         (lambda seen: [0, 1], r"one action for each of 8 observations: .* of shape \(8, 2\)"),
     ],
 )

@@ -62,7 +62,7 @@ def page_of(study):
     )
 
 
-def record(name, plans, seeds, **settings):
+def record(name, plans, seeds, moments=5, **settings):
     """A study as the store holds it: comparison and training results with snapshots."""
     comparison = cr.compare(plans, seeds=seeds, **settings)
     first = next(iter(plans.values()))
@@ -71,7 +71,7 @@ def record(name, plans, seeds, **settings):
     results = {"scratch": scratch.train(seeds)}
     results |= {arm: plan.train(seeds) for arm, plan in plans.items()}
     for arm, result in results.items():
-        kept = {node: kept_snapshots(result, node) for node in result.nodes}
+        kept = {node: kept_snapshots(result, node, moments) for node in result.nodes}
         results[arm] = with_snapshots(result, **kept)
     return SimpleNamespace(
         name=name,
@@ -115,13 +115,13 @@ def chain(n):
     )
 
 
-def chain_plan():
+def chain_plan(name=ODD):
     long, short = chain(8), chain(5)
     f = cr.from_function(long, short, lambda s, a: ({"state": s["state"] - 3}, a))
     return cr.Curriculum(
-        {f"{ODD} short": short, f"{ODD} long": long},
-        [cr.Transfer(f"{ODD} short", f"{ODD} long", f, scale=1.5)],
-        budget={f"{ODD} short": 300, f"{ODD} long": 1500},
+        {f"{name} short": short, f"{name} long": long},
+        [cr.Transfer(f"{name} short", f"{name} long", f, scale=1.5)],
+        budget={f"{name} short": 300, f"{name} long": 1500},
     )
 
 

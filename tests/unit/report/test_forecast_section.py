@@ -44,17 +44,6 @@ def test_a_forecast_is_not_of_arms_whose_sources_are_trained_otherwise():
     assert found.other_sources == ()
 
 
-def test_guarded_arms_are_said_to_be_so_once(pursuit):
-    record, learnt, analysis = shown(pursuit.results)
-    (found,) = forecast_sections(analysis, record, learnt)
-    used = {"minimum": ("min", "mean")}
-    guarded = replace(found, used=used, measured={"min": None, "mean": None})
-    assert guarded.starts("minimum") == "guarded"
-    one = replace(found, used=used, measured={"min": None, "mean": -2.5})
-    assert one.starts("minimum") == "guarded, \N{MINUS SIGN}2.50"
-    assert one.starts("maximum") == ""
-
-
 def test_a_sentence_names_what_is_left_out_and_how_to_get_it(pursuit, monkeypatch):
     monkeypatch.setattr(analysis_module, "EFFORT", 10)
     monkeypatch.setattr(analysis_module, "LARGEST_CERTIFIED", 10)

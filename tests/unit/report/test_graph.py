@@ -7,7 +7,7 @@ import pytest
 import curricle as cr
 from curricle.report.graph import CARD, graphs
 
-from .studies import ODD, Reader, hunt_plan, shown
+from .studies import hunt_plan, shown
 
 
 def graphs_of(results):
@@ -105,7 +105,3 @@ def test_numbers_of_arrows_are_apart(pairs):
         for card in graph.cards:
             beside = not card.left - 10 < x < card.left + CARD + 10
             assert beside or not card.top - 10 < y < card.top + card.height + 10
-
-
-def test_reasons_are_counted(pages):
-    assert f"{ODD} reason (1 of 2); all steps used (1 of 2)" in Reader(pages["odd"]).words

@@ -14,7 +14,6 @@ import curricle as cr
 from curricle.comparison.arms import Arm
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
-from curricle.report.svg import inline_svg
 from curricle.statistics.curves import Curve
 from tests.study_pages import study_page
 
@@ -131,16 +130,6 @@ def test_both_axes_have_one_scale_and_all_arms(pursuit):
     assert weak_curves["min"].get_ydata() == pytest.approx(
         mean[: len(weak_curves["min"].get_ydata())]
     )
-
-
-def test_svg_of_two_figures_share_no_identifier(pursuit):
-    figures = draw_learning_curves(pursuit.comparison)
-    one, two = (
-        Reader(inline_svg(figure, name, "")).values("id")
-        for figure, name in zip(figures, "ab", strict=True)
-    )
-    assert one
-    assert not set(one) & set(two)
 
 
 def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():

@@ -1,6 +1,5 @@
 """Replays of training: grid views, values over time, episodes."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -28,34 +27,19 @@ def replay_of(shot, task):
     return found
 
 
-def test_arrows_are_of_the_agent_that_is_drawn():
+def test_ties_are_shown_as_ties_of_the_agent_that_is_drawn():
     task = cr.Pursuit(3, 2)
     hunt = GridView.for_replay(task)
     values = np.zeros(25)
     values[task.actions.encode(predator_1=2, predator_2=0)] = 1  # east, stay
     assert np.flatnonzero(greedy_choices(hunt, values)).tolist() == [2]
     assert GridDrawing.of(hunt).letters == (("P", 1, 1), ("2", 0, 0))
-
-
-def test_ties_are_shown_as_ties():
     maze = GridView.for_replay(cr.GridWorld(["S.", ".T"]))
     east = mark_of(maze, greedy_choices(maze, np.array([0.0, 1.0, 0.0, 0.0])))
     both = mark_of(maze, greedy_choices(maze, np.array([0.0, 1.0, 1.0, 0.0])))
     assert mark_of(maze, greedy_choices(maze, np.ones(4))) == ""
     assert east.count("z") == 1
     assert both.count("z") == 2
-
-
-@pytest.mark.parametrize("chosen", [(1, 0, 0, 0), (1, 1, 0, 0), (0, 1, 1, 1)])
-def test_the_shapes_of_a_mark_all_begin_in_the_middle_of_the_cell(chosen):
-    maze = GridView.for_replay(cr.GridWorld(["S.", ".T"]))
-    mark = mark_of(maze, np.array(chosen, bool))
-    shapes = re.findall(r"m(\S+) [^z]*zm(\S+?)(?=m|$)", mark)
-    assert len(shapes) == sum(chosen)
-    # z leads back to where a shape begins, and the move after it to the middle.
-    for begins, home in shapes:
-        there, back = (np.array(point.split(","), float) for point in (begins, home))
-        assert (there + back == 0).all()
 
 
 def test_a_task_without_geometry_is_a_strip_with_words():
@@ -65,15 +49,6 @@ def test_a_task_without_geometry_is_a_strip_with_words():
     assert strip.words == "cells: states by number, the first 60 of 80"
     assert mark_of(strip, greedy_choices(strip, np.array([0.0, 1.0]))) == "1"
     assert strip.markers[0].cells[[0, 59, 60]].tolist() == [0, 59, -1]
-
-
-def test_row_and_column_make_a_map_of_any_task():
-    maze = cr.GridWorld(["S..", "..T"])
-    tables = maze.mdp
-    found = GridView.for_replay(tables)
-    assert found.is_map
-    assert found.directions is not None
-    assert found.shape == (2, 3)
 
 
 def test_a_map_of_too_many_cells_is_not_shown():
@@ -118,12 +93,6 @@ def test_moments_are_thinned_but_the_ends_are_kept(monkeypatch):
     found = replay_of(shot, maze)
     assert len(found.steps) == 7
     assert found.steps[[0, -1]].tolist() == [0, 199]
-
-
-def test_many_cells_get_fewer_moments(maze, monkeypatch):
-    monkeypatch.setattr(replay_module, "MOST_CELL_MOMENTS", 1)
-    found, _ = replays(*shown(maze.results))
-    assert {len(replay.steps) for replay in found} == {3}
 
 
 def test_a_page_holds_a_number_of_cells_and_targets_come_first(maze, monkeypatch):
