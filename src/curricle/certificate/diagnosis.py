@@ -57,15 +57,7 @@ def rounding(met: Reachable, f: FloatArray, fitted: Fit) -> float:
 def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
     """Return the Phi that F must have if it is ``discount`` Phi(s') - Phi(s), and the residual.
 
-    Parameters
-    ----------
-    met : Reachable
-        With E transitions.
-    f : (E,) float64
-    discount : float
-        In (0, 1], or the task's own.
-    ends_are_zero : bool
-        Whether Phi is 0 at the ends, or follows from the transitions into them.
+    `f` is (E,). Phi at the ends is 0, or follows from the transitions into them.
 
     Examples
     --------
@@ -76,7 +68,25 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
     >>> found.potential, found.worst
     (array([1., 3., 0.]), 0.0)
     """
-    return _fitted(met, f, discount, _order(met, ends_are_zero, discount < 1))
+    steps = _order(met, ends_are_zero, discount < 1)
+    source, target = met.source, met.target
+    # Forward at a small discount numbers may overflow. Then nothing fits.
+    with np.errstate(over="ignore", invalid="ignore"):
+        phi = _potential(met, f, discount, steps, 0.0)
+        left = f - discount * phi[target] + phi[source]
+        if any(step.kind == FREE for step in steps):
+            # Phi and the residual are linear in the free numbers, one for each group of states.
+            slope = _potential(met, np.zeros_like(f), discount, steps, 1.0)
+            change = slope[source] - discount * slope[target]
+            group = np.zeros(len(phi), np.int64)
+            for n, step in zip(np.cumsum([s.kind == FREE for s in steps]), steps, strict=True):
+                group[step.states] = n
+            steep = np.bincount(group[source], change * change, len(steps) + 1)
+            pull = np.bincount(group[source], change * left, len(steps) + 1)
+            best = np.divide(-pull, steep, out=np.zeros_like(pull), where=steep > 1e-18)
+            phi = phi + best[group] * slope
+            left = left + best[group[source]] * change
+        return Fit(discount, frozen(phi), left)
 
 
 # -- from F to Phi -------------------------------------------------------------------------------
@@ -174,28 +184,6 @@ def _potential(
     return phi
 
 
-def _fitted(met: Reachable, f: FloatArray, discount: float, steps: list[Step]) -> Fit:
-    """Return Phi for a discount and the residual of every transition."""
-    source, target = met.source, met.target
-    # Forward at a small discount numbers may overflow. Then nothing fits.
-    with np.errstate(over="ignore", invalid="ignore"):
-        phi = _potential(met, f, discount, steps, 0.0)
-        left = f - discount * phi[target] + phi[source]
-        if any(step.kind == FREE for step in steps):
-            # Phi and the residual are linear in the free numbers, one for each group of states.
-            slope = _potential(met, np.zeros_like(f), discount, steps, 1.0)
-            change = slope[source] - discount * slope[target]
-            group = np.zeros(len(phi), np.int64)
-            for n, step in zip(np.cumsum([s.kind == FREE for s in steps]), steps, strict=True):
-                group[step.states] = n
-            steep = np.bincount(group[source], change * change, len(steps) + 1)
-            pull = np.bincount(group[source], change * left, len(steps) + 1)
-            best = np.divide(-pull, steep, out=np.zeros_like(pull), where=steep > 1e-18)
-            phi = phi + best[group] * slope
-            left = left + best[group[source]] * change
-        return Fit(discount, frozen(phi), left)
-
-
 # -- sentences -------------------------------------------------------------------------------------
 
 
@@ -241,12 +229,6 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
         return Origin(plain, None, (by_action or _unequal_paths(task, met, f, plain),))
     ends = met.ends[abs(found.potential[met.ends]) > enough]
     return Origin(plain, found, (nonzero_ends(task, ends, found.potential[ends]),))
-
-
-def other_discount(discount: float, own: float) -> str:
-    """Return the sentence about a discount that is not the task's."""
-    form = f"F = {discount:.6g} Phi(s') - Phi(s)"
-    return f"shaped with a second discount: {form}, the task's discount is {own:.6g}"
 
 
 def ends_read_as_zero(task: Any, ends: IntArray, phi: FloatArray) -> str:

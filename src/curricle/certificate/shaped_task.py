@@ -93,17 +93,10 @@ def shaping_rewards(
     s: IntArray,
     a: IntArray,
     after: IntArray,
-    *time: IntArray,
 ) -> FloatArray:
-    """Return F(s, a, s') or F(s, a, s', t) of E transitions, (E,).
-
-    Raises
-    ------
-    PotentialError
-        Naming a transition whose F is not finite, or the exception that the function raised.
-    """
+    """Return F(s, a, s') of E transitions, (E,), or raise PotentialError where there is none."""
     try:
-        given = function(s, a, after, *time)
+        given = function(s, a, after)
     except Exception as error:
         raise PotentialError(
             f"a shaping reward must take arrays of states, actions and next states: it raised "
