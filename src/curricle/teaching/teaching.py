@@ -3,17 +3,25 @@
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatTable
+from curricle.array_types import BoolArray, FloatArray, FloatTable, IntArray
 from curricle.checks import text
+from curricle.display import block, brief_value, table
 from curricle.errors import SettingError, TaskError
-from curricle.frozen_arrays import frozen
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.optimistic_learning import OptimisticQLearning
-from curricle.learning.result import learning_result
+from curricle.learning.result import (
+    LearningResult,
+    learning_result,
+    learnt_curve,
+    learnt_table,
+)
 from curricle.learning.run import Run
 from curricle.learning.seeds import SeedSettings, seed_settings, threads_for
 from curricle.learning.stopping import Budget, limits, longest_run, spacing
@@ -22,15 +30,92 @@ from curricle.learning.tables import DenseTable
 from curricle.learning.training import given_or_default, stopping_kernel, train_all
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
+from curricle.statistics.curves import Curve
 from curricle.tasks.draws import ALL, stream_start, uniform
-from curricle.tasks.live import BROKEN_DOWN, Answer
+from curricle.tasks.generative_models import (
+    Tables,
+    evaluation_models,
+    failures,
+    first_states,
+    table_model,
+    transitions,
+)
+from curricle.tasks.live import BROKEN_DOWN, Answer, answer
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.overloads import inlined
 from curricle.tasks.start_states import Goal, goal_states
 from curricle.tasks.task import Task, tables
-from curricle.teaching.result import TeachingResult, teaching_result
-from curricle.teaching.taught_model import EpisodeRecord, SharedTables, TaughtModel
 from curricle.teaching.teachers import Episode, TaskSampler, Teacher, Uniform, check_teacher
+from curricle.text_tables import counted
+
+
+@dataclass(frozen=True, eq=False)
+class TeachingResult(Frozen):
+    """What :func:`teach` found, for M tasks, K seeds and T checkpoints.
+
+    Attributes
+    ----------
+    learning : LearningResult
+        That of the target: greedy returns are those in the target, steps and episodes count those
+        of all tasks, and so do training returns.
+    tasks : tuple of str
+        The names of the M tasks, in their order.
+    teacher : Teacher
+    drawn : tuple of K (E,) int64 arrays
+        The task of each episode that was begun, as its place in `tasks`. The last one may have been
+        cut off by the budget.
+    begun_at : tuple of K (E,) int64 arrays
+        Steps, in all tasks, before each of these episodes.
+    probabilities : (K, T, M) float64
+        The probability of each task when the episode of the checkpoint was drawn, the last one
+        begun by then. Checkpoints after a seed's end repeat its last ones.
+    steps_per_task : (K, M) int64
+        Steps taken in each task; they add up to those of the seed.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.teaching import teach
+    >>> found = teach({"near": GridWorld(".ST"), "far": GridWorld("S.T")}, target="far", budget=500)
+    >>> found.learning.steps_used, found.steps_per_task.sum(axis=1), found.counts.shape
+    (array([500]), array([500]), (1, 101, 2))
+    """
+
+    learning: LearningResult
+    tasks: tuple[str, ...]
+    teacher: Teacher
+    drawn: tuple[IntArray, ...]
+    begun_at: tuple[IntArray, ...]
+    probabilities: FloatArray
+    steps_per_task: IntArray
+
+    @property
+    def curve(self) -> Curve:
+        """The greedy return in the target against the steps in all tasks."""
+        return Curve.of(self.learning)
+
+    @cached_property
+    def counts(self) -> IntArray:
+        """Episodes begun in each task before each checkpoint, (K, T, M) int64."""
+        found = np.zeros((len(self.drawn), len(self.learning.steps), len(self.tasks)), np.int64)
+        for k, (drawn, begun) in enumerate(zip(self.drawn, self.begun_at, strict=True)):
+            for i in range(len(self.tasks)):
+                found[k, :, i] = np.searchsorted(begun[drawn == i], self.learning.steps)
+        return frozen(found)
+
+    def __repr__(self) -> str:
+        tasks, learning = counted(len(self.tasks), "task"), repr(self.learning)
+        return f"TeachingResult({brief_value(self.teacher)}, {tasks}, {learning})"
+
+    def _repr_html_(self) -> str:
+        episodes, steps = self.counts[:, -1].mean(axis=0), self.steps_per_task.mean(axis=0)
+        head = ["task", "episodes a seed", "steps a seed", "probability in the end"]
+        last = self.probabilities[:, -1].mean(axis=0)
+        rows = zip(self.tasks, episodes, steps, (f"{one:.0%}" for one in last), strict=True)
+        title = f"Tasks chosen by {brief_value(self.teacher)}"
+        learnt = learnt_table({"target": self.learning}, {})
+        return block(title, learnt_curve(self.learning), learnt, table(head, rows))
 
 
 def teach(
@@ -124,20 +209,38 @@ def teach(
     return teaching_result(learning, task_set.names, [run.samplers[seed] for seed in numbers])
 
 
+def teaching_result(
+    learning: LearningResult, tasks: tuple[str, ...], samplers: Sequence[TaskSampler]
+) -> TeachingResult:
+    """Return what teaching found, the episodes that took no step left out."""
+    places = np.arange(len(learning.steps))
+    drawn, begun_at, curves, steps = [], [], [], []
+    for sampler, used in zip(samplers, learning.steps_used, strict=True):
+        begun = np.array(sampler.begun_at)
+        kept = np.array(sampler.tasks)[begun < used]
+        drawn.append(frozen(kept))
+        begun_at.append(frozen(begun[begun < used]))
+        lengths = np.diff(begun_at[-1], append=used)
+        steps.append(np.bincount(kept, lengths, len(tasks)).astype(np.int64))
+        since = np.array([checkpoint for checkpoint, _ in sampler.changes])
+        last = np.searchsorted(since, places, side="right") - 1
+        curves.append(np.stack([found for _, found in sampler.changes])[last])
+    return TeachingResult(
+        learning=learning,
+        tasks=tasks,
+        teacher=samplers[0].teacher,
+        drawn=tuple(drawn),
+        begun_at=tuple(begun_at),
+        probabilities=frozen(np.stack(curves)),
+        steps_per_task=frozen(np.stack(steps)),
+    )
+
+
 # -- the tasks -----------------------------------------------------------------------------------
 
 
 class _TaskSet:
-    """M tasks of one space, of which `target` is one.
-
-    Raises
-    ------
-    SettingError
-        Unless the tasks are a mapping from names, at least one, that contains the target; when
-        they do not share states, actions, discount and a time limit.
-    TaskError
-        When one has no tables, or a goal is needed and there is none.
-    """
+    """M tasks of one space, of which `target` is one; SettingError or TaskError if they are not."""
 
     def __init__(self, tasks: Any, target: str, goal: Goal = None, *, needs_goal: bool = False):
         _check_names(tasks, target)
@@ -203,6 +306,144 @@ def _check_shared(name: str, mdp: FiniteMDP, target: str, other: FiniteMDP) -> N
                 f"tasks of a teacher must share their {what}: {name!r} has {own} and {target!r} "
                 f"has {wanted}"
             )
+
+
+# -- the model ------------------------------------------------------------------------------------
+
+# One more model for the learning loops, which stay as they are: `first_state` asks a Python object
+# which task comes next, and transitions are those of that task's tables. What an episode was like
+# is written down step by step for the teacher to read at its end.
+
+
+class SharedTables(NamedTuple):
+    """The tables of M tasks of one space; those that differ only in their start share W worlds."""
+
+    world: IntArray  # (M,) the tables of each task
+    outcome_row: npt.NDArray[np.integer[Any]]  # (W, S, A)
+    cumulative: FloatArray  # (Y, O) of all worlds, one after the other
+    next_state: npt.NDArray[np.integer[Any]]  # (Y, O)
+    reward: FloatArray  # (Y, O)
+    terminal: BoolArray  # (W, S)
+    target: Tables
+    discount: float
+
+    @classmethod
+    def of(cls, mdps: Sequence[FiniteMDP], target: int) -> "SharedTables":
+        """Return the tables of these tasks, `target` one of them."""
+        worlds, world = list[FiniteMDP](), list[int]()
+        for mdp in mdps:
+            place = next((w for w, other in enumerate(worlds) if _same_world(mdp, other)), None)
+            world.append(len(worlds) if place is None else place)
+            worlds += [mdp] if place is None else []
+        n_outcomes = max(mdp.probability.shape[1] for mdp in worlds)
+        rows = np.cumsum([0, *(len(mdp.probability) for mdp in worlds)])
+
+        def stacked(name: str, filling: float) -> Any:
+            each = [np.asarray(getattr(mdp, name)) for mdp in worlds]
+            return np.concatenate(
+                [
+                    np.pad(a, ((0, 0), (0, n_outcomes - a.shape[1])), constant_values=filling)
+                    for a in each
+                ]
+            )
+
+        return cls(
+            np.array(world),
+            np.stack([mdp.outcome_row + rows[w] for w, mdp in enumerate(worlds)]),
+            stacked("cumulative", 1.0),  # outcomes that no draw exceeds are never taken
+            stacked("next_state", 0),
+            stacked("reward", 0.0),
+            np.stack([mdp.terminal for mdp in worlds]),
+            table_model(mdps[target]),
+            mdps[target].discount,
+        )
+
+
+def _same_world(one: FiniteMDP, other: FiniteMDP) -> bool:
+    """Return whether two tasks differ in nothing but where episodes start."""
+    names = ("outcome_row", "probability", "next_state", "reward", "terminal")
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
+
+
+class EpisodeRecord(NamedTuple):
+    """The episode in progress, step by step; L is the time limit."""
+
+    task: IntArray  # (1,) the task that it is played in
+    length: IntArray  # (1,) steps so far
+    rewards: FloatArray  # (L,)
+    td_errors: FloatArray  # (L,) r + gamma V(s') - V(s), with V = max_a Q when the step was taken
+    last_state: IntArray  # (1,) where it has come to
+    terminated: BoolArray  # (1,) whether it ended there
+
+    @classmethod
+    def empty(cls, time_limit: int) -> "EpisodeRecord":
+        """Return the record of an episode that has not begun."""
+        n, last = np.zeros((2, 1), np.int64)
+        task = np.full(1, -1)
+        return cls(task, n, np.zeros(time_limit), np.zeros(time_limit), last, np.zeros(1, np.bool_))
+
+
+class TaughtModel(NamedTuple):
+    """Several tasks, a record of the present episode, and who is asked for the next one."""
+
+    asked: npt.NDArray[np.uint64]  # (1,) the address of the callable of :func:`answer`
+    failed: BoolArray  # (1,) whether it has failed
+    tables: SharedTables
+    q: FloatTable  # (n, S, A) the learner's n tables
+    episode: EpisodeRecord
+
+
+@first_states.body(TaughtModel)
+def _taught_start(model, bits):
+    state = answer(model.asked[0], np.int64(bits))[0]
+    model.episode.length[0] = 0  # after a failure too: a loop may take one more step
+    if state < 0:
+        model.failed[0] = True
+        return np.uint64(0)
+    return np.uint64(state)
+
+
+@inlined
+def _highest_mean(q, state):
+    """Return max_a of the mean of the learner's tables."""
+    best = -np.inf
+    for action in range(q.shape[2]):
+        value = 0.0
+        for i in range(q.shape[0]):
+            value += q[i, state, action]
+        best = max(best, value / q.shape[0])
+    return best
+
+
+@transitions.body(TaughtModel)
+def _taught_step(model, state, action, bits):
+    tables, episode = model.tables, model.episode
+    world = tables.world[episode.task[0]]
+    row, outcome = tables.outcome_row[world, state, action], np.uint64(0)
+    last = np.uint64(tables.cumulative.shape[1] - 1)
+    if last > np.uint64(0):
+        chance = uniform(bits)
+        for i in range(last):
+            outcome += np.uint64(chance >= tables.cumulative[row, i])
+    next_state = np.uint64(tables.next_state[row, outcome])
+    reward, terminated = tables.reward[row, outcome], tables.terminal[world, next_state]
+    ahead = 0.0 if terminated else tables.discount * _highest_mean(model.q, next_state)
+    n = episode.length[0]
+    episode.rewards[n] = reward
+    episode.td_errors[n] = reward + ahead - _highest_mean(model.q, state)
+    episode.length[0] = n + 1
+    episode.last_state[0], episode.terminated[0] = next_state, terminated
+    return next_state, reward, terminated
+
+
+@failures.body(TaughtModel)
+def _taught_failure(model):
+    return model.failed[0]
+
+
+@evaluation_models.body(TaughtModel)
+def _target_model(model):
+    return model.tables.target
 
 
 # -- one seed ------------------------------------------------------------------------------------
