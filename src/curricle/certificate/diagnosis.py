@@ -58,15 +58,6 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
     """Return the Phi that F must have if it is ``discount`` Phi(s') - Phi(s), and the residual.
 
     `f` is (E,). Phi at the ends is 0, or follows from the transitions into them.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> met, phi = Reachable.of(GridWorld("S.T", discount=0.5).mdp), np.array([1.0, 3.0, 0.0])
-    >>> f = met.reward(lambda s, a, after: 0.5 * phi[after] - phi[s])
-    >>> found = fit(met, f, 0.5)
-    >>> found.potential, found.worst
-    (array([1., 3., 0.]), 0.0)
     """
     steps = _order(met, ends_are_zero, discount < 1)
     source, target = met.source, met.target
@@ -208,14 +199,6 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
     """Return the potential behind F, (E,), or a sentence on why there is none.
 
     `task` gives states and actions their names.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> maze = GridWorld("S.T")
-    >>> met = Reachable.of(maze.mdp)
-    >>> print(*origin(maze, met, met.reward(lambda s, a, after: 1.0)).sentences)
-    terminal state 2 (row 0, column 2) has Phi = -100, must be 0
     """
     discount, enough = met.mdp.discount, negligible(f)
     plain = fit(met, f, discount)

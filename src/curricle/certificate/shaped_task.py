@@ -30,14 +30,7 @@ The bound allows for at least four roundings of the largest reward at every step
 
 @dataclass(frozen=True, eq=False)
 class Reachable:
-    """The part of a task that can be reached from the start, under any policy.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> Reachable.of(GridWorld(["S#.", ".#T"]).mdp).states  # a wall cuts off the east
-    array([0, 2])
-    """
+    """The part of a task that can be reached from the start, under any policy."""
 
     mdp: FiniteMDP
     met: BoolArray  # (S,), ends included

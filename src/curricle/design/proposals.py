@@ -234,14 +234,7 @@ def aims(mdp: FiniteMDP) -> BoolArray:
 
 
 def by_number(target: Any, source: Any) -> StateActionMapping:
-    """Return the mapping of each state and action to that of the same number.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> by_number(GridWorld("S.T"), GridWorld("S.T").with_start("uniform")).index[:, 1]
-    array([ 1,  5, -2])
-    """
+    """Return the mapping of each state and action to that of the same number."""
     states, actions = np.arange(target.states.size), np.arange(target.actions.size)
     return pair_mapping(target, source, states[:, None], actions)
 

@@ -70,16 +70,7 @@ def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
 
 
 def equivalent_pairs(own: Blocks, other: Blocks) -> IntArray:
-    """Return for each target pair an equivalent source pair, or `UNMAPPED`, (S, A) int64.
-
-    Examples
-    --------
-    >>> own = Blocks(np.array([1, 0]), np.array([[4, 5], [-1, -1]]))
-    >>> other = Blocks(np.array([0, 1]), np.array([[-1, -1], [5, 4]]))
-    >>> equivalent_pairs(own, other)
-    array([[ 3,  2],
-           [-1, -1]])
-    """
+    """Return for each target pair an equivalent source pair, or `UNMAPPED`, (S, A) int64."""
     most = int(max(own.pairs.max(), other.pairs.max())) + 2
 
     def keys(blocks: Blocks) -> IntArray:
@@ -274,13 +265,6 @@ def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotien
     """Return a task up to bisimulation, and the block and kind of each of its states and pairs.
 
     The block of the terminal states has one pair, which pays nothing and leads to itself.
-
-    Parameters
-    ----------
-    model : Model
-    discount : float
-    values : (S,) float64
-        V*.
     """
     (blocks,) = refined([model])
     live = np.flatnonzero(blocks.pairs.ravel() >= 0)

@@ -48,14 +48,7 @@ class Path(NamedTuple):
 
 
 def paths(mdp: FiniteMDP) -> list[Path]:
-    """Return the components of states whose values lie on a path.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> [path.values.tolist() for path in paths(GridWorld(["S..", "..T"]).mdp)]
-    [[0, 1], [0, 1, 2]]
-    """
+    """Return the components of states whose values lie on a path."""
     after = mdp.next_state[mdp.outcome_row]
     chance = np.where(mdp.terminal[:, None, None], 0.0, mdp.probability[mdp.outcome_row])
     found = []
@@ -77,14 +70,7 @@ def paths(mdp: FiniteMDP) -> list[Path]:
 
 
 def numbered(space: Space) -> list[IntArray]:
-    """Return for each component its values at the points of a space, numbered from 0, (n,) each.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> [values.tolist() for values in numbered(GridWorld(["S.", ".T"]).states)]
-    [[0, 0, 1, 1], [0, 1, 0, 1]]
-    """
+    """Return for each component its values at the points of a space, numbered from 0, (n,) each."""
     values = space.decode()
     return [np.asarray(values[one.name] - one.low) for one in space.components]
 
@@ -100,11 +86,6 @@ def path_order(weight: FloatArray) -> IntArray | None:
     ----------
     weight : (n, n) float64
         How often either of two values follows the other; symmetric. The diagonal does not count.
-
-    Examples
-    --------
-    >>> path_order(np.array([[0, 5, 4], [5, 0, 1], [4, 1, 0]]))
-    array([1, 0, 2])
     """
     one, other = np.triu_indices(len(weight), 1)
     part, beside = np.arange(len(weight)), [list[int]() for _ in weight]
@@ -376,17 +357,6 @@ def warp(costs: FloatArray, step: float) -> IntArray:
     """Return the cheapest way that never turns back, (n,): a column for each row of a table.
 
     Dynamic time warping with free ends.
-
-    Parameters
-    ----------
-    costs : (n, m) float64
-    step : float
-        Cost of each column by which a step is not to the next one.
-
-    Examples
-    --------
-    >>> warp(np.array([[0.0, 9.0], [0.0, 9.0], [9.0, 0.0]]), 0.1)
-    array([0, 0, 1])
     """
     ahead = np.arange(costs.shape[1])[:, None] - np.arange(costs.shape[1])  # to, from
     price = np.where(ahead >= 0, step * abs(ahead - 1), np.inf)

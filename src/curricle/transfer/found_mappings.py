@@ -99,13 +99,6 @@ class FoundMappings:
         Name of each search that found nothing -> why.
     steps : int
         Steps taken in tasks without tables; a curriculum charges them to whoever reads a mapping.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> maze = GridWorld("S.T")
-    >>> len(find_mappings(maze, maze)) > 0
-    True
     """
 
     candidates: tuple[FoundMapping, ...]
@@ -254,14 +247,7 @@ def proposals(
 
 
 def check_searches(searches: Any) -> None:
-    """Raise SettingError unless these are functions, at least one.
-
-    Examples
-    --------
-    >>> check_searches("by_name")
-    Traceback (most recent call last):
-    curricle.errors.SettingError: searches must be a list of functions: got 'by_name'
-    """
+    """Raise SettingError unless these are functions, at least one."""
     if not isinstance(searches, Sequence) or not all(map(callable, searches)):
         raise SettingError(f"searches must be a list of functions: got {brief(searches)}")
     if not searches:
@@ -436,11 +422,6 @@ def with_mapping(
     """Return a transfer as it is, or with the mapping that is found; what is found is printed.
 
     Between two tasks seen through observations it is the identity, if these are of one space.
-
-    Raises
-    ------
-    CurriculumError
-        When a mapping has to be found, and a task has no tables or no mapping fits well enough.
     """
     if transfer.mapping is not None:
         return transfer
@@ -474,11 +455,6 @@ def announced(
     """Return the mapping that is found for an edge, and say what it is, and the runner-up.
 
     `settings` are those of :func:`auto_mapping`; `say` takes each line.
-
-    Raises
-    ------
-    MappingError
-        As :func:`auto_mapping`, or when a task has no tables.
     """
     for role, task in (("target", target), ("source", source)):
         if not has_tables(task):

@@ -232,13 +232,6 @@ def _dynamics_error(
 def total_variation(one: IntArray, p: FloatArray, other: IntArray, q: FloatArray) -> FloatArray:
     """Return the total variation distance of two distributions in each row, (n,) float64.
 
-    Parameters
-    ----------
-    one, other : (n, O) and (n, O') int64
-        Outcomes; one may be listed several times.
-    p, q : (n, O) and (n, O') float64
-        Their chances.
-
     Examples
     --------
     >>> one, p, other, q = [[1, 2]], [[0.5, 0.5]], [[2]], [[1.0]]
@@ -265,13 +258,7 @@ SETTLED = 1e-9
 
 
 class Residuals(NamedTuple):
-    """Bellman residuals of states, ``stated - factor * constant``, for greedy policies as they are.
-
-    Examples
-    --------
-    >>> Residuals(np.array([-2.0, 1.0]), np.array([1.0, 1.0])).constant(0.5)
-    -0.5
-    """
+    """Bellman residuals of states, ``stated - factor * constant``, for greedy policies as they are."""
 
     stated: FloatArray  # (n,) of a constant of 0
     factor: FloatArray  # (n,) by how much a constant of 1 lowers it

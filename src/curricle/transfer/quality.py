@@ -83,14 +83,6 @@ def potential_quality(
     """Return how a potential compares with the values of its target.
 
     All NaN where an ObservationPotential has no action values, and so no greedy policy.
-
-    Parameters
-    ----------
-    potential : StateActionPotential, MappedPotential or ObservationPotential
-        Of the target's task.
-    target : Target or ObservationTarget
-    seed : int
-        Of rollouts, where there are any, and of the sample of pairs that are ranked.
     """
     if isinstance(target, ObservationTarget):
         assert isinstance(potential, ObservationPotential)

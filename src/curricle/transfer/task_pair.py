@@ -255,12 +255,6 @@ class SampledTables:
         States in which every action was taken at least once.
     steps : int
         Steps taken.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> sampled_tables(GridWorld("S.T"), 200).tried
-    array([ True,  True, False])
     """
 
     mdp: FiniteMDP
@@ -269,23 +263,7 @@ class SampledTables:
 
 
 def sampled_tables(task: Task, steps: int, *, seed: int = 0) -> SampledTables:
-    """Return tables estimated from so many steps of the uniformly random policy.
-
-    Parameters
-    ----------
-    task : Task
-        With or without tables; a live one is played in an environment of its own.
-    steps : int
-        Steps to take; the last episode is cut off.
-    seed : int
-
-    Raises
-    ------
-    SettingError
-        When `steps` is less than 1.
-    TaskError
-        When the task has more than 2 million pairs.
-    """
+    """Return tables estimated from so many steps of the uniformly random policy."""
     steps = whole_number("steps to sample", steps, 1, SettingError)
     generative = generative_model(task)
     shape = generative.states.size, generative.actions.size
