@@ -64,20 +64,13 @@ class Reachable:
 
     def reward(self, function: RewardFunction) -> FloatArray:
         """Return F of each transition, (E,)."""
-        starts = range(0, len(self.source), CHUNK)
-        return np.concatenate(
-            [
-                shaping_rewards(
-                    self.mdp,
-                    function,
-                    *(
-                        part[first : first + CHUNK].astype(np.int64)
-                        for part in (self.source, self.action, self.target)
-                    ),
-                )
-                for first in starts
-            ]
-        )
+        rewards = []
+        for first in range(0, len(self.source), CHUNK):
+            part = slice(first, first + CHUNK)
+            s, a, after = self.source[part], self.action[part], self.target[part]
+            pairs = s.astype(np.int64), a.astype(np.int64)
+            rewards.append(shaping_rewards(self.mdp, function, *pairs, after.astype(np.int64)))
+        return np.concatenate(rewards)
 
 
 def shaping_rewards(

@@ -86,11 +86,9 @@ def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
         name = mdp.states.label(state)
         words = f"the goal is a bottleneck, on {share[state]:.0%} of shortest paths: {name}"
         build = partial(_ending_in, target, state, int(way[state]))
-        yield Draft("bottleneck", _short(f"to {name}"), words, build, float(way[state]) / far)
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= 90 else f"{name[:87]}..."
+        title = f"to {name}"
+        title = title if len(title) <= 90 else f"{title[:87]}..."
+        yield Draft("bottleneck", title, words, build, float(way[state]) / far)
 
 
 def _edges(mdp: FiniteMDP) -> Any:

@@ -52,7 +52,7 @@ Places = tuple[tuple[int, int], ...]
 
 
 def removals(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target without all hazards, without each of them, without a predator, or penalties."""
+    """Yield the target without hazards, without each of them, a predator, or penalties."""
     task = target.task
     if isinstance(task, Pursuit):
         yield from _fewer_predators(task)

@@ -1,7 +1,7 @@
 """Learning a target by episodes in several tasks, of which a teacher draws each: :func:`teach`."""
 
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -196,7 +196,22 @@ def teach(
     evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
     needs_goal = bool(getattr(teacher, "uses_goal", False))
     task_set = _TaskSet(tasks, target, goal, needs_goal=needs_goal)
-    run = _run(task_set, tasks[target], teacher, learner, budget, eval_freq, evaluation, stream)
+    most, eval_freq = limits(budget), spacing(eval_freq, budget)
+    run = _TaughtRun(
+        task=task_set.target,
+        learner=learner.for_task(tasks[target]),
+        limits=most,
+        eval_freq=eval_freq,
+        longest=longest_run(task_set.limit, budget, eval_freq),
+        evaluation=evaluation.kernel(task_set.target),
+        stopping=stopping_kernel(budget, tasks[target], evaluation),
+        storage=Storage(),
+        rows=0,
+        task_set=task_set,
+        teacher=teacher,
+        stream=stream,
+        samplers={},
+    )
     each = seed_settings(
         seeds, run.learner, run.limits, lambda one: one, shaping=None, warm_up=None, charged=None
     )
@@ -461,19 +476,16 @@ class _TaughtRun(Run):
     stream: str
     samplers: dict[int, TaskSampler]
 
+    @contextmanager
     def opened(
         self, settings: SeedSettings, start: int, tables: Sequence[Any]
-    ) -> AbstractContextManager[Any]:
+    ) -> Generator[TaughtModel]:
         """Return a context with the model of all tasks, in which the teacher draws."""
         learnt = tables[-1]
         q = learnt.q[None] if isinstance(learnt, DenseTable) else learnt
-        return self._taught(settings.seed, q)
-
-    @contextmanager
-    def _taught(self, seed: int, q: FloatTable) -> Generator[TaughtModel]:
         raised = list[BaseException]()
         record = EpisodeRecord.empty(self.task_set.limit)
-        lesson = self._lesson(seed, record, raised)
+        lesson = self._lesson(settings.seed, record, raised)
         next(lesson)
         asked = lesson.send  # it must outlive its address
         address = np.array([id(asked)], dtype=np.uint64)
@@ -522,32 +534,3 @@ class _TaughtRun(Run):
             bool(record.terminated[0] and shared.goals[task, record.last_state[0]]),
             shared.target.discount,
         )
-
-
-def _run(
-    task_set: _TaskSet,
-    target: Task,
-    teacher: Teacher,
-    learner: Learner,
-    budget: Budget,
-    eval_freq: int | None,
-    evaluation: GreedyEvaluation,
-    stream: str,
-) -> _TaughtRun:
-    """Return the run that all seeds share, its arguments checked."""
-    most, eval_freq = limits(budget), spacing(eval_freq, budget)
-    return _TaughtRun(
-        task=task_set.target,
-        learner=learner.for_task(target),
-        limits=most,
-        eval_freq=eval_freq,
-        longest=longest_run(task_set.limit, budget, eval_freq),
-        evaluation=evaluation.kernel(task_set.target),
-        stopping=stopping_kernel(budget, target, evaluation),
-        storage=Storage(),
-        rows=0,
-        task_set=task_set,
-        teacher=teacher,
-        stream=stream,
-        samplers={},
-    )

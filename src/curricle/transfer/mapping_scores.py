@@ -258,7 +258,7 @@ SETTLED = 1e-9
 
 
 class Residuals(NamedTuple):
-    """Bellman residuals of states, ``stated - factor * constant``, for greedy policies as they are."""
+    """Bellman residuals of states, ``stated - factor * constant``, for fixed greedy policies."""
 
     stated: FloatArray  # (n,) of a constant of 0
     factor: FloatArray  # (n,) by how much a constant of 1 lowers it
