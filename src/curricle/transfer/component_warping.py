@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.errors import MappingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Space
@@ -321,16 +321,13 @@ class _Match:
             rows = [np.arange(size) - at for size, at in zip(self.sizes, first, strict=True)]
             rows = [np.where((row >= 0) & (row < there), row, -1)
                     for row, there in zip(rows, self.others, strict=True)]  # fmt: skip
-            inside = self._inside(rows)
+            inside = np.logical_and.reduce(
+                [row[at] >= 0 for row, at in zip(rows, self.position, strict=True)]
+            )
             if inside.any():
                 mismatch = float(self._mismatch(rows, inside).mean())
                 found.append(Laid(self.assigned, tuple(rows), mismatch, mismatch))
         return found
-
-    def _inside(self, rows: list[IntArray]) -> BoolArray:
-        """Return which states have a position of the source on every path, (S,) bool."""
-        each = [row[at] >= 0 for row, at in zip(rows, self.position, strict=True)]
-        return np.asarray(np.logical_and.reduce(each))
 
     def _mismatch(self, rows: list[IntArray], some: Any = slice(None)) -> FloatArray:
         """Return how much what each pair does differs from what its source pair does, (S, A)."""

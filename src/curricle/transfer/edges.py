@@ -13,7 +13,7 @@ from curricle.checks import number, whole_number
 from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import LARGEST_POTENTIAL
-from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
+from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.mapping import StateActionMapping, few_pairs
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.task_pair import SearchedMapping
@@ -199,9 +199,13 @@ def mapping_words(transfer: Transfer) -> str:
     """
     mapping = transfer.mapping
     if isinstance(mapping, ComponentMapping):
-        names = (*mapping.source.states.names, *mapping.source.actions.names)
-        words = describe_renaming(names, mapping.renaming)
-        return words if mapping.unequal == "unmapped" else f"{words}; {UNEQUAL[mapping.unequal]}"
+        parts = [*mapping.source.states.names, *mapping.source.actions.names]
+        read = {name: mapping.renaming.get(name, name) for name in parts}
+        kept = " and ".join(name for name, of in read.items() if name == of)
+        words = [f"{name} is {of}" for name, of in read.items() if name != of]
+        words += [f"{kept} by name"] if kept else []
+        unequal = "" if mapping.unequal == "unmapped" else f"; {UNEQUAL[mapping.unequal]}"
+        return ", ".join(words) + unequal
     if isinstance(mapping, ObservationMapping):
         return mapping.description
     if isinstance(mapping, SearchedMapping):

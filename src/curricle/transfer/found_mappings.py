@@ -198,7 +198,10 @@ def find_mappings(
     whole_number("keep", keep, 1, SettingError)
     whole_number("seed", seed, 0, SettingError)
     check_unmapped_value(unmapped_value)
-    check_searches(searches)
+    if not isinstance(searches, Sequence) or not all(map(callable, searches)):
+        raise SettingError(f"searches must be a list of functions: got {brief(searches)}")
+    if not searches:
+        raise SettingError("find_mappings needs at least one search: got none")
     check_progress(progress)
     tasks = TaskPair(target, source, samples, seed)
     if not tasks.judged.any():
@@ -244,14 +247,6 @@ def proposals(
             refused[name] = str(error)
         grow()
         bars.tell(name)
-
-
-def check_searches(searches: Any) -> None:
-    """Raise SettingError unless these are functions, at least one."""
-    if not isinstance(searches, Sequence) or not all(map(callable, searches)):
-        raise SettingError(f"searches must be a list of functions: got {brief(searches)}")
-    if not searches:
-        raise SettingError("find_mappings needs at least one search: got none")
 
 
 def _check_proposal(search: str, given: Any, tasks: TaskPair) -> None:
@@ -469,30 +464,21 @@ def announced(
     return best
 
 
-class _Search:
-    """A search for the mappings between two tasks, which is made when its result is asked for."""
-
-    def __init__(self, target: Any, source: Any, unmapped_value: float | None):
-        self.tasks, self.unmapped_value = (target, source), unmapped_value
-        self._found: FoundMappings | None = None
-
-    def found(self, progress: Progress) -> FoundMappings:
-        """Return what is found, from memory where it was asked for before."""
-        if self._found is None:
-            how: Any = {"unmapped_value": self.unmapped_value, "progress": progress}
-            self._found = find_mappings(*self.tasks, **how)
-        return self._found
-
-
 def _found(
     target: Any, source: Any, unmapped_value: float | None, progress: Progress = None
 ) -> FoundMappings:
     """Return what is found, from memory where the same tasks were asked for."""
     try:
-        hash((target, source))
-    except TypeError:  # of a user's own task
-        return _Search(target, source, unmapped_value).found(progress)
-    return _remembered(target, source, unmapped_value).found(progress)
+        memory = _memory(target, source, unmapped_value)
+    except TypeError:  # of a user's own task, which has no hash
+        memory = []
+    if not memory:
+        how: Any = {"unmapped_value": unmapped_value, "progress": progress}
+        memory.append(find_mappings(target, source, **how))
+    return memory[0]
 
 
-_remembered = lru_cache(maxsize=REMEMBERED)(_Search)
+@lru_cache(maxsize=REMEMBERED)
+def _memory(target: Any, source: Any, unmapped_value: float | None) -> list[FoundMappings]:
+    """Return the list for what is found between two tasks, which is empty at first."""
+    return []

@@ -72,15 +72,14 @@ class TaskPair:
         _ = self.target_mdp, self.source_mdp
 
     @cached_property
-    def sampled(self) -> "tuple[SampledTables | None, SampledTables | None]":
+    def sampled(self) -> "tuple[SampledTables | None, ...]":
         """What was estimated of the target and of the source; None of those with tables."""
-        of_target, of_source = (self._sampled(task) for task in (self.target, self.source))
-        return of_target, of_source
-
-    def _sampled(self, task: Task) -> "SampledTables | None":
-        if self.samples is None or has_tables(task):
-            return None
-        return sampled_tables(task, self.samples, seed=self.seed)
+        return tuple(
+            None
+            if self.samples is None or has_tables(task)
+            else sampled_tables(task, self.samples, seed=self.seed)
+            for task in (self.target, self.source)
+        )
 
     @cached_property
     def target_mdp(self) -> FiniteMDP:
@@ -266,14 +265,46 @@ def sampled_tables(task: Task, steps: int, *, seed: int = 0) -> SampledTables:
     """Return tables estimated from so many steps of the uniformly random policy."""
     steps = whole_number("steps to sample", steps, 1, SettingError)
     generative = generative_model(task)
-    shape = generative.states.size, generative.actions.size
-    if shape[0] * shape[1] > LARGEST:
+    n_states, n_actions = generative.states.size, generative.actions.size
+    of_pair = n_states * n_actions
+    if of_pair > LARGEST:
         raise TaskError(
-            f"tables are estimated for up to {LARGEST:,} pairs: the task has "
-            f"{shape[0] * shape[1]:,}"
+            f"tables are estimated for up to {LARGEST:,} pairs: the task has {of_pair:,}"
         )
-    taken = _transitions(generative, steps, seed)
-    return _estimated(generative, *taken)
+    states, actions, rewards, after, ended, starts = _transitions(generative, steps, seed)
+    entered, ends = (
+        np.bincount(after, weights=weight, minlength=n_states)
+        for weight in (np.ones(len(after)), ended)
+    )
+    terminal = (ends > entered / 2) & (np.bincount(states, minlength=n_states) == 0)
+    pairs = states * n_actions + actions
+    keys, place, counts = np.unique(
+        np.stack([pairs, after], axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    mean = np.bincount(place.ravel(), weights=rewards) / counts
+    first = np.concatenate([[0], np.flatnonzero(np.diff(keys[:, 0])) + 1])
+    order = np.arange(len(keys)) - np.repeat(first, np.diff(np.append(first, len(keys))))
+    width = int(order.max()) + 1
+    chance, reward = np.zeros((of_pair, width)), np.full((of_pair, width), float(rewards.min()))
+    reached = np.repeat(np.arange(of_pair) // n_actions, width).reshape(of_pair, width)
+    chance[keys[:, 0], order] = counts
+    reward[keys[:, 0], order], reached[keys[:, 0], order] = mean, keys[:, 1]
+    tried = chance.sum(axis=1) > 0
+    chance[~tried, 0] = 1.0
+    start = np.bincount(starts, minlength=n_states) / len(starts)
+    mdp = FiniteMDP(
+        states=generative.states,
+        actions=generative.actions,
+        outcome_row=np.arange(of_pair).reshape(n_states, n_actions),
+        probability=chance / chance.sum(axis=1, keepdims=True),
+        next_state=reached,
+        reward=reward,
+        terminal=terminal,
+        start=start,
+        discount=min(generative.discount, 1 - 1 / max(2, generative.time_limit or LONGEST)),
+        time_limit=generative.time_limit,
+    )
+    return SampledTables(mdp, tried.reshape(n_states, n_actions).all(axis=1), len(states))
 
 
 def _transitions(
@@ -299,50 +330,3 @@ def _transitions(
     columns = (np.concatenate(column) for column in zip(*parts, strict=True))
     states, actions, rewards, after, ended = columns
     return states, actions, rewards, after, ended, np.array(starts)
-
-
-def _estimated(
-    task: Any,
-    states: IntArray,
-    actions: IntArray,
-    rewards: FloatArray,
-    after: IntArray,
-    ended: BoolArray,
-    starts: IntArray,
-) -> SampledTables:
-    """Return the tables that transitions make."""
-    n_states, n_actions = task.states.size, task.actions.size
-    entered, ends = (
-        np.bincount(after, weights=weight, minlength=n_states)
-        for weight in (np.ones(len(after)), ended)
-    )
-    terminal = (ends > entered / 2) & (np.bincount(states, minlength=n_states) == 0)
-    pairs = states * n_actions + actions
-    keys, place, counts = np.unique(
-        np.stack([pairs, after], axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    mean = np.bincount(place.ravel(), weights=rewards) / counts
-    first = np.concatenate([[0], np.flatnonzero(np.diff(keys[:, 0])) + 1])
-    order = np.arange(len(keys)) - np.repeat(first, np.diff(np.append(first, len(keys))))
-    width = int(order.max()) + 1
-    of_pair = n_states * n_actions
-    chance, reward = np.zeros((of_pair, width)), np.full((of_pair, width), float(rewards.min()))
-    reached = np.repeat(np.arange(of_pair) // n_actions, width).reshape(of_pair, width)
-    chance[keys[:, 0], order] = counts
-    reward[keys[:, 0], order], reached[keys[:, 0], order] = mean, keys[:, 1]
-    tried = chance.sum(axis=1) > 0
-    chance[~tried, 0] = 1.0
-    start = np.bincount(starts, minlength=n_states) / len(starts)
-    mdp = FiniteMDP(
-        states=task.states,
-        actions=task.actions,
-        outcome_row=np.arange(of_pair).reshape(n_states, n_actions),
-        probability=chance / chance.sum(axis=1, keepdims=True),
-        next_state=reached,
-        reward=reward,
-        terminal=terminal,
-        start=start,
-        discount=min(task.discount, 1 - 1 / max(2, task.time_limit or LONGEST)),
-        time_limit=task.time_limit,
-    )
-    return SampledTables(mdp, tried.reshape(n_states, n_actions).all(axis=1), len(states))
