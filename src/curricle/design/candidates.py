@@ -16,6 +16,7 @@ from curricle.design.proposals import (
     PROPOSED,
     DesignTarget,
     Draft,
+    Made,
     SourceCandidate,
     aims,
     design_target,
@@ -312,7 +313,11 @@ def _own(target: Any, propose: Propose) -> Iterator[Draft]:
             )
         names.add(one.name)
         generative_model(one.task)
-        yield Draft(PROPOSED, one.name, one.words, lambda one=one: (one.task, one.mappings))
+        yield Draft(PROPOSED, one.name, one.words, _as_it_is(one))
+
+
+def _as_it_is(one: SourceCandidate) -> Callable[[], Made]:
+    return lambda: (one.task, one.mappings)
 
 
 # -- whether a task can be learnt, and whether two are the same ----------------------------------

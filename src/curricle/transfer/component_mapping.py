@@ -25,7 +25,7 @@ from curricle.transfer.mapping import (
 )
 from curricle.transfer.mapping_scores import total_variation
 from curricle.transfer.observation_mapping import ObservationMapping
-from curricle.transfer.task_pair import Proposal, SearchedMapping, TaskPair
+from curricle.transfer.task_pair import Proposal, TaskPair
 
 LARGEST_INDEX = 500_000_000
 """Target pairs for which an index array is made (4 GB)."""
@@ -331,13 +331,6 @@ class Projection:
         Mean total variation distance, in [0, 1], between the source's next states and the
         target's, read through the assignment; NaN if nothing maps.
     mapping : StateActionMapping
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> chase = Pursuit(size=2, predators=1)
-    >>> find_projections(chase, chase)[0].states
-    {'prey': 'prey', 'predator': 'predator'}
     """
 
     states: dict[str, str]
@@ -497,4 +490,4 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
             words = " and ".join(f"{end} {name}" for name, end in zip(unequal, ends, strict=True))
             how = f"components by name, {words} aligned{', clipped' if clipped else ''}"
             index = pair_mapping(tasks.target, tasks.source, state[:, None], actions).index
-            yield Proposal(SearchedMapping(tasks.target, tasks.source, index, how=how), how)
+            yield tasks.proposal(index, how)

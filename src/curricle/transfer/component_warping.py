@@ -23,7 +23,7 @@ from curricle.errors import MappingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Space
 from curricle.transfer.mapping import pair_mapping
-from curricle.transfer.task_pair import Proposal, SearchedMapping, TaskPair
+from curricle.transfer.task_pair import Proposal, TaskPair
 
 # -- the order of values ---------------------------------------------------------------------------
 
@@ -420,4 +420,4 @@ def _proposal(tasks: TaskPair, laid: Laid, other: list[Path], kind: str) -> Prop
         for theirs, c in zip(source.actions.components, chosen.actions, strict=True)
     ]
     how = f"components in order, {kind}: {', '.join(words)}; actions: {', '.join(moves)}"
-    return Proposal(SearchedMapping(tasks.target, tasks.source, index.index, how=how), how)
+    return tasks.proposal(index.index, how)

@@ -63,14 +63,6 @@ class FoundMapping:
     unmapped_value : float, optional
         What fits where it maps nothing (:func:`fitted_unmapped_value`); the mapping has it if the
         curriculum finds the mapping.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> maze = GridWorld("S.T")
-    >>> found = find_mappings(maze, maze)[0]
-    >>> found.how, found.scores.regained
-    ('components by name', 1.0)
     """
 
     mapping: StateActionMapping

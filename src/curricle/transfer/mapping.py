@@ -395,13 +395,6 @@ class Coverage:
         The largest number of target pairs that read one source pair.
     mean_readers : float
         The mean of that number over the source pairs that are read.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.transfer import identity
-    >>> identity(GridWorld("S.T")).coverage().mapped
-    1.0
     """
 
     target_pairs: int

@@ -215,14 +215,6 @@ class ObservationTarget:
 
     Its `evaluation` is by rollouts, also where that of its learner is exact: tables of the
     environment pay its own rewards, so that both are in the same units.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> cart, summed = observation_task("CartPole-v1"), GreedyEvaluation(discounted=False)
-    >>> target = target_of(cart, summed, episodes=20)
-    >>> 15 < target.random_return < 30, target.optimum
-    (True, nan)
     """
 
     task: ObservationTask

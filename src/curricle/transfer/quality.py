@@ -52,15 +52,6 @@ class PotentialQuality:
     exact : bool
         Compared with Q*. Otherwise with the return to go of greedy rollouts, which Q* exceeds, over
         the steps of these.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, StateActionPotential
-    >>> target = Target.of(GridWorld("S.T", discount=0.5))
-    >>> phi = StateActionPotential(target.task, target.solution.action_values + 1)
-    >>> found = potential_quality(phi, target)
-    >>> found.start, found.optimistic, found.excess, round(found.rank, 3), found.greedy_agreement
-    (98.5, 1.0, 1.0, 1.0, 1.0)
     """
 
     start: float

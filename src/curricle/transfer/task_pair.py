@@ -20,6 +20,7 @@ from curricle.tasks.task import Task, generative_model, has_tables, tables
 from curricle.transfer.mapping import StateActionMapping
 from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
 
+NOT_PROVEN = float("nan")
 ENDLESS = 1_000
 """Steps that stand for the horizon of a task with discount 1 and no time limit."""
 
@@ -149,6 +150,10 @@ class TaskPair:
         """The block of each source state, (S',) int64; states of a block behave alike."""
         return refined([model_for_refinement(self.source_mdp)])[0].states
 
+    def proposal(self, index: IntArray, how: str, bound: float = NOT_PROVEN) -> "Proposal":
+        """Return the proposal to read the source through an index, (S, A), and how it was found."""
+        return Proposal(SearchedMapping(self.target, self.source, index, how=how), how, bound)
+
 
 def discounted(mdp: FiniteMDP) -> FiniteMDP:
     """Return tables with a discount below 1: their own, or 1 - 1/L at a discount of 1.
@@ -165,8 +170,6 @@ def discounted(mdp: FiniteMDP) -> FiniteMDP:
 
 
 # -- what a search proposes ------------------------------------------------------------------------
-
-NOT_PROVEN = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
