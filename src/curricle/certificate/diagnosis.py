@@ -275,15 +275,6 @@ def several_entries(
 
     Ways are transitions s, a, s', (n,) each, with phi(s, a), (n,), and the start of an episode in
     one of `starts`, with 0.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> west = np.array([1]), np.array([3]), np.array([0])
-    >>> print(several_entries(GridWorld("S.T"), west, np.array([2.0]), np.array([0]))[1])
-    look-back advice keeps the optimum for certain only where all ways into a state have one phi:
-    state 0 (row 0, column 0) is entered with phi = 2 from state 1 (row 0, column 1) by west and
-    with phi = 0 where an episode starts
     """
     source, action, target = pairs
     entered = np.append(target, starts)

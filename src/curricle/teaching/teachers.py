@@ -452,13 +452,7 @@ class TaskSampler:
 
 
 def drawn(probabilities: FloatArray, chance: float) -> int:
-    """Return the task that a number in [0, 1) draws; none of probability 0.
-
-    Examples
-    --------
-    >>> drawn(np.array([0.0, 0.5, 0.5, 0.0]), 0.0), drawn(np.array([0.0, 0.5, 0.5, 0.0]), 0.5)
-    (1, 2)
-    """
+    """Return the task that a number in [0, 1) draws; none of probability 0."""
     rising = np.cumsum(probabilities)
     place = int(np.searchsorted(rising, chance * rising[-1], side="right"))
     return min(place, int(np.flatnonzero(probabilities)[-1]))

@@ -298,19 +298,13 @@ def _check_names(tasks: Any, target: Any) -> None:
 
 def _check_shared(name: str, mdp: FiniteMDP, target: str, other: FiniteMDP) -> None:
     """Raise SettingError unless a task shares with the target what one table needs."""
-    for what in ("states", "actions"):
+    for what in ("states", "actions", "discount", "time_limit"):
         own, wanted = getattr(mdp, what), getattr(other, what)
         if own != wanted:
+            equal = ", with equal components" if what in ("states", "actions") else ""
             raise SettingError(
-                f"tasks of a teacher must share their {what}, with equal components: {name!r} has "
-                f"{own!r} and {target!r} has {wanted!r}"
-            )
-    for what in ("discount", "time_limit"):
-        own, wanted = getattr(mdp, what), getattr(other, what)
-        if own != wanted:
-            raise SettingError(
-                f"tasks of a teacher must share their {what}: {name!r} has {own} and {target!r} "
-                f"has {wanted}"
+                f"tasks of a teacher must share their {what}{equal}: {name!r} has {own!r} and "
+                f"{target!r} has {wanted!r}"
             )
 
 

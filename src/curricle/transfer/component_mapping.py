@@ -474,20 +474,18 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
             f"ranges are aligned where 1 to {MOST_UNEQUAL} components differ: got {len(unequal)}"
         )
     for ends in product(("first", "last"), repeat=len(unequal)):
-        if set(ends) == {"first"} and all(own.component(n).low == other.component(n).low
-                                          for n in unequal):  # fmt: skip
+        aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(other.names, 0)
+        for name, end in aligned.items():
+            mine, theirs = own.component(name), other.component(name)
+            offsets[name] = theirs.low - mine.low if end == "first" else theirs.high - mine.high
+        if set(ends) == {"first"} and not any(offsets.values()):
             continue  # as by name
+        words = " and ".join(f"{end} {name}" for name, end in aligned.items())
         for clipped in (False, True):
-            read = {}
-            for theirs in other.components:
-                offset = 0
-                if theirs.name in unequal:
-                    mine, end = own.component(theirs.name), ends[unequal.index(theirs.name)]
-                    offset = theirs.low - mine.low if end == "first" else theirs.high - mine.high
-                value = values[theirs.name] + offset
-                read[theirs.name] = np.clip(value, theirs.low, theirs.high) if clipped else value
+            read = {name: values[name] + offset for name, offset in offsets.items()}
+            if clipped:
+                read = {c.name: np.clip(read[c.name], c.low, c.high) for c in other.components}
             state = other.encode(**read)
-            words = " and ".join(f"{end} {name}" for name, end in zip(unequal, ends, strict=True))
             how = f"components by name, {words} aligned{', clipped' if clipped else ''}"
             index = pair_mapping(tasks.target, tasks.source, state[:, None], actions).index
             yield tasks.proposal(index, how)

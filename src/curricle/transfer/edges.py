@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -60,16 +60,9 @@ class Calibrate:
 
     def within(self, steps: int, episodes: int) -> "Calibrate":
         """Return the calibration of a target that has so many steps and episodes to learn in."""
-        asked, share = (
-            self.max_steps,
-            CALIBRATION_SHARE if self.max_steps is None else LARGEST_SHARE,
-        )
-        most = max(1, steps // share)
-        return replace(
-            self,
-            episodes=min(self.episodes, max(1, episodes // CALIBRATION_SHARE)),
-            max_steps=most if asked is None else min(asked, most),
-        )
+        most = max(1, steps // (CALIBRATION_SHARE if self.max_steps is None else LARGEST_SHARE))
+        few = min(self.episodes, max(1, episodes // CALIBRATION_SHARE))
+        return Calibrate(few, most if self.max_steps is None else min(self.max_steps, most))
 
 
 @dataclass(frozen=True, eq=False)

@@ -156,14 +156,7 @@ class TaskPair:
 
 
 def discounted(mdp: FiniteMDP) -> FiniteMDP:
-    """Return tables with a discount below 1: their own, or 1 - 1/L at a discount of 1.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> discounted(GridWorld("S.T", discount=1, time_limit=50).mdp).discount
-    0.98
-    """
+    """Return tables with a discount below 1: their own, or 1 - 1/L at a discount of 1."""
     if mdp.discount < 1:
         return mdp
     return replace(mdp, discount=1 - 1 / max(2, mdp.time_limit or ENDLESS))
@@ -246,21 +239,10 @@ LONGEST = 1_000
 
 @dataclass(frozen=True, eq=False)
 class SampledTables:
-    """What random steps show of a task.
+    """What random steps show of a task."""
 
-    Attributes
-    ----------
-    mdp : FiniteMDP
-        Outcomes by their frequencies. A pair that was not tried stays where it is, at the lowest
-        reward that was seen.
-    tried : (S,) bool
-        States in which every action was taken at least once.
-    steps : int
-        Steps taken.
-    """
-
-    mdp: FiniteMDP
-    tried: BoolArray
+    mdp: FiniteMDP  # outcomes by their frequencies; an untried pair stays, at the lowest reward
+    tried: BoolArray  # (S,) states in which every action was taken at least once
     steps: int
 
 
