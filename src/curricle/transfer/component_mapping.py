@@ -278,8 +278,6 @@ def member_mappings(
     if not isinstance(declared, ComponentsByName):
         try:
             declared = declared(target, source)
-        except MappingError:
-            raise
         except CurricleError as error:
             raise MappingError(str(error)) from error
     found = tuple(declared) if isinstance(declared, list | tuple | Iterator) else (declared,)
