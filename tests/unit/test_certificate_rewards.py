@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.certificate import SampledCertificate, ShapingReward, certify
+from curricle.certificate import ShapingReward, certify
 from curricle.certificate.shaped_task import Reachable
-from curricle.errors import PotentialError, SettingError
+from curricle.errors import PotentialError
 from tests.certificates import END, ENDED, MAZE, PHI, RNG, difference
 from tests.tasks import tree
 
@@ -87,25 +87,6 @@ def test_a_potential_hides_no_difference_that_is_more_than_rounding():
 def test_a_reward_that_raises_is_named():
     with pytest.raises(PotentialError, match=r"it raised IndexError: index \d+ is out of bounds"):
         certify(MAZE, ShapingReward(lambda s, a, after: PHI[after + 99]))
-
-
-@pytest.mark.parametrize("discount", [0.9, 1.0])
-def test_a_reward_that_depends_on_the_time_is_sampled(discount):
-    maze = cr.GridWorld(["S...", "....", "...T"], discount=discount)
-    phi = np.where(maze.mdp.terminal, 0.0, np.arange(12.0))
-
-    def fading(s, t):
-        return phi[s] * 0.99**t
-
-    dynamic = ShapingReward(lambda s, a, after, t: discount * fading(after, t + 1) - fading(s, t))
-    found = certify(maze, dynamic, steps=20_000)
-    assert isinstance(found, SampledCertificate)
-    assert found.reason == "F depends on the time"
-    assert found.contradictions == ()
-    late = ShapingReward(lambda s, a, after, t: discount * fading(after, t) - fading(s, t))
-    assert certify(maze, late, steps=20_000).contradictions
-    with pytest.raises(SettingError, match=r"got F\(s, a, s', t\)"):
-        certify(maze, dynamic, method="exact")
 
 
 def test_a_reward_is_called_in_chunks(monkeypatch):

@@ -13,7 +13,7 @@ from curricle.transfer import (
     fitted_unmapped_value,
     identity,
 )
-from curricle.transfer.mapping_scores import EXPECTILE, Residuals
+from curricle.transfer.mapping_scores import EXPECTILE, fitted_constant
 from tests.tasks import mdps
 
 COSTS = cr.Rewards(step=-1, treasure=0)
@@ -61,7 +61,7 @@ def test_where_nothing_costs_or_leads_to_what_is_known_there_is_none():
 @given(st.lists(st.tuples(st.floats(-9, 9), st.floats(0.01, 1)), min_size=1, max_size=9))
 def test_the_expectile_of_the_residuals_is_zero(drawn):
     stated, factor = np.array(drawn).T
-    constant = Residuals(stated, factor).constant(EXPECTILE)
+    constant = fitted_constant(stated, factor)
     left = stated - factor * constant
     weight = np.where(left > 0, EXPECTILE, 1 - EXPECTILE)
     assert abs((weight * factor * left).sum()) < 1e-6

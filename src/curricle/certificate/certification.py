@@ -1,38 +1,31 @@
 """Whether a shaping is safe: proven in every state, refuted in one, or checked on a sample."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from curricle.array_types import IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.certificate import shaped_task
-from curricle.certificate.action_comparison import (
-    ActionComparison,
-    compare_actions,
-    counterexample,
-    too_close,
-    total_loss,
-)
 from curricle.certificate.checked_shaping import CheckedShaping, Ends, ShapingReward, check_shaping
 from curricle.certificate.diagnosis import (
     Origin,
     ends_read_as_zero,
     nonzero_ends,
     origin,
-    other_discount,
     several_entries,
 )
 from curricle.certificate.sampled import sampled
 from curricle.certificate.shaped_task import Reachable, ShapedValues
-from curricle.certificate.verdict import Certificate, SampledCertificate
+from curricle.certificate.verdict import Certificate, Counterexample, SampledCertificate
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
+from curricle.frozen_arrays import frozen
 from curricle.learning.shaping import Claim, Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.mdp import FiniteMDP, improper_states
-from curricle.tasks.spaces import state_name
+from curricle.tasks.spaces import action_name, state_name, values_of
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 LARGEST_EXACT = 20_000_000
@@ -105,8 +98,8 @@ def certify(
     method : {"auto", "exact", "sampled"}
         Every state, or steps of the uniform policy, which prove nothing. "auto" compares states
         where tables of up to 20 million outcomes (states x actions x outcomes of a pair) can be
-        solved and F does not depend on the time. Only look-back advice, a bonus and a reward are
-        sampled: of the other shapings, where states are not compared, the theorem alone decides.
+        solved. Only look-back advice, a bonus and a reward are sampled: of the other shapings,
+        where states are not compared, the theorem alone decides.
     steps : int
         Steps to sample, about.
     seed : int
@@ -124,8 +117,7 @@ def certify(
         If a potential has the wrong shape, or it or a reward has a value that is not finite or
         larger than 1e15 in size.
     SettingError
-        If a shaping does not take such a potential, the potential is another task's, or a reward
-        that depends on the time is to be compared in every state.
+        If a shaping does not take such a potential, or the potential is another task's.
     TaskError
         If ``method="exact"`` is given for a task without tables, or the task has no numbered
         states.
@@ -164,11 +156,6 @@ def certify(
     tolerance = number("tolerance", tolerance, SettingError, low=0)
     steps = whole_number("steps to sample", steps, 1, SettingError)
     seed = whole_number("seed", seed, 0, SettingError)
-    if method == "exact" and checked.takes_time:
-        raise SettingError(
-            "method='exact' compares states and cannot follow a reward in time: F must be "
-            "F(s, a, s'), got F(s, a, s', t)"
-        )
     reason = "as asked for" if method == "sampled" else None
     if method == "auto":
         reason = _reason_to_sample(checked)
@@ -187,8 +174,6 @@ def _reason_to_sample(shaping: CheckedShaping) -> str | None:
     """Return why not every state of a task can be compared; None if all can."""
     task = shaping.task
     generative = generative_model(task)
-    if shaping.takes_time:
-        return "F depends on the time"
     if not isinstance(generative, FiniteMDP) and not has_tables(task):
         return "the task has no tables"
     pairs = generative.states.size * generative.actions.size
@@ -208,7 +193,10 @@ def _findings(shaping: CheckedShaping, ends: IntArray) -> tuple[str, ...]:
     sentences = list[str]()
     claim, own = shaping.shaping.claim, shaping.task_discount
     if shaping.discount != own:
-        sentences.append(other_discount(shaping.discount, own))
+        sentences.append(
+            f"shaped with a second discount: F = {shaping.discount:.6g} Phi(s') - Phi(s), the "
+            f"task's discount is {own:.6g}"
+        )
     if shaping.ignored.any():
         nonzero = np.flatnonzero(shaping.ignored)
         sentences.append(ends_read_as_zero(shaping.task, nonzero, shaping.ignored[nonzero]))
@@ -236,6 +224,135 @@ def _theorem(shaping: CheckedShaping, ends: IntArray, behind: Origin | None) -> 
     else:
         applies = behind is None or behind.by_rounding
     return THEOREMS[claim] if applies else None
+
+
+# -- the optimal actions of both tasks, compared in every state -----------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class ActionComparison:
+    """The optimal actions of a task and of its shaped version, N states.
+
+    A difference of two values is known to twice their bound. An action whose value falls short of
+    the best by no more may be optimal; where it is the only such action, it is.
+    """
+
+    optimal: BoolArray  # (N, A), may be optimal in the task
+    chosen: BoolArray  # (N, A), may be optimal in the shaped task
+    short: FloatArray  # (N, A), difference from the best in the task
+    shaped_short: FloatArray  # (N, A), difference from the best in the shaped task
+    error: float  # of a difference in the task
+    shaped_error: float  # of a difference in the shaped task
+    tolerance: float  # a loss that is allowed for
+
+    @property
+    def loss(self) -> float:
+        """The largest possible loss of one action that may be optimal in the shaped task."""
+        certain = self.optimal & (self.optimal.sum(axis=1, keepdims=True) == 1)
+        lost = np.where(certain, 0.0, self.short + self.error)
+        return float(lost[self.chosen].max(initial=0.0))
+
+    @property
+    def lost(self) -> FloatArray:
+        """What an action optimal in the shaped task is proven to lose, (N,); 0 if allowed for."""
+        least = np.where(self.chosen, self.short, np.inf).min(axis=1) - self.error
+        return np.where(least > self.tolerance, least, 0.0)
+
+    @property
+    def given_up(self) -> FloatArray:
+        """How far the task's optimal actions are proven to fall short when shaped, (N,)."""
+        least = np.where(self.optimal, self.shaped_short, np.inf).min(axis=1) - self.shaped_error
+        return np.where(least > self.tolerance, least, 0.0)
+
+    @property
+    def undecided(self) -> BoolArray:
+        """States in which the optimal actions are proven neither equal nor different, (N,)."""
+        same = (self.optimal == self.chosen).all(axis=1) & (self.optimal.sum(axis=1) == 1)
+        if self.tolerance > 0:
+            fine = self.short + self.error <= self.tolerance
+            shaped_fine = self.shaped_short + self.shaped_error <= self.tolerance
+            same |= ((fine | ~self.chosen) & (shaped_fine | ~self.optimal)).all(axis=1)
+        return np.asarray(~same & (self.lost == 0) & (self.given_up == 0))
+
+
+def compare_actions(
+    q: FloatArray, bound: float, shaped: ShapedValues, tolerance: float
+) -> ActionComparison:
+    """Return the comparison of Q*, (N, A), known to `bound`, with the values under shaping."""
+    short = q.max(axis=1, keepdims=True) - q
+    shaped_short = shaped.values.max(axis=1, keepdims=True) - shaped.values
+    error, shaped_error = 2 * bound, 2 * shaped.bound
+    return ActionComparison(
+        short <= error,
+        shaped_short <= shaped_error,
+        short,
+        shaped_short,
+        error,
+        shaped_error,
+        tolerance,
+    )
+
+
+def total_loss(own: Solution, met: Reachable, chosen: BoolArray) -> float:
+    """Return the largest possible loss of a policy of `chosen` actions, (N, A).
+
+    max_s V*(s) - V_worst(s), where V_worst is the lowest value that such a policy has, and the
+    errors of both.
+    """
+    mdp = met.mdp
+    row = mdp.outcome_row.copy()
+    rows = row[met.states]
+    first = np.take_along_axis(rows, chosen.argmax(axis=1)[:, None], axis=1)
+    row[met.states] = np.where(chosen, rows, first)
+    against = replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward))
+    worst = solve(against)
+    lost = (own.values + worst.values)[met.states].max(initial=0.0)
+    return float(lost) + own.error_bound + worst.error_bound
+
+
+def counterexample(
+    met: Reachable, own: Solution, shaped: ShapedValues, found: ActionComparison
+) -> Counterexample:
+    """Return the state in which most is lost, or else one whose optimal action is given up."""
+    mdp, q = met.mdp, own.action_values[met.states]
+    if found.lost.any():
+        row = int(found.lost.argmax())
+        best = int(q[row].argmax())
+        other = int(np.where(found.chosen[row], found.short[row], np.inf).argmin())
+        lost = float(found.short[row, other])
+    else:
+        row = int(found.given_up.argmax())
+        other, lost = int(shaped.values[row].argmax()), 0.0
+        best = int(np.where(found.optimal[row], found.shaped_short[row], np.inf).argmin())
+    state = int(met.states[row])
+    return Counterexample(
+        state=state,
+        components=values_of(mdp.states, state),
+        place=state_name(mdp.states, state),
+        action=best,
+        shaped_action=other,
+        actions=(action_name(mdp.actions, best), action_name(mdp.actions, other)),
+        lost=lost,
+        values=(float(q[row, best]), float(q[row, other])),
+        shaped_values=(float(shaped.values[row, best]), float(shaped.values[row, other])),
+    )
+
+
+def too_close(met: Reachable, own: Solution, shaped: ShapedValues, found: ActionComparison) -> str:
+    """Return the sentence about the states whose actions are proven neither equal nor different."""
+    rows = np.flatnonzero(found.undecided)
+    row = rows[0]
+    q, acted = own.action_values[met.states[row]], shaped.values[row]
+    close = np.flatnonzero(found.optimal[row] | found.chosen[row])
+    two = close[np.argsort(-q[close], kind="stable")[:2]]
+    values = " and ".join(
+        f"{action_name(met.mdp.actions, int(a))} is worth {q[a]:.6g}, under shaping {acted[a]:.6g}"
+        for a in two
+    )
+    return (
+        f"in {len(rows):,} of {len(met.states):,} reachable states the values are too close to "
+        f"tell, first in {state_name(met.mdp.states, int(met.states[row]))}: {values}"
+    )
 
 
 # -- every state ---------------------------------------------------------------------------------
@@ -322,10 +439,7 @@ def _without_comparison(
     ends = np.zeros(0, np.int64) if terminal is None else np.flatnonzero(terminal)
     claim, name, findings = shaping.shaping.claim, shaping.shaping.name, _findings(shaping, ends)
     if claim in ("one_way_in", "added_rewards"):
-        sample = sampled(shaping, steps, seed)
-        return SampledCertificate(
-            name, sample.steps, reason, sample.contradictions, sample.residual, findings
-        )
+        return sampled(shaping, steps, seed, reason, findings)
     if claim == "added_values":
         applies = shaping.last_weight == 0
     else:

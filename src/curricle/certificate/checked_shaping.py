@@ -1,9 +1,7 @@
 """A shaping to be certified, checked against its task."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
-from inspect import Parameter, signature
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -18,7 +16,7 @@ from curricle.learning.shaping import Claim, Shaping
 from curricle.tasks.task import Task, generative_model
 
 RewardFunction = Callable[..., Any]
-"""F(s, a, s') or F(s, a, s', t), which shaping adds to the reward of E transitions, (E,) float."""
+"""F(s, a, s'), which shaping adds to the reward of E transitions, (E,) float."""
 Ends = Literal["zero", "given"]
 """Whether an array is read as 0 at the ends, as by :func:`learn`, or as given."""
 CHUNK = 10_000
@@ -27,14 +25,13 @@ CHUNK = 10_000
 
 @dataclass(frozen=True)
 class ShapingReward:
-    """A shaping reward of one's own, F(s, a, s') or F(s, a, s', t), for :func:`certify`.
+    """A shaping reward of one's own, F(s, a, s'), for :func:`certify`.
 
     Parameters
     ----------
     function : callable
         Takes three (E,) int64 arrays (states, actions, next states) of transitions that can happen
-        and returns (E,) floats. With a fourth parameter it also takes t, (E,) int64, the steps of
-        learning before the transition.
+        and returns (E,) floats.
 
     Examples
     --------
@@ -54,16 +51,6 @@ class ShapingReward:
                 f"ShapingReward takes a function F(s, a, s'): got {type(self.function).__name__}"
             )
 
-    @cached_property
-    def takes_time(self) -> bool:
-        """Whether F depends on the time t: its function has four parameters without a default."""
-        try:
-            parameters = signature(self.function).parameters.values()
-        except (TypeError, ValueError):  # some functions written in C
-            return False
-        positional = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
-        return sum(p.kind in positional and p.default is Parameter.empty for p in parameters) == 4
-
 
 @dataclass(frozen=True, eq=False)
 class CheckedShaping:
@@ -73,9 +60,7 @@ class CheckedShaping:
     shaping: Shaping | ShapingReward
     potential: Any  # of the library, or an array (S,) or (S, A) that keeps its values at the ends
     discount: float  # gamma of F: the task's, or another tool's
-    ignored: FloatArray = field(
-        repr=False
-    )  # Phi that an array gives ends and learn() ignores, (S,)
+    ignored: FloatArray  # Phi that an array gives ends and learn() ignores, (S,)
 
     @property
     def task_discount(self) -> float:
@@ -111,11 +96,6 @@ class CheckedShaping:
         """Return Phi(s), or max_a phi(s, a), (S,): what F contains where s is an end."""
         values = self.last_values()
         return values if values.ndim == 1 else np.asarray(values.max(axis=1))
-
-    @property
-    def takes_time(self) -> bool:
-        """Whether it is a reward of one's own that depends on the time."""
-        return isinstance(self.shaping, ShapingReward) and self.shaping.takes_time
 
     def at_pairs(self, state: IntArray, action: IntArray) -> FloatArray:
         """Return phi(s, a) of n pairs, (n,), reading no others; their states are no ends."""

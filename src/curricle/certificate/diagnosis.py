@@ -57,26 +57,27 @@ def rounding(met: Reachable, f: FloatArray, fitted: Fit) -> float:
 def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
     """Return the Phi that F must have if it is ``discount`` Phi(s') - Phi(s), and the residual.
 
-    Parameters
-    ----------
-    met : Reachable
-        With E transitions.
-    f : (E,) float64
-    discount : float
-        In (0, 1], or the task's own.
-    ends_are_zero : bool
-        Whether Phi is 0 at the ends, or follows from the transitions into them.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> met, phi = Reachable.of(GridWorld("S.T", discount=0.5).mdp), np.array([1.0, 3.0, 0.0])
-    >>> f = met.reward(lambda s, a, after: 0.5 * phi[after] - phi[s])
-    >>> found = fit(met, f, 0.5)
-    >>> found.potential, found.worst
-    (array([1., 3., 0.]), 0.0)
+    `f` is (E,). Phi at the ends is 0, or follows from the transitions into them.
     """
-    return _fitted(met, f, discount, _order(met, ends_are_zero, discount < 1))
+    steps = _order(met, ends_are_zero, discount < 1)
+    source, target = met.source, met.target
+    # Forward at a small discount numbers may overflow. Then nothing fits.
+    with np.errstate(over="ignore", invalid="ignore"):
+        phi = _potential(met, f, discount, steps, 0.0)
+        left = f - discount * phi[target] + phi[source]
+        if any(step.kind == FREE for step in steps):
+            # Phi and the residual are linear in the free numbers, one for each group of states.
+            slope = _potential(met, np.zeros_like(f), discount, steps, 1.0)
+            change = slope[source] - discount * slope[target]
+            group = np.zeros(len(phi), np.int64)
+            for n, step in zip(np.cumsum([s.kind == FREE for s in steps]), steps, strict=True):
+                group[step.states] = n
+            steep = np.bincount(group[source], change * change, len(steps) + 1)
+            pull = np.bincount(group[source], change * left, len(steps) + 1)
+            best = np.divide(-pull, steep, out=np.zeros_like(pull), where=steep > 1e-18)
+            phi = phi + best[group] * slope
+            left = left + best[group[source]] * change
+        return Fit(discount, frozen(phi), left)
 
 
 # -- from F to Phi -------------------------------------------------------------------------------
@@ -174,28 +175,6 @@ def _potential(
     return phi
 
 
-def _fitted(met: Reachable, f: FloatArray, discount: float, steps: list[Step]) -> Fit:
-    """Return Phi for a discount and the residual of every transition."""
-    source, target = met.source, met.target
-    # Forward at a small discount numbers may overflow. Then nothing fits.
-    with np.errstate(over="ignore", invalid="ignore"):
-        phi = _potential(met, f, discount, steps, 0.0)
-        left = f - discount * phi[target] + phi[source]
-        if any(step.kind == FREE for step in steps):
-            # Phi and the residual are linear in the free numbers, one for each group of states.
-            slope = _potential(met, np.zeros_like(f), discount, steps, 1.0)
-            change = slope[source] - discount * slope[target]
-            group = np.zeros(len(phi), np.int64)
-            for n, step in zip(np.cumsum([s.kind == FREE for s in steps]), steps, strict=True):
-                group[step.states] = n
-            steep = np.bincount(group[source], change * change, len(steps) + 1)
-            pull = np.bincount(group[source], change * left, len(steps) + 1)
-            best = np.divide(-pull, steep, out=np.zeros_like(pull), where=steep > 1e-18)
-            phi = phi + best[group] * slope
-            left = left + best[group[source]] * change
-        return Fit(discount, frozen(phi), left)
-
-
 # -- sentences -------------------------------------------------------------------------------------
 
 
@@ -220,14 +199,6 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
     """Return the potential behind F, (E,), or a sentence on why there is none.
 
     `task` gives states and actions their names.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> maze = GridWorld("S.T")
-    >>> met = Reachable.of(maze.mdp)
-    >>> print(*origin(maze, met, met.reward(lambda s, a, after: 1.0)).sentences)
-    terminal state 2 (row 0, column 2) has Phi = -100, must be 0
     """
     discount, enough = met.mdp.discount, negligible(f)
     plain = fit(met, f, discount)
@@ -241,12 +212,6 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
         return Origin(plain, None, (by_action or _unequal_paths(task, met, f, plain),))
     ends = met.ends[abs(found.potential[met.ends]) > enough]
     return Origin(plain, found, (nonzero_ends(task, ends, found.potential[ends]),))
-
-
-def other_discount(discount: float, own: float) -> str:
-    """Return the sentence about a discount that is not the task's."""
-    form = f"F = {discount:.6g} Phi(s') - Phi(s)"
-    return f"shaped with a second discount: {form}, the task's discount is {own:.6g}"
 
 
 def ends_read_as_zero(task: Any, ends: IntArray, phi: FloatArray) -> str:
@@ -310,15 +275,6 @@ def several_entries(
 
     Ways are transitions s, a, s', (n,) each, with phi(s, a), (n,), and the start of an episode in
     one of `starts`, with 0.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> west = np.array([1]), np.array([3]), np.array([0])
-    >>> print(several_entries(GridWorld("S.T"), west, np.array([2.0]), np.array([0]))[1])
-    look-back advice keeps the optimum for certain only where all ways into a state have one phi:
-    state 0 (row 0, column 0) is entered with phi = 2 from state 1 (row 0, column 1) by west and
-    with phi = 0 where an episode starts
     """
     source, action, target = pairs
     entered = np.append(target, starts)

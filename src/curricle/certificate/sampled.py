@@ -4,8 +4,6 @@ Random rollouts can refute that a potential is behind F; they cannot prove that 
 made of a potential there is nothing to sample: a theorem decides.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
@@ -17,27 +15,23 @@ from curricle.certificate.diagnosis import (
     widest,
 )
 from curricle.certificate.shaped_task import shaping_rewards
+from curricle.certificate.verdict import SampledCertificate
 from curricle.planning.rollouts import RandomRollouts, random_rollouts
 from curricle.tasks.live import is_live
 from curricle.tasks.spaces import state_name
 from curricle.tasks.task import generative_model
 
+Checked = tuple[int, float, tuple[str, ...]]
+"""Steps taken, the largest distance of a sum of F from that of a potential, and sentences."""
 LONGEST = 200
 """Steps of a rollout at most."""
 BRANCHES, DEPTH = 40, 3
 """Rollouts from one state, and their steps, among which two paths may meet."""
 
 
-@dataclass(frozen=True)
-class Sampled:
-    """The result of a check on sampled steps."""
-
-    steps: int
-    residual: float  # largest distance of a sum of F from that of a potential
-    contradictions: tuple[str, ...]  # a sentence for each place where F is not that of a potential
-
-
-def sampled(shaping: CheckedShaping, steps: int, seed: int) -> Sampled:
+def sampled(
+    shaping: CheckedShaping, steps: int, seed: int, reason: str, findings: tuple[str, ...] = ()
+) -> SampledCertificate:
     """Return the result of a check on about so many steps of the uniform policy.
 
     Examples
@@ -45,17 +39,16 @@ def sampled(shaping: CheckedShaping, steps: int, seed: int) -> Sampled:
     >>> from curricle import Pursuit
     >>> from curricle.certificate.checked_shaping import ShapingReward, check_shaping
     >>> reward = ShapingReward(lambda state, action, after: action % 5 == 0)
-    >>> found = sampled(check_shaping(Pursuit(size=10, predators=3), reward), 10_000, seed=0)
+    >>> task = Pursuit(size=10, predators=3)
+    >>> found = sampled(check_shaping(task, reward), 10_000, 0, "as asked for")
     >>> print(found.contradictions[0])
     not potential-based: from ...; with a potential the action does not matter
     """
-    if shaping.shaping.claim == "added_rewards":
-        return _check_reward(shaping, steps, seed)
-    length = max(2, _length(shaping, steps))
-    rollouts = random_rollouts(
-        shaping.task, episodes=max(1, steps // length), length=length, seed=seed
+    check = _check_reward if shaping.shaping.claim == "added_rewards" else _check_entries
+    taken, residual, contradictions = check(shaping, steps, seed)
+    return SampledCertificate(
+        shaping.shaping.name, taken, reason, contradictions, residual, findings
     )
-    return _check_entries(shaping, rollouts)
 
 
 def _length(shaping: CheckedShaping, steps: int) -> int:
@@ -63,14 +56,18 @@ def _length(shaping: CheckedShaping, steps: int) -> int:
     return min(steps, LONGEST, generative_model(shaping.task).time_limit or LONGEST)
 
 
-def _check_entries(shaping: CheckedShaping, rollouts: RandomRollouts) -> Sampled:
+def _check_entries(shaping: CheckedShaping, steps: int, seed: int) -> Checked:
     """Check that all transitions into a state have one phi."""
+    length = max(2, _length(shaping, steps))
+    rollouts = random_rollouts(
+        shaping.task, episodes=max(1, steps // length), length=length, seed=seed
+    )
     taken = rollouts.taken & ~rollouts.ending
     s, a, after = _transitions(rollouts, taken)
     starts = np.unique(rollouts.states[:, 0])
     phi = shaping.at_pairs(s, a)
     apart, sentence = several_entries(shaping.task, (s, a, after), phi, starts)
-    return Sampled(int(rollouts.length.sum()), apart, () if sentence is None else (sentence,))
+    return int(rollouts.length.sum()), apart, () if sentence is None else (sentence,)
 
 
 def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
@@ -81,18 +78,17 @@ def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, 
 # -- a reward of one's own -----------------------------------------------------------------------
 
 
-def _check_reward(shaping: CheckedShaping, steps: int, seed: int) -> Sampled:
+def _check_reward(shaping: CheckedShaping, steps: int, seed: int) -> Checked:
     """Check that F may be that of a potential: along rollouts, and around states on them.
 
-    A live task cannot start in a chosen state; its rollouts from the start serve for both. Of a
-    reward that depends on the time, only paths that begin at one time are compared.
+    A live task cannot start in a chosen state; its rollouts from the start serve for both.
     """
     task, rng = shaping.task, np.random.default_rng(seed)
     live = is_live(task)
     half = steps if live else max(1, steps // 2)
     length = _length(shaping, half)
     rollouts = random_rollouts(task, episodes=max(1, half // length), length=length, seed=seed)
-    f = _rewards(shaping, rollouts, np.zeros(len(rollouts.length), np.int64))
+    f = _rewards(shaping, rollouts)
     if live:
         near, f_near = rollouts, f
     else:
@@ -102,29 +98,20 @@ def _check_reward(shaping: CheckedShaping, steps: int, seed: int) -> Sampled:
         near = random_rollouts(
             task, episodes=len(starts), length=DEPTH, seed=seed + 1, starts=starts
         )
-        f_near = _rewards(shaping, near, np.repeat(rng.integers(steps, size=number), BRANCHES))
+        f_near = _rewards(shaping, near)
     enough = RELATIVE_RESIDUAL * max(abs(f).max(), abs(f_near).max())
-    found = [_meeting(shaping, near, f_near, enough)]
-    if not shaping.takes_time:
-        found.append(_returning(shaping, rollouts, f))
-    return Sampled(
+    found = _meeting(shaping, near, f_near, enough), _returning(shaping, rollouts, f)
+    return (
         int(rollouts.length.sum() + (0 if live else near.length.sum())),
         max(apart for apart, _ in found),
         tuple(sentence for apart, sentence in found if apart > enough),
     )
 
 
-def _rewards(shaping: CheckedShaping, rollouts: RandomRollouts, begin: IntArray) -> FloatArray:
-    """Return F of each step, (E, L), 0 where none was taken; rollouts begin at times `begin`."""
+def _rewards(shaping: CheckedShaping, rollouts: RandomRollouts) -> FloatArray:
+    """Return F of each step, (E, L), 0 where none was taken."""
     taken, f = rollouts.taken, np.zeros(rollouts.actions.shape)
-    time = (
-        [(begin[:, None] + np.arange(rollouts.actions.shape[1]))[taken]]
-        if shaping.takes_time
-        else []
-    )
-    f[taken] = shaping_rewards(
-        shaping.task, shaping.reward(), *_transitions(rollouts, taken), *time
-    )
+    f[taken] = shaping_rewards(shaping.task, shaping.reward(), *_transitions(rollouts, taken))
     return f
 
 

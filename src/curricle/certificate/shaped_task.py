@@ -30,14 +30,7 @@ The bound allows for at least four roundings of the largest reward at every step
 
 @dataclass(frozen=True, eq=False)
 class Reachable:
-    """The part of a task that can be reached from the start, under any policy.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> Reachable.of(GridWorld(["S#.", ".#T"]).mdp).states  # a wall cuts off the east
-    array([0, 2])
-    """
+    """The part of a task that can be reached from the start, under any policy."""
 
     mdp: FiniteMDP
     met: BoolArray  # (S,), ends included
@@ -71,20 +64,13 @@ class Reachable:
 
     def reward(self, function: RewardFunction) -> FloatArray:
         """Return F of each transition, (E,)."""
-        starts = range(0, len(self.source), CHUNK)
-        return np.concatenate(
-            [
-                shaping_rewards(
-                    self.mdp,
-                    function,
-                    *(
-                        part[first : first + CHUNK].astype(np.int64)
-                        for part in (self.source, self.action, self.target)
-                    ),
-                )
-                for first in starts
-            ]
-        )
+        rewards = []
+        for first in range(0, len(self.source), CHUNK):
+            part = slice(first, first + CHUNK)
+            s, a, after = self.source[part], self.action[part], self.target[part]
+            pairs = s.astype(np.int64), a.astype(np.int64)
+            rewards.append(shaping_rewards(self.mdp, function, *pairs, after.astype(np.int64)))
+        return np.concatenate(rewards)
 
 
 def shaping_rewards(
@@ -93,17 +79,10 @@ def shaping_rewards(
     s: IntArray,
     a: IntArray,
     after: IntArray,
-    *time: IntArray,
 ) -> FloatArray:
-    """Return F(s, a, s') or F(s, a, s', t) of E transitions, (E,).
-
-    Raises
-    ------
-    PotentialError
-        Naming a transition whose F is not finite, or the exception that the function raised.
-    """
+    """Return F(s, a, s') of E transitions, (E,), or raise PotentialError where there is none."""
     try:
-        given = function(s, a, after, *time)
+        given = function(s, a, after)
     except Exception as error:
         raise PotentialError(
             f"a shaping reward must take arrays of states, actions and next states: it raised "

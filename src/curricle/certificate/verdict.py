@@ -34,16 +34,6 @@ class Counterexample:
         only the second is in the shaped task.
     values, shaped_values : (float, float)
         Values of both in the task, and those that a policy acts on in the shaped task.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.certificate import ShapingReward, certify
-    >>> maze = GridWorld("S.T")
-    >>> stay = ShapingReward(lambda state, action, after: 300 * (after == state))
-    >>> found = certify(maze, stay).counterexample
-    >>> found.components, found.actions
-    ({'row': 0, 'column': 1}, ('east', 'north'))
     """
 
     state: int

@@ -46,22 +46,6 @@ def betweenness(task: Task) -> FloatArray:
     Of the paths by possible outcomes, between states that the task's start can reach; none leads
     through a terminal state. Where they are more than 1,000, paths from 1,000 of them count; from
     fewer, at least 50, where many states can follow each.
-
-    Parameters
-    ----------
-    task : Task
-        With tables of up to 20,000 states.
-
-    Raises
-    ------
-    TaskError
-        When the task has no tables, or more states.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> betweenness(GridWorld("S.T"))  # of four pairs one, the start and the end, goes through
-    array([0.  , 0.25, 0.  ])
     """
     mdp = tables(task)
     if len(mdp.terminal) > LARGEST:
@@ -87,14 +71,6 @@ def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
 
     Entering the bottleneck ends the episode, and pays what entering the goal pays at best. Of its
     pairs the source knows nothing; the mapping leaves them unmapped.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.design.proposals import design_target
-    >>> rooms = GridWorld(["S.#..", ".....", "..#.T"])
-    >>> [draft.name for draft in bottlenecks(design_target(rooms))]
-    ['to row=1 column=2']
     """
     mdp = target.mdp
     if len(mdp.terminal) > LARGEST:
@@ -110,11 +86,9 @@ def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
         name = mdp.states.label(state)
         words = f"the goal is a bottleneck, on {share[state]:.0%} of shortest paths: {name}"
         build = partial(_ending_in, target, state, int(way[state]))
-        yield Draft("bottleneck", _short(f"to {name}"), words, build, float(way[state]) / far)
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= 90 else f"{name[:87]}..."
+        title = f"to {name}"
+        title = title if len(title) <= 90 else f"{title[:87]}..."
+        yield Draft("bottleneck", title, words, build, float(way[state]) / far)
 
 
 def _edges(mdp: FiniteMDP) -> Any:

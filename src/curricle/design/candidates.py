@@ -327,12 +327,6 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
     """Return what is known of a task, and why it can be no candidate if it cannot.
 
     `goal`, (S,), is where it wants to get; by default what its rewards say (:func:`aims`).
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> judged(GridWorld("S.T").mdp).refusal, judged(GridWorld("S#T").mdp).refusal
-    ('', 'goal never reached from the start')
     """
     n_states, n_actions = mdp.outcome_row.shape
     if mdp.outcome_row.size > LARGEST:
@@ -375,15 +369,6 @@ def same_up_to_homomorphism(one: Judged, other: Judged) -> bool:
     Their states and actions may be numbered in any way, and one may have several states for one of
     the other. Discount, time limit, and the chance to start in each block are equal. Tasks whose
     fingerprints differ, the optimal values that homomorphisms keep, are not refined.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> maze, turned = judged(GridWorld("S.T").mdp), judged(GridWorld("T.S").mdp)
-    >>> same_up_to_homomorphism(maze, turned)
-    True
-    >>> same_up_to_homomorphism(maze, judged(GridWorld(".ST").mdp))
-    False
     """
     first, second = one.mdp, other.mdp
     if (first.discount, first.time_limit) != (second.discount, second.time_limit):

@@ -18,8 +18,7 @@ from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
-from curricle.transfer.component_mapping import project
-from curricle.transfer.family_mapping import family_mappings
+from curricle.transfer.component_mapping import family_mappings, project
 from curricle.transfer.mapping import same_position
 
 MOST_LISTED = 10_000
@@ -36,16 +35,7 @@ Range = tuple[int, int]
 
 
 def family_members(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the members that are nowhere harder than the target, spread over all of them.
-
-    Examples
-    --------
-    >>> from curricle.design.proposals import design_target
-    >>> from curricle.tasks import pursuit_family
-    >>> target = design_target(pursuit_family(size=3, predators=2))
-    >>> [draft.name for draft in family_members(target)]
-    ['pursuit(size=2)', 'pursuit(size=2, predators=1)', 'pursuit(size=3, predators=1)']
-    """
+    """Yield the members that are nowhere harder than the target, spread over all of them."""
     if target.member is None:
         return
     parameters = target.member.parameters
@@ -72,13 +62,6 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
 
     Windows are squares where the task has rows and columns, and as long in any other axis. A
     :class:`DeepSea` has `bottom` in its place. Tasks of other classes yield none.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.design.proposals import design_target
-    >>> [draft.name for draft in crops(design_target(GridWorld(["S...T", ".....", "....."])))]
-    ['rows 0..2, columns 2..4', 'rows 0..1, columns 3..4', 'rows 0..2, columns 1..4']
     """
     task = target.task
     if isinstance(task, DeepSea):
@@ -182,13 +165,6 @@ def start_rings(target: DesignTarget) -> Iterator[Draft]:
     """Yield the target with starts in 1 to d steps from the goal, half the way first.
 
     There is one for each d below the distance of the farthest start.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.design.proposals import design_target
-    >>> [draft.name for draft in start_rings(design_target(GridWorld("S...T")))]
-    ['starts 1..2 from the goal', 'starts 1 from the goal', 'starts 1..3 from the goal']
     """
     far = int(goal_distance(target.mdp, target.goal)[target.mdp.start_states].max(initial=0))
     for most in spread(range(1, far)):

@@ -15,7 +15,7 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.start_states import goal_states
 from curricle.tasks.task import generative_model, has_tables, tables
 from curricle.text_tables import counted
-from curricle.transfer.family_mapping import member_mappings
+from curricle.transfer.component_mapping import member_mappings
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,
@@ -234,14 +234,7 @@ def aims(mdp: FiniteMDP) -> BoolArray:
 
 
 def by_number(target: Any, source: Any) -> StateActionMapping:
-    """Return the mapping of each state and action to that of the same number.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> by_number(GridWorld("S.T"), GridWorld("S.T").with_start("uniform")).index[:, 1]
-    array([ 1,  5, -2])
-    """
+    """Return the mapping of each state and action to that of the same number."""
     states, actions = np.arange(target.states.size), np.arange(target.actions.size)
     return pair_mapping(target, source, states[:, None], actions)
 

@@ -52,15 +52,7 @@ Places = tuple[tuple[int, int], ...]
 
 
 def removals(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target without all hazards, without each of them, without a predator, or penalties.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.design.proposals import design_target
-    >>> [draft.name for draft in removals(design_target(GridWorld(["SPF", "..T"])))]
-    ['no hazards', 'no fire', 'no pit', 'no pit at (0, 1)', 'no fire at (0, 2)', 'no penalties']
-    """
+    """Yield the target without hazards, without each of them, a predator, or penalties."""
     task = target.task
     if isinstance(task, Pursuit):
         yield from _fewer_predators(task)
@@ -152,14 +144,7 @@ def _with_predators(task: Pursuit, n: int) -> Made:
 
 
 def usual_reward(mdp: FiniteMDP) -> float | None:
-    """Return the reward of more than half of all possible outcomes of live pairs, else None.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> usual_reward(GridWorld("S..PT").mdp)
-    -1.0
-    """
+    """Return the reward of more than half of all possible outcomes of live pairs, else None."""
     row = mdp.outcome_row[~mdp.terminal]
     rewards = mdp.reward[row][mdp.probability[row] > 0]
     values, counts = np.unique(rewards, return_counts=True)
@@ -188,14 +173,6 @@ def likeliest_outcomes(target: DesignTarget) -> Iterator[Draft]:
     likeliest next state, with the mean reward of going there. That is not defined where two next
     states are equally likely in a state that can be reached, as those of a prey that moves at
     random: the draft then fails.
-
-    Examples
-    --------
-    >>> from curricle.design.proposals import design_target
-    >>> from curricle.tasks import FrozenLake
-    >>> (draft,) = likeliest_outcomes(design_target(FrozenLake()))
-    >>> draft.build()[0].slippery
-    False
     """
     if (np.count_nonzero(target.mdp.probability, axis=1) <= 1).all():
         return
@@ -254,14 +231,6 @@ def coarser_tables(target: DesignTarget) -> Iterator[Draft]:
     A component is ordered if its values have no labels, or those that :class:`Bins` gives them.
     The only component of a table without names, ``state``, is a numbering and no order. A terminal
     state is never merged with one that is not.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.design.proposals import design_target
-    >>> target = design_target(GridWorld(["S...", "....", "....", "...T"]))
-    >>> [draft.name for draft in coarser_tables(target)]
-    ['row, column by 2', 'row by 2', 'column by 2']
     """
     names = ordered_components(target.mdp.states)
     groups = [names] if names else []
@@ -274,15 +243,7 @@ def coarser_tables(target: DesignTarget) -> Iterator[Draft]:
 
 
 def ordered_components(states: Space) -> tuple[str, ...]:
-    """Return the components whose neighbouring values are alike, as far as a space tells.
-
-    Examples
-    --------
-    >>> ordered_components(Space([Component("x", 9), Component("move", 4, labels=tuple("NESW"))]))
-    ('x',)
-    >>> ordered_components(Space([Component("state", 9)]))
-    ()
-    """
+    """Return the components whose neighbouring values are alike, as far as a space tells."""
     if states.names == ("state",):
         return ()
     return tuple(one.name for one in states.components if one.size >= FEWEST and _ordered(one))

@@ -1,4 +1,3 @@
-from .result import TeachingResult as TeachingResult
 from .teachers import (
     TSCL as TSCL,
     Episode as Episode,
@@ -8,4 +7,4 @@ from .teachers import (
     Teacher as Teacher,
     Uniform as Uniform,
 )
-from .teaching import teach as teach
+from .teaching import TeachingResult as TeachingResult, teach as teach

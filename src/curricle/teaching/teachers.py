@@ -175,26 +175,33 @@ class Outcomes(NamedTuple):
     success: BoolArray  # (M, n)
     known: IntArray  # (M,) how many of them there are yet, at the right
 
-    @classmethod
-    def none(cls, n_tasks: int, window: int) -> "Outcomes":
-        """Return what is known before the first episode."""
-        return cls(np.zeros((n_tasks, window), np.bool_), np.zeros(n_tasks, np.int64))
-
-    def after(self, episode: Episode) -> "Outcomes":
-        """Return these with one more episode; the oldest of its task is dropped."""
-        success, known, i = self.success.copy(), self.known.copy(), episode.task
-        success[i] = np.append(success[i, 1:], episode.success)
-        known[i] = min(known[i] + 1, success.shape[1])
-        return Outcomes(success, known)
-
     @property
     def rate(self) -> FloatArray:
         """p_i, the share of successes, (M,); 0 where nothing is known."""
         return np.asarray(self.success.sum(axis=1) / np.maximum(self.known, 1))
 
 
+class _BySuccess:
+    """A teacher that remembers the last `window` outcomes in each task."""
+
+    window: int
+    uses_goal: ClassVar[bool] = True
+
+    def start(self, n_tasks: int) -> Outcomes:
+        """Return no outcomes."""
+        none = np.zeros((n_tasks, self.window), np.bool_)
+        return Outcomes(none, np.zeros(n_tasks, np.int64))
+
+    def update(self, memory: Outcomes, episode: Episode) -> Outcomes:
+        """Return the memory with one more outcome; the oldest of its task is dropped."""
+        success, known, i = memory.success.copy(), memory.known.copy(), episode.task
+        success[i] = np.append(success[i, 1:], episode.success)
+        known[i] = min(known[i] + 1, success.shape[1])
+        return Outcomes(success, known)
+
+
 @dataclass(frozen=True)
-class Learnability:
+class Learnability(_BySuccess):
     """Sampling for learnability (SFL; Rutherford et al. 2024).
 
     With probability rho one of the `top` tasks whose learnability p_i (1 - p_i) is highest, equally
@@ -220,20 +227,11 @@ class Learnability:
     rho: float = 0.5
     top: int = 1
     window: int = 10
-    uses_goal: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         number("rho of Learnability", self.rho, SettingError, 0.0, 1.0)
         for name in ("top", "window"):
             whole_number(f"{name} of Learnability", getattr(self, name), 1, SettingError)
-
-    def start(self, n_tasks: int) -> Outcomes:
-        """Return no outcomes."""
-        return Outcomes.none(n_tasks, self.window)
-
-    def update(self, memory: Outcomes, episode: Episode) -> Outcomes:
-        """Return the memory with one more outcome."""
-        return memory.after(episode)
 
     def probabilities(self, memory: Outcomes) -> FloatArray:
         """Return (1 - rho) / M for each task, and the rest for the most learnable."""
@@ -330,7 +328,7 @@ def value_loss(td_errors: FloatArray, decay: float) -> float:
 
 
 @dataclass(frozen=True)
-class ReverseCurriculum:
+class ReverseCurriculum(_BySuccess):
     """Reverse curriculum generation for a finite order of starts (Florensa et al. 2017).
 
     Tasks are in order from the goal outwards. With p_i the share of successes in the last `window`
@@ -361,7 +359,6 @@ class ReverseCurriculum:
     r_max: float = 0.9
     replay: float = 1 / 3
     window: int = 10
-    uses_goal: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name in ("r_min", "r_max", "replay"):
@@ -372,14 +369,6 @@ class ReverseCurriculum:
                 f"r_min of ReverseCurriculum must not exceed r_max: got {self.r_min} and "
                 f"{self.r_max}"
             )
-
-    def start(self, n_tasks: int) -> Outcomes:
-        """Return no outcomes."""
-        return Outcomes.none(n_tasks, self.window)
-
-    def update(self, memory: Outcomes, episode: Episode) -> Outcomes:
-        """Return the memory with one more outcome."""
-        return memory.after(episode)
 
     def probabilities(self, memory: Outcomes) -> FloatArray:
         """Return the mixture of new starts and old ones."""
@@ -463,13 +452,7 @@ class TaskSampler:
 
 
 def drawn(probabilities: FloatArray, chance: float) -> int:
-    """Return the task that a number in [0, 1) draws; none of probability 0.
-
-    Examples
-    --------
-    >>> drawn(np.array([0.0, 0.5, 0.5, 0.0]), 0.0), drawn(np.array([0.0, 0.5, 0.5, 0.0]), 0.5)
-    (1, 2)
-    """
+    """Return the task that a number in [0, 1) draws; none of probability 0."""
     rising = np.cumsum(probabilities)
     place = int(np.searchsorted(rising, chance * rising[-1], side="right"))
     return min(place, int(np.flatnonzero(probabilities)[-1]))

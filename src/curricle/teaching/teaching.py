@@ -1,19 +1,26 @@
 """Learning a target by episodes in several tasks, of which a teacher draws each: :func:`teach`."""
 
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatTable
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import text
+from curricle.display import block, brief_value, table
 from curricle.errors import SettingError, TaskError
-from curricle.frozen_arrays import frozen
+from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.optimistic_learning import OptimisticQLearning
-from curricle.learning.result import learning_result
+from curricle.learning.result import (
+    LearningResult,
+    learning_result,
+    learnt_curve,
+    learnt_table,
+)
 from curricle.learning.run import Run
 from curricle.learning.seeds import SeedSettings, seed_settings, threads_for
 from curricle.learning.stopping import Budget, limits, longest_run, spacing
@@ -22,15 +29,84 @@ from curricle.learning.tables import DenseTable
 from curricle.learning.training import given_or_default, stopping_kernel, train_all
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
+from curricle.statistics.curves import Curve
 from curricle.tasks.draws import ALL, stream_start, uniform
 from curricle.tasks.live import BROKEN_DOWN, Answer
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.start_states import Goal, goal_states
 from curricle.tasks.task import Task, tables
-from curricle.teaching.result import TeachingResult, teaching_result
 from curricle.teaching.taught_model import EpisodeRecord, SharedTables, TaughtModel
 from curricle.teaching.teachers import Episode, TaskSampler, Teacher, Uniform, check_teacher
+from curricle.text_tables import counted
+
+
+@dataclass(frozen=True, eq=False)
+class TeachingResult(Frozen):
+    """What :func:`teach` found, for M tasks, K seeds and T checkpoints.
+
+    Attributes
+    ----------
+    learning : LearningResult
+        That of the target: greedy returns are those in the target, steps and episodes count those
+        of all tasks, and so do training returns.
+    tasks : tuple of str
+        The names of the M tasks, in their order.
+    teacher : Teacher
+    drawn : tuple of K (E,) int64 arrays
+        The task of each episode that was begun, as its place in `tasks`. The last one may have been
+        cut off by the budget.
+    begun_at : tuple of K (E,) int64 arrays
+        Steps, in all tasks, before each of these episodes.
+    probabilities : (K, T, M) float64
+        The probability of each task when the episode of the checkpoint was drawn, the last one
+        begun by then. Checkpoints after a seed's end repeat its last ones.
+    steps_per_task : (K, M) int64
+        Steps taken in each task; they add up to those of the seed.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.teaching import teach
+    >>> found = teach({"near": GridWorld(".ST"), "far": GridWorld("S.T")}, target="far", budget=500)
+    >>> found.learning.steps_used, found.steps_per_task.sum(axis=1), found.counts.shape
+    (array([500]), array([500]), (1, 101, 2))
+    """
+
+    learning: LearningResult
+    tasks: tuple[str, ...]
+    teacher: Teacher
+    drawn: tuple[IntArray, ...]
+    begun_at: tuple[IntArray, ...]
+    probabilities: FloatArray
+    steps_per_task: IntArray
+
+    @property
+    def curve(self) -> Curve:
+        """The greedy return in the target against the steps in all tasks."""
+        return Curve.of(self.learning)
+
+    @cached_property
+    def counts(self) -> IntArray:
+        """Episodes begun in each task before each checkpoint, (K, T, M) int64."""
+        found = np.zeros((len(self.drawn), len(self.learning.steps), len(self.tasks)), np.int64)
+        for k, (drawn, begun) in enumerate(zip(self.drawn, self.begun_at, strict=True)):
+            for i in range(len(self.tasks)):
+                found[k, :, i] = np.searchsorted(begun[drawn == i], self.learning.steps)
+        return frozen(found)
+
+    def __repr__(self) -> str:
+        tasks, learning = counted(len(self.tasks), "task"), repr(self.learning)
+        return f"TeachingResult({brief_value(self.teacher)}, {tasks}, {learning})"
+
+    def _repr_html_(self) -> str:
+        episodes, steps = self.counts[:, -1].mean(axis=0), self.steps_per_task.mean(axis=0)
+        head = ["task", "episodes a seed", "steps a seed", "probability in the end"]
+        last = self.probabilities[:, -1].mean(axis=0)
+        rows = zip(self.tasks, episodes, steps, (f"{one:.0%}" for one in last), strict=True)
+        title = f"Tasks chosen by {brief_value(self.teacher)}"
+        learnt = learnt_table({"target": self.learning}, {})
+        return block(title, learnt_curve(self.learning), learnt, table(head, rows))
 
 
 def teach(
@@ -111,7 +187,22 @@ def teach(
     evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
     needs_goal = bool(getattr(teacher, "uses_goal", False))
     task_set = _TaskSet(tasks, target, goal, needs_goal=needs_goal)
-    run = _run(task_set, tasks[target], teacher, learner, budget, eval_freq, evaluation, stream)
+    most, eval_freq = limits(budget), spacing(eval_freq, budget)
+    run = _TaughtRun(
+        task=task_set.target,
+        learner=learner.for_task(tasks[target]),
+        limits=most,
+        eval_freq=eval_freq,
+        longest=longest_run(task_set.limit, budget, eval_freq),
+        evaluation=evaluation.kernel(task_set.target),
+        stopping=stopping_kernel(budget, tasks[target], evaluation),
+        storage=Storage(),
+        rows=0,
+        task_set=task_set,
+        teacher=teacher,
+        stream=stream,
+        samplers={},
+    )
     each = seed_settings(
         seeds, run.learner, run.limits, lambda one: one, shaping=None, warm_up=None, charged=None
     )
@@ -124,20 +215,38 @@ def teach(
     return teaching_result(learning, task_set.names, [run.samplers[seed] for seed in numbers])
 
 
+def teaching_result(
+    learning: LearningResult, tasks: tuple[str, ...], samplers: Sequence[TaskSampler]
+) -> TeachingResult:
+    """Return what teaching found, the episodes that took no step left out."""
+    places = np.arange(len(learning.steps))
+    drawn, begun_at, curves, steps = [], [], [], []
+    for sampler, used in zip(samplers, learning.steps_used, strict=True):
+        begun = np.array(sampler.begun_at)
+        kept = np.array(sampler.tasks)[begun < used]
+        drawn.append(frozen(kept))
+        begun_at.append(frozen(begun[begun < used]))
+        lengths = np.diff(begun_at[-1], append=used)
+        steps.append(np.bincount(kept, lengths, len(tasks)).astype(np.int64))
+        since = np.array([checkpoint for checkpoint, _ in sampler.changes])
+        last = np.searchsorted(since, places, side="right") - 1
+        curves.append(np.stack([found for _, found in sampler.changes])[last])
+    return TeachingResult(
+        learning=learning,
+        tasks=tasks,
+        teacher=samplers[0].teacher,
+        drawn=tuple(drawn),
+        begun_at=tuple(begun_at),
+        probabilities=frozen(np.stack(curves)),
+        steps_per_task=frozen(np.stack(steps)),
+    )
+
+
 # -- the tasks -----------------------------------------------------------------------------------
 
 
 class _TaskSet:
-    """M tasks of one space, of which `target` is one.
-
-    Raises
-    ------
-    SettingError
-        Unless the tasks are a mapping from names, at least one, that contains the target; when
-        they do not share states, actions, discount and a time limit.
-    TaskError
-        When one has no tables, or a goal is needed and there is none.
-    """
+    """M tasks of one space, of which `target` is one; SettingError or TaskError if they are not."""
 
     def __init__(self, tasks: Any, target: str, goal: Goal = None, *, needs_goal: bool = False):
         _check_names(tasks, target)
@@ -189,19 +298,13 @@ def _check_names(tasks: Any, target: Any) -> None:
 
 def _check_shared(name: str, mdp: FiniteMDP, target: str, other: FiniteMDP) -> None:
     """Raise SettingError unless a task shares with the target what one table needs."""
-    for what in ("states", "actions"):
+    for what in ("states", "actions", "discount", "time_limit"):
         own, wanted = getattr(mdp, what), getattr(other, what)
         if own != wanted:
+            equal = ", with equal components" if what in ("states", "actions") else ""
             raise SettingError(
-                f"tasks of a teacher must share their {what}, with equal components: {name!r} has "
-                f"{own!r} and {target!r} has {wanted!r}"
-            )
-    for what in ("discount", "time_limit"):
-        own, wanted = getattr(mdp, what), getattr(other, what)
-        if own != wanted:
-            raise SettingError(
-                f"tasks of a teacher must share their {what}: {name!r} has {own} and {target!r} "
-                f"has {wanted}"
+                f"tasks of a teacher must share their {what}{equal}: {name!r} has {own!r} and "
+                f"{target!r} has {wanted!r}"
             )
 
 
@@ -220,19 +323,16 @@ class _TaughtRun(Run):
     stream: str
     samplers: dict[int, TaskSampler]
 
+    @contextmanager
     def opened(
         self, settings: SeedSettings, start: int, tables: Sequence[Any]
-    ) -> AbstractContextManager[Any]:
+    ) -> Generator[TaughtModel]:
         """Return a context with the model of all tasks, in which the teacher draws."""
         learnt = tables[-1]
         q = learnt.q[None] if isinstance(learnt, DenseTable) else learnt
-        return self._taught(settings.seed, q)
-
-    @contextmanager
-    def _taught(self, seed: int, q: FloatTable) -> Generator[TaughtModel]:
         raised = list[BaseException]()
         record = EpisodeRecord.empty(self.task_set.limit)
-        lesson = self._lesson(seed, record, raised)
+        lesson = self._lesson(settings.seed, record, raised)
         next(lesson)
         asked = lesson.send  # it must outlive its address
         address = np.array([id(asked)], dtype=np.uint64)
@@ -281,32 +381,3 @@ class _TaughtRun(Run):
             bool(record.terminated[0] and shared.goals[task, record.last_state[0]]),
             shared.target.discount,
         )
-
-
-def _run(
-    task_set: _TaskSet,
-    target: Task,
-    teacher: Teacher,
-    learner: Learner,
-    budget: Budget,
-    eval_freq: int | None,
-    evaluation: GreedyEvaluation,
-    stream: str,
-) -> _TaughtRun:
-    """Return the run that all seeds share, its arguments checked."""
-    most, eval_freq = limits(budget), spacing(eval_freq, budget)
-    return _TaughtRun(
-        task=task_set.target,
-        learner=learner.for_task(target),
-        limits=most,
-        eval_freq=eval_freq,
-        longest=longest_run(task_set.limit, budget, eval_freq),
-        evaluation=evaluation.kernel(task_set.target),
-        stopping=stopping_kernel(budget, target, evaluation),
-        storage=Storage(),
-        rows=0,
-        task_set=task_set,
-        teacher=teacher,
-        stream=stream,
-        samplers={},
-    )

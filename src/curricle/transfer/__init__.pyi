@@ -10,12 +10,12 @@ from .component_mapping import (
     ComponentMapping as ComponentMapping,
     by_alignment as by_alignment,
     by_name as by_name,
+    family_mappings as family_mappings,
     find_projections as find_projections,
     project as project,
 )
 from .component_warping import by_component_warping as by_component_warping
 from .edges import Calibrate as Calibrate, Transfer as Transfer
-from .family_mapping import family_mappings as family_mappings
 from .found_mappings import (
     auto_mapping as auto_mapping,
     find_mappings as find_mappings,

@@ -85,18 +85,7 @@ def _given(values: FloatArray) -> FloatArray:
 def aggregate(
     function: Aggregate, potentials: FloatArray, unknown_value: float = 0.0
 ) -> FloatArray:
-    """Return the aggregate of potentials, (N, S, A) -> (S, A), and where all are NaN one value.
-
-    Raises
-    ------
-    CurriculumError
-        Unless the function returns shape (S, A), finite wherever a potential is not NaN.
-
-    Examples
-    --------
-    >>> aggregate(mean, np.array([[[1.0, np.nan]], [[np.nan, np.nan]]]), unknown_value=-5.0)
-    array([[ 1., -5.]])
-    """
+    """Return the aggregate of potentials, (N, S, A) -> (S, A), and where all are NaN one value."""
     unknown = np.isnan(potentials)
     nowhere = unknown.all(axis=0)
     if nowhere.any():
@@ -126,11 +115,6 @@ def aggregate_numbers(function: Aggregate, potentials: Sequence[float]) -> float
     """Return the aggregate of N finite numbers, as :func:`aggregate` does for one pair.
 
     The aggregates of this module need no array, which would take most of the time.
-
-    Examples
-    --------
-    >>> aggregate_numbers(mean, [1.0, 4.0])
-    2.5
     """
     for known, plain in _OF_NUMBERS:
         if function is known and math.isfinite(result := plain(potentials)):

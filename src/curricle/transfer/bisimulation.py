@@ -25,7 +25,7 @@ from curricle.tasks.loop_cache import compiled_once
 from curricle.tasks.task import Task
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.partition_refinement import Blocks, Model, merged_outcomes, refined
-from curricle.transfer.task_pair import Proposal, SearchedMapping, TaskPair
+from curricle.transfer.task_pair import Proposal, TaskPair
 
 LARGEST = 20_000_000
 """State-action pairs of both tasks up to which they are refined."""
@@ -64,22 +64,12 @@ def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
     if share == 0:
         raise MappingError("no pair of the target is equivalent to one of the source")
     how = f"exact homomorphism: {share:.0%} of pairs have a source pair of the same Q*"
-    mapping = SearchedMapping(tasks.target, tasks.source, index, how=how)
     error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
-    yield Proposal(mapping, how, error)
+    yield tasks.proposal(index, how, error)
 
 
 def equivalent_pairs(own: Blocks, other: Blocks) -> IntArray:
-    """Return for each target pair an equivalent source pair, or `UNMAPPED`, (S, A) int64.
-
-    Examples
-    --------
-    >>> own = Blocks(np.array([1, 0]), np.array([[4, 5], [-1, -1]]))
-    >>> other = Blocks(np.array([0, 1]), np.array([[-1, -1], [5, 4]]))
-    >>> equivalent_pairs(own, other)
-    array([[ 3,  2],
-           [-1, -1]])
-    """
+    """Return for each target pair an equivalent source pair, or `UNMAPPED`, (S, A) int64."""
     most = int(max(own.pairs.max(), other.pairs.max())) + 2
 
     def keys(blocks: Blocks) -> IntArray:
@@ -274,13 +264,6 @@ def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotien
     """Return a task up to bisimulation, and the block and kind of each of its states and pairs.
 
     The block of the terminal states has one pair, which pays nothing and leads to itself.
-
-    Parameters
-    ----------
-    model : Model
-    discount : float
-    values : (S,) float64
-        V*.
     """
     (blocks,) = refined([model])
     live = np.flatnonzero(blocks.pairs.ravel() >= 0)
@@ -602,9 +585,8 @@ def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
         ("nearest pair", fixed.bisimulation.nearest, fixed.bisimulation.pairs),
         ("nearest pair of the nearest state", *fixed.by_state),
     ):
-        how = f"lax bisimulation: {name}"
-        mapping = SearchedMapping(tasks.target, tasks.source, index, how=how)
-        yield Proposal(mapping, how, float(bound[tasks.judged].max()))
+        most = float(bound[tasks.judged].max())
+        yield tasks.proposal(index, f"lax bisimulation: {name}", most)
 
 
 @dataclass(frozen=True, eq=False)

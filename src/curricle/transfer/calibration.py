@@ -170,8 +170,7 @@ def fit_calibration(
         rollouts = roll(episodes=settings.episodes)
         stopped = rollouts.predicted.size == cap
     scale, explained = 1.0, math.nan
-    refusal = _nothing_whole(rollouts, cap) if stopped else ""
-    refusal = refusal or _nothing_reached(rollouts) or _mostly_zero(rollouts)
+    refusal = _uninformative(rollouts, cap if stopped else None)
     if not refusal:
         scale, explained = fitted_scale(rollouts)
         refusal = _poor_fit(potential, rollouts, scale, explained)
@@ -223,11 +222,19 @@ def _inner(one: FloatArray, other: FloatArray) -> float:
 # -- refusals: each function returns the reason, or "" where there is none -------------------------
 
 
-def _nothing_whole(rollouts: GreedyRollouts, cap: int | None) -> str:
-    """Return a refusal if the cap of steps ended the first episode, else ""."""
-    if len(rollouts.lengths) > 1 or rollouts.ended.any():
-        return ""
-    return f"a calibration needs a whole episode: its most steps, {cap:,}, ended during the first"
+def _uninformative(rollouts: GreedyRollouts, cap: int | None) -> str:
+    """Return a refusal if the episodes, ended by a cap of steps if any, cannot tell the scale."""
+    if cap is not None and len(rollouts.lengths) == 1 and not rollouts.ended.any():
+        return (
+            f"a calibration needs a whole episode: its most steps, {cap:,}, ended during the first"
+        )
+    zero = float((rollouts.predicted == 0).mean())
+    if (refusal := _nothing_reached(rollouts)) or zero <= 1 - MIN_NONZERO:
+        return refusal
+    return (
+        "a calibration needs a potential that is not 0 where its greedy policy leads: phi was 0 in "
+        f"{zero:.0%} of {rollouts.predicted.size:,} steps, in {len(rollouts.lengths)} episodes"
+    )
 
 
 def _nothing_reached(rollouts: GreedyRollouts) -> str:
@@ -238,17 +245,6 @@ def _nothing_reached(rollouts: GreedyRollouts) -> str:
         "a calibration needs episodes that reach something: none of "
         f"{len(rollouts.lengths)} ended, and each of their {rollouts.predicted.size:,} steps had "
         f"the reward {rollouts.returns[0] / rollouts.lengths[0]:g}"
-    )
-
-
-def _mostly_zero(rollouts: GreedyRollouts) -> str:
-    """Return a refusal if phi is 0 in most steps, else ""."""
-    zero = float((rollouts.predicted == 0).mean())
-    if zero <= 1 - MIN_NONZERO:
-        return ""
-    return (
-        "a calibration needs a potential that is not 0 where its greedy policy leads: phi was 0 in "
-        f"{zero:.0%} of {rollouts.predicted.size:,} steps, in {len(rollouts.lengths)} episodes"
     )
 
 

@@ -18,7 +18,7 @@ from curricle.errors import MappingError
 from curricle.text_tables import counted
 from curricle.transfer.mapping import UNMAPPED, pair_mapping
 from curricle.transfer.partition_refinement import levels
-from curricle.transfer.task_pair import Proposal, SearchedMapping, TaskPair
+from curricle.transfer.task_pair import Proposal, TaskPair
 
 LARGEST = 50_000
 """State-action pairs of a task."""
@@ -293,5 +293,4 @@ def _proposal(tasks: TaskPair, part: Part) -> Proposal:
     index = pair_mapping(tasks.target_mdp, tasks.source_mdp, state, action).index
     size = counted(len(part.state), "state")
     how = f"common part: {size}, grown from a transition that is rare in both"
-    yielded = SearchedMapping(tasks.target, tasks.source, index, how=how)
-    return Proposal(yielded, how)
+    return tasks.proposal(index, how)

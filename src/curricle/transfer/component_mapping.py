@@ -1,6 +1,6 @@
 """Mappings by components: by their names (paper E7), and by every assignment of them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -10,16 +10,22 @@ from typing import Any
 import numpy as np
 
 from curricle.array_types import IntArray
-from curricle.checks import one_of
+from curricle.checks import brief, instance, one_of
 from curricle.display import brief_repr
-from curricle.errors import MappingError, SettingError
-from curricle.tasks.families.family import Unequal
+from curricle.errors import CurricleError, MappingError
+from curricle.tasks.families.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import Task, generative_model, tables
-from curricle.transfer.mapping import StateActionMapping, check_unmapped_value, pair_mapping
+from curricle.transfer.mapping import (
+    StateActionMapping,
+    check_unmapped_value,
+    from_function,
+    pair_mapping,
+)
 from curricle.transfer.mapping_scores import total_variation
-from curricle.transfer.task_pair import Proposal, SearchedMapping, TaskPair
+from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.task_pair import Proposal, TaskPair
 
 LARGEST_INDEX = 500_000_000
 """Target pairs for which an index array is made (4 GB)."""
@@ -182,19 +188,6 @@ def source_points(
     return source.encode(**read)
 
 
-def describe_renaming(names: Sequence[str], renaming: Mapping[str, str]) -> str:
-    """Return a sentence on which target component each source component is read from.
-
-    Examples
-    --------
-    >>> describe_renaming(("prey", "predator"), {"predator": "predator_2"})
-    'predator is predator_2, prey by name'
-    """
-    kept = [name for name in dict.fromkeys(names) if renaming.get(name, name) == name]
-    renamed = [f"{name} is {renaming[name]}" for name in dict.fromkeys(names) if name not in kept]
-    return ", ".join([*renamed, *([f"{' and '.join(kept)} by name"] if kept else [])])
-
-
 def _origin(target: Space, component: Component, renaming: Mapping[str, str]) -> Component:
     """Return the target component that a source component is read from."""
     name = renaming.get(component.name, component.name)
@@ -222,10 +215,106 @@ def _values_of(origin: Component, component: Component, unequal: Unequal) -> Int
     return np.array([value.get(label, component.low - 1) for label in origin.labels])
 
 
+# -- members of a family ---------------------------------------------------------------------------
+
+
+def family_mappings(
+    target: FamilyMember, source: FamilyMember, *, unmapped_value: float | None = None
+) -> tuple[Any, ...]:
+    """Return how a member of a family maps onto another, as the family declares it.
+
+    Several mappings stand for several transfers: each predator of a pursuit can read the only one
+    of its source. What the family declares is checked against both tasks as any mapping is.
+
+    Parameters
+    ----------
+    target, source : FamilyMember
+        Of one family; their tasks are built.
+    unmapped_value : float, optional
+        As in :class:`StateActionMapping`. It is not given to mappings that a family's function made
+        itself.
+
+    Returns
+    -------
+    tuple of StateActionMapping or ObservationMapping
+        At least one, from ``target.task`` to ``source.task``.
+
+    Raises
+    ------
+    MappingError
+        When the members are of two families, or what the family declares does not fit them.
+
+    Examples
+    --------
+    >>> from curricle.tasks import pursuit_family
+    >>> hunt, chase = pursuit_family(size=4, predators=2), pursuit_family(size=4, predators=1)
+    >>> for mapping in family_mappings(hunt, chase):
+    ...     print(mapping)
+    ComponentMapping(prey=prey, predator=predator_1)
+    ComponentMapping(prey=prey, predator=predator_2)
+    """
+    instance("target", target, FamilyMember, MappingError)
+    instance("source", source, FamilyMember, MappingError)
+    return member_mappings(target, source, target.task, source.task, unmapped_value)
+
+
+def member_mappings(
+    target: FamilyMember,
+    source: FamilyMember,
+    target_task: Task,
+    source_task: Task,
+    unmapped_value: float | None = None,
+) -> tuple[Any, ...]:
+    """Return the mappings of :func:`family_mappings` for tasks that were made of the members.
+
+    They have the members' states and actions, and perhaps another start.
+    """
+    if target.family.factory is not source.family.factory:
+        raise MappingError(
+            f"members of one family map onto each other: got {target}, of {target.family.name}, "
+            f"and {source}, of {source.family.name}"
+        )
+    declared = target.family.mapping
+    if not isinstance(declared, ComponentsByName):
+        try:
+            declared = declared(target, source)
+        except CurricleError as error:
+            raise MappingError(str(error)) from error
+    found = tuple(declared) if isinstance(declared, list | tuple | Iterator) else (declared,)
+    if not found:
+        raise MappingError(
+            f"a family must declare at least one mapping: {target} <- {source} has none"
+        )
+    return tuple(_made(one, target_task, source_task, unmapped_value, target) for one in found)
+
+
+def _made(
+    declared: Any,
+    target: Task,
+    source: Task,
+    unmapped_value: float | None,
+    member: FamilyMember,
+) -> Any:
+    """Return one declared mapping as the library checks it."""
+    if isinstance(declared, ComponentsByName):
+        renaming = dict(declared.renaming)
+        return ComponentMapping(target, source, renaming, unmapped_value, declared.unequal)
+    if isinstance(declared, StateActionMapping | ObservationMapping):
+        return declared
+    if callable(declared):
+        return from_function(target, source, declared, unmapped_value=unmapped_value)
+    raise MappingError(
+        f"the mapping of {member.family.name} must return a ComponentsByName, a function of "
+        f"states and actions, a mapping, or a list of them: got {brief(declared)}"
+    )
+
+
 # -- every assignment of components ----------------------------------------------------------------
 
 
 MAX_ASSIGNMENTS = 10_000
+COMPARED = 5_000
+"""State-action pairs of the target on which assignments are compared at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,13 +329,6 @@ class Projection:
         Mean total variation distance, in [0, 1], between the source's next states and the
         target's, read through the assignment; NaN if nothing maps.
     mapping : StateActionMapping
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> chase = Pursuit(size=2, predators=1)
-    >>> find_projections(chase, chase)[0].states
-    {'prey': 'prey', 'predator': 'predator'}
     """
 
     states: dict[str, str]
@@ -257,32 +339,14 @@ class Projection:
     __repr__ = brief_repr
 
 
-def find_projections(
-    target: Task,
-    source: Task,
-    *,
-    pairs: int = 5_000,
-    seed: int = 0,
-    unmapped_value: float | None = None,
-) -> tuple[Projection, ...]:
+def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
     """Return every assignment of target components to the source's, best prediction first.
 
-    Rewards are not compared: two tasks with different rewards may have the same dynamics.
-
-    Parameters
-    ----------
-    target, source : Task
-    pairs : int
-        State-action pairs of the target to score on, drawn without repetition.
-    seed : int
-        Of that draw.
-    unmapped_value : float, optional
-        Of the mappings.
+    Rewards are not compared: two tasks with different rewards may have the same dynamics. Of more
+    than 5,000 state-action pairs of the target the prediction is compared on as many at random.
 
     Raises
     ------
-    SettingError
-        When `pairs` is less than 1.
     MappingError
         When there are more than 10,000 assignments.
 
@@ -290,13 +354,11 @@ def find_projections(
     --------
     >>> from curricle import Pursuit
     >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
-    >>> for found in find_projections(hunt, chase, pairs=500)[:2]:
+    >>> for found in find_projections(hunt, chase)[:2]:
     ...     print(found.states, found.actions, round(found.error, 2))
     {'prey': 'prey', 'predator': 'predator_1'} {'predator': 'predator_1'} 0.0
     {'prey': 'prey', 'predator': 'predator_2'} {'predator': 'predator_2'} 0.0
     """
-    if pairs < 1:
-        raise SettingError(f"pairs must be at least 1: got {pairs}")
     spaces = (target.states, source.states), (target.actions, source.actions)
     n_assignments = prod(len(mine.names) ** len(other.names) for mine, other in spaces)
     if n_assignments > MAX_ASSIGNMENTS:
@@ -306,8 +368,8 @@ def find_projections(
         )
     mdp, source_mdp = tables(target), tables(source)
     alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
-    rng = np.random.default_rng(seed)
-    drawn = np.sort(rng.choice(alive, size=min(pairs, len(alive)), replace=False))
+    n_drawn = min(COMPARED, len(alive))
+    drawn = np.sort(np.random.default_rng(0).choice(alive, size=n_drawn, replace=False))
     choices = [product(mine.names, repeat=len(other.names)) for mine, other in spaces]
     projections = []
     for state_names, action_names in product(*choices):
@@ -316,7 +378,7 @@ def find_projections(
         state = source_points(target.states, source.states, states)
         action = source_points(target.actions, source.actions, actions)
         error = _prediction_error(mdp, source_mdp, state, action, drawn)
-        mapping = pair_mapping(target, source, state[:, None], action, unmapped_value)
+        mapping = pair_mapping(target, source, state[:, None], action)
         projections.append(Projection(states, actions, error, mapping))
     return tuple(sorted(projections, key=lambda one: (np.isnan(one.error), one.error)))
 
@@ -373,10 +435,8 @@ def by_name(tasks: TaskPair) -> Iterator[Proposal]:
     Traceback (most recent call last):
     curricle.errors.MappingError: source component 'predator' must be read from a target ...
     """
-    ways: tuple[Unequal, ...] = ("unmapped", "scale", "clip")
-    for unequal in ways:
-        mapping = ComponentMapping(tasks.target, tasks.source, {}, unequal=unequal)
-        yield Proposal(mapping, WORDS[unequal])
+    for unequal, how in WORDS.items():
+        yield Proposal(ComponentMapping(tasks.target, tasks.source, {}, unequal=unequal), how)
 
 
 def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
@@ -412,20 +472,18 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
             f"ranges are aligned where 1 to {MOST_UNEQUAL} components differ: got {len(unequal)}"
         )
     for ends in product(("first", "last"), repeat=len(unequal)):
-        if set(ends) == {"first"} and all(own.component(n).low == other.component(n).low
-                                          for n in unequal):  # fmt: skip
+        aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(other.names, 0)
+        for name, end in aligned.items():
+            mine, theirs = own.component(name), other.component(name)
+            offsets[name] = theirs.low - mine.low if end == "first" else theirs.high - mine.high
+        if set(ends) == {"first"} and not any(offsets.values()):
             continue  # as by name
+        words = " and ".join(f"{end} {name}" for name, end in aligned.items())
         for clipped in (False, True):
-            read = {}
-            for theirs in other.components:
-                offset = 0
-                if theirs.name in unequal:
-                    mine, end = own.component(theirs.name), ends[unequal.index(theirs.name)]
-                    offset = theirs.low - mine.low if end == "first" else theirs.high - mine.high
-                value = values[theirs.name] + offset
-                read[theirs.name] = np.clip(value, theirs.low, theirs.high) if clipped else value
+            read = {name: values[name] + offset for name, offset in offsets.items()}
+            if clipped:
+                read = {c.name: np.clip(read[c.name], c.low, c.high) for c in other.components}
             state = other.encode(**read)
-            words = " and ".join(f"{end} {name}" for name, end in zip(unequal, ends, strict=True))
             how = f"components by name, {words} aligned{', clipped' if clipped else ''}"
             index = pair_mapping(tasks.target, tasks.source, state[:, None], actions).index
-            yield Proposal(SearchedMapping(tasks.target, tasks.source, index, how=how), how)
+            yield tasks.proposal(index, how)

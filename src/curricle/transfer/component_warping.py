@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.errors import MappingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Space
 from curricle.transfer.mapping import pair_mapping
-from curricle.transfer.task_pair import Proposal, SearchedMapping, TaskPair
+from curricle.transfer.task_pair import Proposal, TaskPair
 
 # -- the order of values ---------------------------------------------------------------------------
 
@@ -48,14 +48,7 @@ class Path(NamedTuple):
 
 
 def paths(mdp: FiniteMDP) -> list[Path]:
-    """Return the components of states whose values lie on a path.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> [path.values.tolist() for path in paths(GridWorld(["S..", "..T"]).mdp)]
-    [[0, 1], [0, 1, 2]]
-    """
+    """Return the components of states whose values lie on a path."""
     after = mdp.next_state[mdp.outcome_row]
     chance = np.where(mdp.terminal[:, None, None], 0.0, mdp.probability[mdp.outcome_row])
     found = []
@@ -77,14 +70,7 @@ def paths(mdp: FiniteMDP) -> list[Path]:
 
 
 def numbered(space: Space) -> list[IntArray]:
-    """Return for each component its values at the points of a space, numbered from 0, (n,) each.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> [values.tolist() for values in numbered(GridWorld(["S.", ".T"]).states)]
-    [[0, 0, 1, 1], [0, 1, 0, 1]]
-    """
+    """Return for each component its values at the points of a space, numbered from 0, (n,) each."""
     values = space.decode()
     return [np.asarray(values[one.name] - one.low) for one in space.components]
 
@@ -100,11 +86,6 @@ def path_order(weight: FloatArray) -> IntArray | None:
     ----------
     weight : (n, n) float64
         How often either of two values follows the other; symmetric. The diagonal does not count.
-
-    Examples
-    --------
-    >>> path_order(np.array([[0, 5, 4], [5, 0, 1], [4, 1, 0]]))
-    array([1, 0, 2])
     """
     one, other = np.triu_indices(len(weight), 1)
     part, beside = np.arange(len(weight)), [list[int]() for _ in weight]
@@ -340,16 +321,13 @@ class _Match:
             rows = [np.arange(size) - at for size, at in zip(self.sizes, first, strict=True)]
             rows = [np.where((row >= 0) & (row < there), row, -1)
                     for row, there in zip(rows, self.others, strict=True)]  # fmt: skip
-            inside = self._inside(rows)
+            inside = np.logical_and.reduce(
+                [row[at] >= 0 for row, at in zip(rows, self.position, strict=True)]
+            )
             if inside.any():
                 mismatch = float(self._mismatch(rows, inside).mean())
                 found.append(Laid(self.assigned, tuple(rows), mismatch, mismatch))
         return found
-
-    def _inside(self, rows: list[IntArray]) -> BoolArray:
-        """Return which states have a position of the source on every path, (S,) bool."""
-        each = [row[at] >= 0 for row, at in zip(rows, self.position, strict=True)]
-        return np.asarray(np.logical_and.reduce(each))
 
     def _mismatch(self, rows: list[IntArray], some: Any = slice(None)) -> FloatArray:
         """Return how much what each pair does differs from what its source pair does, (S, A)."""
@@ -376,17 +354,6 @@ def warp(costs: FloatArray, step: float) -> IntArray:
     """Return the cheapest way that never turns back, (n,): a column for each row of a table.
 
     Dynamic time warping with free ends.
-
-    Parameters
-    ----------
-    costs : (n, m) float64
-    step : float
-        Cost of each column by which a step is not to the next one.
-
-    Examples
-    --------
-    >>> warp(np.array([[0.0, 9.0], [0.0, 9.0], [9.0, 0.0]]), 0.1)
-    array([0, 0, 1])
     """
     ahead = np.arange(costs.shape[1])[:, None] - np.arange(costs.shape[1])  # to, from
     price = np.where(ahead >= 0, step * abs(ahead - 1), np.inf)
@@ -453,4 +420,4 @@ def _proposal(tasks: TaskPair, laid: Laid, other: list[Path], kind: str) -> Prop
         for theirs, c in zip(source.actions.components, chosen.actions, strict=True)
     ]
     how = f"components in order, {kind}: {', '.join(words)}; actions: {', '.join(moves)}"
-    return Proposal(SearchedMapping(tasks.target, tasks.source, index.index, how=how), how)
+    return tasks.proposal(index.index, how)

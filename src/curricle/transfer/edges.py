@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from curricle.checks import number, whole_number
 from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import LARGEST_POTENTIAL
-from curricle.transfer.component_mapping import ComponentMapping, describe_renaming
+from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.mapping import StateActionMapping, few_pairs
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.task_pair import SearchedMapping
@@ -60,16 +60,9 @@ class Calibrate:
 
     def within(self, steps: int, episodes: int) -> "Calibrate":
         """Return the calibration of a target that has so many steps and episodes to learn in."""
-        asked, share = (
-            self.max_steps,
-            CALIBRATION_SHARE if self.max_steps is None else LARGEST_SHARE,
-        )
-        most = max(1, steps // share)
-        return replace(
-            self,
-            episodes=min(self.episodes, max(1, episodes // CALIBRATION_SHARE)),
-            max_steps=most if asked is None else min(asked, most),
-        )
+        most = max(1, steps // (CALIBRATION_SHARE if self.max_steps is None else LARGEST_SHARE))
+        few = min(self.episodes, max(1, episodes // CALIBRATION_SHARE))
+        return Calibrate(few, most if self.max_steps is None else min(self.max_steps, most))
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,9 +192,13 @@ def mapping_words(transfer: Transfer) -> str:
     """
     mapping = transfer.mapping
     if isinstance(mapping, ComponentMapping):
-        names = (*mapping.source.states.names, *mapping.source.actions.names)
-        words = describe_renaming(names, mapping.renaming)
-        return words if mapping.unequal == "unmapped" else f"{words}; {UNEQUAL[mapping.unequal]}"
+        parts = [*mapping.source.states.names, *mapping.source.actions.names]
+        read = {name: mapping.renaming.get(name, name) for name in parts}
+        kept = " and ".join(name for name, of in read.items() if name == of)
+        words = [f"{name} is {of}" for name, of in read.items() if name != of]
+        words += [f"{kept} by name"] if kept else []
+        unequal = "" if mapping.unequal == "unmapped" else f"; {UNEQUAL[mapping.unequal]}"
+        return ", ".join(words) + unequal
     if isinstance(mapping, ObservationMapping):
         return mapping.description
     if isinstance(mapping, SearchedMapping):

@@ -63,14 +63,6 @@ class FoundMapping:
     unmapped_value : float, optional
         What fits where it maps nothing (:func:`fitted_unmapped_value`); the mapping has it if the
         curriculum finds the mapping.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> maze = GridWorld("S.T")
-    >>> found = find_mappings(maze, maze)[0]
-    >>> found.how, found.scores.regained
-    ('components by name', 1.0)
     """
 
     mapping: StateActionMapping
@@ -99,13 +91,6 @@ class FoundMappings:
         Name of each search that found nothing -> why.
     steps : int
         Steps taken in tasks without tables; a curriculum charges them to whoever reads a mapping.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> maze = GridWorld("S.T")
-    >>> len(find_mappings(maze, maze)) > 0
-    True
     """
 
     candidates: tuple[FoundMapping, ...]
@@ -205,7 +190,10 @@ def find_mappings(
     whole_number("keep", keep, 1, SettingError)
     whole_number("seed", seed, 0, SettingError)
     check_unmapped_value(unmapped_value)
-    check_searches(searches)
+    if not isinstance(searches, Sequence) or not all(map(callable, searches)):
+        raise SettingError(f"searches must be a list of functions: got {brief(searches)}")
+    if not searches:
+        raise SettingError("find_mappings needs at least one search: got none")
     check_progress(progress)
     tasks = TaskPair(target, source, samples, seed)
     if not tasks.judged.any():
@@ -251,21 +239,6 @@ def proposals(
             refused[name] = str(error)
         grow()
         bars.tell(name)
-
-
-def check_searches(searches: Any) -> None:
-    """Raise SettingError unless these are functions, at least one.
-
-    Examples
-    --------
-    >>> check_searches("by_name")
-    Traceback (most recent call last):
-    curricle.errors.SettingError: searches must be a list of functions: got 'by_name'
-    """
-    if not isinstance(searches, Sequence) or not all(map(callable, searches)):
-        raise SettingError(f"searches must be a list of functions: got {brief(searches)}")
-    if not searches:
-        raise SettingError("find_mappings needs at least one search: got none")
 
 
 def _check_proposal(search: str, given: Any, tasks: TaskPair) -> None:
@@ -436,11 +409,6 @@ def with_mapping(
     """Return a transfer as it is, or with the mapping that is found; what is found is printed.
 
     Between two tasks seen through observations it is the identity, if these are of one space.
-
-    Raises
-    ------
-    CurriculumError
-        When a mapping has to be found, and a task has no tables or no mapping fits well enough.
     """
     if transfer.mapping is not None:
         return transfer
@@ -474,11 +442,6 @@ def announced(
     """Return the mapping that is found for an edge, and say what it is, and the runner-up.
 
     `settings` are those of :func:`auto_mapping`; `say` takes each line.
-
-    Raises
-    ------
-    MappingError
-        As :func:`auto_mapping`, or when a task has no tables.
     """
     for role, task in (("target", target), ("source", source)):
         if not has_tables(task):
@@ -493,30 +456,21 @@ def announced(
     return best
 
 
-class _Search:
-    """A search for the mappings between two tasks, which is made when its result is asked for."""
-
-    def __init__(self, target: Any, source: Any, unmapped_value: float | None):
-        self.tasks, self.unmapped_value = (target, source), unmapped_value
-        self._found: FoundMappings | None = None
-
-    def found(self, progress: Progress) -> FoundMappings:
-        """Return what is found, from memory where it was asked for before."""
-        if self._found is None:
-            how: Any = {"unmapped_value": self.unmapped_value, "progress": progress}
-            self._found = find_mappings(*self.tasks, **how)
-        return self._found
-
-
 def _found(
     target: Any, source: Any, unmapped_value: float | None, progress: Progress = None
 ) -> FoundMappings:
     """Return what is found, from memory where the same tasks were asked for."""
     try:
-        hash((target, source))
-    except TypeError:  # of a user's own task
-        return _Search(target, source, unmapped_value).found(progress)
-    return _remembered(target, source, unmapped_value).found(progress)
+        memory = _memory(target, source, unmapped_value)
+    except TypeError:  # of a user's own task, which has no hash
+        memory = []
+    if not memory:
+        how: Any = {"unmapped_value": unmapped_value, "progress": progress}
+        memory.append(find_mappings(target, source, **how))
+    return memory[0]
 
 
-_remembered = lru_cache(maxsize=REMEMBERED)(_Search)
+@lru_cache(maxsize=REMEMBERED)
+def _memory(target: Any, source: Any, unmapped_value: float | None) -> list[FoundMappings]:
+    """Return the list for what is found between two tasks, which is empty at first."""
+    return []

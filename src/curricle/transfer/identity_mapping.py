@@ -105,16 +105,7 @@ def _values(component: Component) -> str:
 
 
 def check_same_observations(target: ObservationTask, source: Any) -> None:
-    """Raise MappingError where a source is seen through observations of another shape.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> check_same_observations(observation_task("MountainCar-v0"), observation_task("CartPole-v1"))
-    Traceback (most recent call last):
-    curricle.errors.MappingError: identity needs tasks of one shape: the target's observations are
-    Box([-1.2  -0.07], [0.6  0.07], (2,), float32), the source's Box(...; ...
-    """
+    """Raise MappingError where a source is seen through observations of another shape."""
     if not isinstance(source, ObservationTask):
         return
     mine, yours = target.observations, source.observations

@@ -138,10 +138,6 @@ class StateActionMapping(Frozen):
             mean_readers=float(used.mean()) if used.size else 0.0,
         )
 
-    def mapped_states(self) -> BoolArray:
-        """Return which target states have at least one mapped pair, (S,) bool."""
-        return np.asarray((self.index >= 0).any(axis=1))
-
 
 def rescale(values: FloatArray, scale: float, shift: float) -> FloatArray:
     """Return scale values + shift; the array itself where that changes nothing."""
@@ -166,11 +162,6 @@ def transferred(
 
     `values` are Q of the source pairs; they count where `index` is at least 0. Elsewhere it is
     `ENDED`, where Q is 0, or `UNMAPPED`. It broadcasts against `values`.
-
-    Examples
-    --------
-    >>> transferred(np.array([5.0, 5.0, 5.0]), np.array([7, ENDED, UNMAPPED]), None, 2.0, 1.0)
-    array([11.,  1., nan])
     """
     unmapped_value = number_or_nan(unmapped_value)
     fixed = np.where(index == UNMAPPED, unmapped_value, shift)
@@ -395,13 +386,6 @@ class Coverage:
         The largest number of target pairs that read one source pair.
     mean_readers : float
         The mean of that number over the source pairs that are read.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.transfer import identity
-    >>> identity(GridWorld("S.T")).coverage().mapped
-    1.0
     """
 
     target_pairs: int

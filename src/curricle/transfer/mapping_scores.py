@@ -8,7 +8,6 @@ optimal value of the target is used.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -148,7 +147,8 @@ def backed_up(phi: FloatArray, tasks: TaskPair) -> FloatArray:
         NaN where nothing is known; so is the result where nothing is known of a next state.
     """
     mdp = tasks.target_mdp
-    best = best_values(phi)
+    best = np.where(np.isnan(phi), -np.inf, phi).max(axis=1)
+    best[np.isneginf(best)] = np.nan
     best[mdp.terminal] = 0.0
     after = np.where(mdp.probability > 0, mdp.probability * best[mdp.next_state], 0.0)
     expected = (mdp.probability * mdp.reward).sum(axis=1) + mdp.discount * after.sum(axis=1)
@@ -165,12 +165,6 @@ def bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, floa
     inconsistency = float(abs(expected - stated).mean())
     by_constant = float(abs(expected - np.median(expected)).mean())
     return inconsistency, inconsistency / by_constant if by_constant > 0 else NAN
-
-
-def best_values(phi: FloatArray) -> FloatArray:
-    """Return max_a phi(s, a) over the actions that have one, (S,) float64; NaN where none has."""
-    best = np.where(np.isnan(phi), -np.inf, phi).max(axis=1)
-    return np.where(np.isneginf(best), np.nan, best)
 
 
 def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, float]:
@@ -232,13 +226,6 @@ def _dynamics_error(
 def total_variation(one: IntArray, p: FloatArray, other: IntArray, q: FloatArray) -> FloatArray:
     """Return the total variation distance of two distributions in each row, (n,) float64.
 
-    Parameters
-    ----------
-    one, other : (n, O) and (n, O') int64
-        Outcomes; one may be listed several times.
-    p, q : (n, O) and (n, O') float64
-        Their chances.
-
     Examples
     --------
     >>> one, p, other, q = [[1, 2]], [[0.5, 0.5]], [[2]], [[1.0]]
@@ -264,31 +251,22 @@ SETTLED = 1e-9
 """Two constants are one if they differ by less, in units of the larger."""
 
 
-class Residuals(NamedTuple):
-    """Bellman residuals of states, ``stated - factor * constant``, for greedy policies as they are.
+def fitted_constant(stated: FloatArray, factor: FloatArray) -> float:
+    """Return the constant at which the expectile of ``stated - factor * constant`` is 0.
 
-    Examples
-    --------
-    >>> Residuals(np.array([-2.0, 1.0]), np.array([1.0, 1.0])).constant(0.5)
-    -0.5
+    These are the Bellman residuals of n states for fixed greedy policies, (n,) each; 0 where the
+    constant does not act.
     """
-
-    stated: FloatArray  # (n,) of a constant of 0
-    factor: FloatArray  # (n,) by how much a constant of 1 lowers it
-
-    def constant(self, expectile: float) -> float:
-        """Return the constant at which this expectile of the residuals is 0; 0 where none acts."""
-        found = 0.0
-        for _ in range(SWEEPS):
-            above = self.stated > self.factor * found
-            weight = np.where(above, expectile, 1 - expectile)
-            curvature = float((weight * self.factor**2).sum())
-            if curvature == 0:
-                return 0.0
-            last, found = found, float((weight * self.factor * self.stated).sum()) / curvature
-            if abs(found - last) <= SETTLED * max(abs(found), abs(last)):
-                break
-        return found
+    found = 0.0
+    for _ in range(SWEEPS):
+        weight = np.where(stated > factor * found, EXPECTILE, 1 - EXPECTILE)
+        curvature = float((weight * factor**2).sum())
+        if curvature == 0:
+            return 0.0
+        last, found = found, float((weight * factor * stated).sum()) / curvature
+        if abs(found - last) <= SETTLED * max(abs(found), abs(last)):
+            break
+    return found
 
 
 def fitted_unmapped_value(
@@ -339,7 +317,7 @@ def fitted_unmapped_value(
     found = 0.0
     for _ in range(SWEEPS):
         last = found
-        found = _residuals(phi, unmapped, found, rewards, tasks).constant(EXPECTILE)
+        found = fitted_constant(*_residuals(phi, unmapped, found, rewards, tasks))
         found = min(0.0, max(lowest, found))
         if abs(found - last) <= SETTLED * max(abs(found), abs(last)):
             break
@@ -359,7 +337,7 @@ def _leads_to(mapped: BoolArray, tasks: TaskPair) -> bool:
 
 def _residuals(
     phi: FloatArray, unmapped: BoolArray, constant: float, rewards: FloatArray, tasks: TaskPair
-) -> Residuals:
+) -> tuple[FloatArray, FloatArray]:
     """Return the residuals for what is greedy at this constant, before and after a step.
 
     `rewards` are the expected ones of the target's outcome rows.
@@ -375,4 +353,4 @@ def _residuals(
         mdp.outcome_row, (after + constant * share)[mdp.outcome_row].argmax(axis=1)[:, None], axis=1
     )[:, 0]
     kept = tasks.judged
-    return Residuals((after[row] - best)[kept], (at_constant - share[row])[kept])
+    return (after[row] - best)[kept], (at_constant - share[row])[kept]

@@ -41,14 +41,6 @@ class Environments:
     """As many environments of a task as `episodes`, in which a policy is rolled out side by side.
 
     Each episode is truncated after `max_steps` in any case.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> environments = Environments(observation_task("MountainCar-v0"), episodes=2, max_steps=200)
-    >>> left = environments.rollouts(lambda cars: (np.zeros(len(cars), int), cars[:, 0]), seed=0)
-    >>> [float(episode.rewards.sum()) for episode in left], left[0].terminated
-    ([-200.0, -200.0], False)
     """
 
     def __init__(self, task: ObservationTask, episodes: int, max_steps: int):
@@ -223,14 +215,6 @@ class ObservationTarget:
 
     Its `evaluation` is by rollouts, also where that of its learner is exact: tables of the
     environment pay its own rewards, so that both are in the same units.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> cart, summed = observation_task("CartPole-v1"), GreedyEvaluation(discounted=False)
-    >>> target = target_of(cart, summed, episodes=20)
-    >>> 15 < target.random_return < 30, target.optimum
-    (True, nan)
     """
 
     task: ObservationTask

@@ -32,18 +32,10 @@ class Model(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """The blocks of one task; equal numbers mean equivalent, also in tasks refined with it.
+    """The blocks of one task; equal numbers mean equivalent, also in tasks refined with it."""
 
-    Attributes
-    ----------
-    states : (S,) int64
-        All terminal states are one block.
-    pairs : (S, A) int64
-        -1 in terminal states. Pairs of a block have the same Q*.
-    """
-
-    states: IntArray
-    pairs: IntArray
+    states: IntArray  # (S,) all terminal states are one block
+    pairs: IntArray  # (S, A) -1 in terminal states; pairs of a block have the same Q*
 
 
 def model_for_refinement(mdp: Any, mean_reward: FloatArray | None = None) -> Model:

@@ -59,15 +59,6 @@ def combined_potential(
 
     `source_values` are N (S', A') float arrays; phi is `unknown_value` where no source knows
     anything.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.transfer import identity
-    >>> maze = GridWorld("S.T")
-    >>> edges = [Transfer("a", "b", identity(maze), scale=c) for c in (1, 2)]
-    >>> combined_potential(maze, edges, [np.ones((3, 4))] * 2, mean).values[0]
-    array([1.5, 1.5, 1.5, 1.5])
     """
     mapped = mapped_potential(task, transfers, source_values, function, unknown_value)
     if mapped is not None:

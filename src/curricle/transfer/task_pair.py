@@ -20,6 +20,7 @@ from curricle.tasks.task import Task, generative_model, has_tables, tables
 from curricle.transfer.mapping import StateActionMapping
 from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
 
+NOT_PROVEN = float("nan")
 ENDLESS = 1_000
 """Steps that stand for the horizon of a task with discount 1 and no time limit."""
 
@@ -72,15 +73,14 @@ class TaskPair:
         _ = self.target_mdp, self.source_mdp
 
     @cached_property
-    def sampled(self) -> "tuple[SampledTables | None, SampledTables | None]":
+    def sampled(self) -> "tuple[SampledTables | None, ...]":
         """What was estimated of the target and of the source; None of those with tables."""
-        of_target, of_source = (self._sampled(task) for task in (self.target, self.source))
-        return of_target, of_source
-
-    def _sampled(self, task: Task) -> "SampledTables | None":
-        if self.samples is None or has_tables(task):
-            return None
-        return sampled_tables(task, self.samples, seed=self.seed)
+        return tuple(
+            None
+            if self.samples is None or has_tables(task)
+            else sampled_tables(task, self.samples, seed=self.seed)
+            for task in (self.target, self.source)
+        )
 
     @cached_property
     def target_mdp(self) -> FiniteMDP:
@@ -150,24 +150,19 @@ class TaskPair:
         """The block of each source state, (S',) int64; states of a block behave alike."""
         return refined([model_for_refinement(self.source_mdp)])[0].states
 
+    def proposal(self, index: IntArray, how: str, bound: float = NOT_PROVEN) -> "Proposal":
+        """Return the proposal to read the source through an index, (S, A), and how it was found."""
+        return Proposal(SearchedMapping(self.target, self.source, index, how=how), how, bound)
+
 
 def discounted(mdp: FiniteMDP) -> FiniteMDP:
-    """Return tables with a discount below 1: their own, or 1 - 1/L at a discount of 1.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> discounted(GridWorld("S.T", discount=1, time_limit=50).mdp).discount
-    0.98
-    """
+    """Return tables with a discount below 1: their own, or 1 - 1/L at a discount of 1."""
     if mdp.discount < 1:
         return mdp
     return replace(mdp, discount=1 - 1 / max(2, mdp.time_limit or ENDLESS))
 
 
 # -- what a search proposes ------------------------------------------------------------------------
-
-NOT_PROVEN = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,58 +239,57 @@ LONGEST = 1_000
 
 @dataclass(frozen=True, eq=False)
 class SampledTables:
-    """What random steps show of a task.
+    """What random steps show of a task."""
 
-    Attributes
-    ----------
-    mdp : FiniteMDP
-        Outcomes by their frequencies. A pair that was not tried stays where it is, at the lowest
-        reward that was seen.
-    tried : (S,) bool
-        States in which every action was taken at least once.
-    steps : int
-        Steps taken.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> sampled_tables(GridWorld("S.T"), 200).tried
-    array([ True,  True, False])
-    """
-
-    mdp: FiniteMDP
-    tried: BoolArray
+    mdp: FiniteMDP  # outcomes by their frequencies; an untried pair stays, at the lowest reward
+    tried: BoolArray  # (S,) states in which every action was taken at least once
     steps: int
 
 
 def sampled_tables(task: Task, steps: int, *, seed: int = 0) -> SampledTables:
-    """Return tables estimated from so many steps of the uniformly random policy.
-
-    Parameters
-    ----------
-    task : Task
-        With or without tables; a live one is played in an environment of its own.
-    steps : int
-        Steps to take; the last episode is cut off.
-    seed : int
-
-    Raises
-    ------
-    SettingError
-        When `steps` is less than 1.
-    TaskError
-        When the task has more than 2 million pairs.
-    """
+    """Return tables estimated from so many steps of the uniformly random policy."""
     steps = whole_number("steps to sample", steps, 1, SettingError)
     generative = generative_model(task)
-    shape = generative.states.size, generative.actions.size
-    if shape[0] * shape[1] > LARGEST:
+    n_states, n_actions = generative.states.size, generative.actions.size
+    of_pair = n_states * n_actions
+    if of_pair > LARGEST:
         raise TaskError(
-            f"tables are estimated for up to {LARGEST:,} pairs: the task has "
-            f"{shape[0] * shape[1]:,}"
+            f"tables are estimated for up to {LARGEST:,} pairs: the task has {of_pair:,}"
         )
-    taken = _transitions(generative, steps, seed)
-    return _estimated(generative, *taken)
+    states, actions, rewards, after, ended, starts = _transitions(generative, steps, seed)
+    entered, ends = (
+        np.bincount(after, weights=weight, minlength=n_states)
+        for weight in (np.ones(len(after)), ended)
+    )
+    terminal = (ends > entered / 2) & (np.bincount(states, minlength=n_states) == 0)
+    pairs = states * n_actions + actions
+    keys, place, counts = np.unique(
+        np.stack([pairs, after], axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    mean = np.bincount(place.ravel(), weights=rewards) / counts
+    first = np.concatenate([[0], np.flatnonzero(np.diff(keys[:, 0])) + 1])
+    order = np.arange(len(keys)) - np.repeat(first, np.diff(np.append(first, len(keys))))
+    width = int(order.max()) + 1
+    chance, reward = np.zeros((of_pair, width)), np.full((of_pair, width), float(rewards.min()))
+    reached = np.repeat(np.arange(of_pair) // n_actions, width).reshape(of_pair, width)
+    chance[keys[:, 0], order] = counts
+    reward[keys[:, 0], order], reached[keys[:, 0], order] = mean, keys[:, 1]
+    tried = chance.sum(axis=1) > 0
+    chance[~tried, 0] = 1.0
+    start = np.bincount(starts, minlength=n_states) / len(starts)
+    mdp = FiniteMDP(
+        states=generative.states,
+        actions=generative.actions,
+        outcome_row=np.arange(of_pair).reshape(n_states, n_actions),
+        probability=chance / chance.sum(axis=1, keepdims=True),
+        next_state=reached,
+        reward=reward,
+        terminal=terminal,
+        start=start,
+        discount=min(generative.discount, 1 - 1 / max(2, generative.time_limit or LONGEST)),
+        time_limit=generative.time_limit,
+    )
+    return SampledTables(mdp, tried.reshape(n_states, n_actions).all(axis=1), len(states))
 
 
 def _transitions(
@@ -321,50 +315,3 @@ def _transitions(
     columns = (np.concatenate(column) for column in zip(*parts, strict=True))
     states, actions, rewards, after, ended = columns
     return states, actions, rewards, after, ended, np.array(starts)
-
-
-def _estimated(
-    task: Any,
-    states: IntArray,
-    actions: IntArray,
-    rewards: FloatArray,
-    after: IntArray,
-    ended: BoolArray,
-    starts: IntArray,
-) -> SampledTables:
-    """Return the tables that transitions make."""
-    n_states, n_actions = task.states.size, task.actions.size
-    entered, ends = (
-        np.bincount(after, weights=weight, minlength=n_states)
-        for weight in (np.ones(len(after)), ended)
-    )
-    terminal = (ends > entered / 2) & (np.bincount(states, minlength=n_states) == 0)
-    pairs = states * n_actions + actions
-    keys, place, counts = np.unique(
-        np.stack([pairs, after], axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    mean = np.bincount(place.ravel(), weights=rewards) / counts
-    first = np.concatenate([[0], np.flatnonzero(np.diff(keys[:, 0])) + 1])
-    order = np.arange(len(keys)) - np.repeat(first, np.diff(np.append(first, len(keys))))
-    width = int(order.max()) + 1
-    of_pair = n_states * n_actions
-    chance, reward = np.zeros((of_pair, width)), np.full((of_pair, width), float(rewards.min()))
-    reached = np.repeat(np.arange(of_pair) // n_actions, width).reshape(of_pair, width)
-    chance[keys[:, 0], order] = counts
-    reward[keys[:, 0], order], reached[keys[:, 0], order] = mean, keys[:, 1]
-    tried = chance.sum(axis=1) > 0
-    chance[~tried, 0] = 1.0
-    start = np.bincount(starts, minlength=n_states) / len(starts)
-    mdp = FiniteMDP(
-        states=task.states,
-        actions=task.actions,
-        outcome_row=np.arange(of_pair).reshape(n_states, n_actions),
-        probability=chance / chance.sum(axis=1, keepdims=True),
-        next_state=reached,
-        reward=reward,
-        terminal=terminal,
-        start=start,
-        discount=min(task.discount, 1 - 1 / max(2, task.time_limit or LONGEST)),
-        time_limit=task.time_limit,
-    )
-    return SampledTables(mdp, tried.reshape(n_states, n_actions).all(axis=1), len(states))

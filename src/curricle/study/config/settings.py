@@ -45,8 +45,8 @@ from curricle.study.config.tables import (
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer import aggregation, component_mapping, mapping
+from curricle.transfer.component_mapping import member_mappings
 from curricle.transfer.edges import Transfer
-from curricle.transfer.family_mapping import member_mappings
 from curricle.transfer.found_mappings import announced
 from curricle.transfer.identity_mapping import check_same_observations, identity
 from curricle.transfer.observation_mapping import ObservationMapping
