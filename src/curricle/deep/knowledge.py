@@ -31,14 +31,6 @@ class Knowledge(Frozen):
         The probability of each action.
     states : (n,) int64
         How many states look like this. What is known of an observation is their mean.
-
-    Examples
-    --------
-    Two of three states look alike.
-
-    >>> known = Knowledge.of(np.array([[0.0], [1.0], [1.0]]), np.array([[0.0, 1], [3, 0], [0, 5]]))
-    >>> known.values, known.policy[1], known.alike
-    (array([1., 4.]), array([0.5, 0.5]), 0.66...)
     """
 
     observations: Any
@@ -157,13 +149,7 @@ def _actor_of(values: Any) -> Any:
 
 
 def rows_of(observations: Any, rows: IntArray | BoolArray | slice) -> Any:
-    """Return some of n stacked observations.
-
-    Examples
-    --------
-    >>> rows_of({"image": np.arange(6).reshape(3, 2)}, np.array([2]))
-    {'image': array([[4, 5]])}
-    """
+    """Return some of n stacked observations."""
     if isinstance(observations, Mapping):
         return {name: rows_of(part, rows) for name, part in observations.items()}
     if isinstance(observations, tuple):

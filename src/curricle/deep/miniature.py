@@ -93,11 +93,6 @@ class Miniatures(ObservationTask):
         """Return how a network acts on held-out levels, by each member's tables.
 
         Those of `tested_on` come last. Returns are exact, and no step is taken.
-
-        Parameters
-        ----------
-        values : NetworkValues
-            Of any network that reads these observations.
         """
         return tuple(each.examined(values) for each in (*self.solved, *self.solved_tests))
 
@@ -209,16 +204,7 @@ class Examined(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SolvedMember:
-    """A member's tables, their levels, and the optimum.
-
-    Attributes
-    ----------
-    table : TabulatedTask
-    level : (S,) int64
-        The level of each state.
-    training : (S,) bool
-        Whether its level is not held out. False for ends.
-    """
+    """A member's tables, their levels, and the optimum."""
 
     member: ObservationTask
     table: TabulatedTask
@@ -293,14 +279,7 @@ class SolvedMember:
 
 
 def levels_of(table: TabulatedTask) -> IntArray:
-    """Return the level of each state, (S,): states that a path connects, ends left out.
-
-    Examples
-    --------
-    >>> import curricle as cr
-    >>> len(set(levels_of(cr.tabulate("FrozenLake-v1", discount=0.9)).tolist()))
-    6
-    """
+    """Return the level of each state, (S,): states that a path connects, ends left out."""
     from scipy.sparse import coo_array  # takes time, and few need it
     from scipy.sparse.csgraph import connected_components
 
@@ -330,26 +309,6 @@ def learn_miniatures(
 
     ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
     held-out levels, mean over members.
-
-    Parameters
-    ----------
-    task : Miniatures
-    learner : DeepLearner
-        Whose networks they are.
-    seeds : sequence of K int
-    potentials : sequence of K potentials
-        What each seed's sources say of the observations, instead of exact answers. Or none.
-    eval_freq : int
-        Of the result.
-    progress : bool or callable, optional
-        As in :func:`learn`.
-
-    Raises
-    ------
-    SettingError
-        As :func:`distil`.
-    TaskError
-        When a network acts no better than at random on held-out levels.
     """
     from curricle.deep.distillation import distil  # loads torch
 

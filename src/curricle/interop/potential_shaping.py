@@ -293,13 +293,7 @@ class ShapingPotential:
         return any(each.batched for each in self.sources.values())
 
     def one(self, observation: Any, step: int) -> list[float]:
-        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source.
-
-        Raises
-        ------
-        PotentialError
-            When a source's value is not finite.
-        """
+        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source."""
         values = []
         for name, each in self.sources.items():
             value = each.one(observation, step)
@@ -355,16 +349,7 @@ def shaping_potential(
     tolerance: float | None,
     batched: bool = False,
 ) -> ShapingPotential:
-    """Return the potential of observations of a space.
-
-    Raises
-    ------
-    PotentialError
-        When there is no potential, or something that cannot be one.
-    SettingError
-        When the discount is not stated or differs, or when the observations are not those of a
-        potential's task and do not number its states.
-    """
+    """Return the potential of observations of a space."""
     named = potential if isinstance(potential, Mapping) else {"potential": potential}
     if not named:
         raise PotentialError("shaping needs a potential: got none")
@@ -421,14 +406,7 @@ def _not_finite(name: str, value: float, observation: Any) -> PotentialError:
 
 @dataclass
 class Episode:
-    """One episode under shaping; lists hold Phi and, after it, each source's Phi_i.
-
-    Examples
-    --------
-    >>> episode = Episode(first=0, begun=0, here=[1.0])
-    >>> episode.step([4.0], reward=-1.0, discount=0.5), episode.original  # 0.5 * 4 - 1
-    ([1.0], -1.0)
-    """
+    """One episode under shaping; lists hold Phi and, after it, each source's Phi_i."""
 
     first: Any  # the observation it began with
     begun: int  # the step at which it began
@@ -484,18 +462,7 @@ class ShapedStep(NamedTuple):
 
 
 class Episodes:
-    """The episodes of n sub-environments.
-
-    Parameters
-    ----------
-    potential : ShapingPotential
-    space : gymnasium.Space
-        Of n stacked observations.
-    n : int
-    finals_in : str, optional
-        Where the observations are at which episodes were cut off, for messages. Given if a step
-        that ends an episode returns the observation with which the next one begins.
-    """
+    """The episodes of n sub-environments."""
 
     def __init__(
         self,

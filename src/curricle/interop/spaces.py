@@ -85,13 +85,7 @@ def _split(space: Space, names: tuple[str, ...], sizes: Any) -> Space:
 
 
 def with_labels(space: Space, labels: Sequence[str]) -> Space:
-    """Return a space of actions, of one component, with a label for each action.
-
-    Examples
-    --------
-    >>> with_labels(space_of(Discrete(2), "action"), ["left", "right"]).label(1)
-    'action=right'
-    """
+    """Return a space of actions, of one component, with a label for each action."""
     listed = name_list(labels, "labels of actions")
     if len(space.components) > 1:
         raise TaskError(
@@ -107,13 +101,7 @@ def with_labels(space: Space, labels: Sequence[str]) -> Space:
 
 
 def name_list(given: Sequence[str], what: str = "names of a state's components") -> tuple[str, ...]:
-    """Return names as a tuple; TaskError where they are no list of different texts.
-
-    Examples
-    --------
-    >>> name_list(["row", "column"])
-    ('row', 'column')
-    """
+    """Return names as a tuple; TaskError where they are no list of different texts."""
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise TaskError(f"{what} must be a list of text: got {given!r}")
     for one in given:
@@ -137,13 +125,7 @@ def counts_from_0(space: gym.Space[Any]) -> "TypeGuard[Discrete[np.int64]]":
 
 @dataclass(frozen=True)
 class Number:
-    """From a point of a discrete Gymnasium space to its number in :func:`space_of`.
-
-    Examples
-    --------
-    >>> Number(Tuple([Discrete(3), Discrete(2)]))((2, 1))
-    5
-    """
+    """From a point of a discrete Gymnasium space to its number in :func:`space_of`."""
 
     space: gym.Space[Any] = field(hash=False)
 
@@ -168,13 +150,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Point:
-    """From a number in :func:`space_of` to its point of a discrete Gymnasium space.
-
-    Examples
-    --------
-    >>> Point(MultiDiscrete([3, 2]))(5)
-    array([2, 1])
-    """
+    """From a number in :func:`space_of` to its point of a discrete Gymnasium space."""
 
     space: gym.Space[Any] = field(hash=False)
 
@@ -236,12 +212,6 @@ def _assembled(space: gym.Space[Any], values: Iterator[int]) -> Any:
 
 class Coding:
     """The points of a space as Gymnasium's spaces hold them.
-
-    Parameters
-    ----------
-    space : Space
-    form : {"index", "components"}
-        A point's number; or an array with the offset of each component's value from its lowest.
 
     Examples
     --------

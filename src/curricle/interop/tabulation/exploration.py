@@ -137,11 +137,6 @@ def explore(world: Explorable, budget: Budget) -> Explored:
     Entering a state with the end of the episode, and entering it without, are two states. A state
     that is only entered by truncation is not gone on from: every action leads back to it, with
     reward 0.
-
-    Raises
-    ------
-    TaskError
-        When a budget does not suffice.
     """
     search = _Search(world, budget)
     search.run()
@@ -275,18 +270,7 @@ class CoreAndViews(NamedTuple):
 
 
 class World:
-    """An environment, and how its states are saved and restored.
-
-    Parameters
-    ----------
-    env : gymnasium.Env
-        Nobody else's: it is stepped and reset.
-    act : callable
-        From an action's number to the environment's action.
-    access : StateAccess
-    name : str
-        For messages.
-    """
+    """An environment, and how its states are saved and restored."""
 
     def __init__(self, env: Environment, act: Callable[[int], Any], access: StateAccess, name: str):
         self.env, self.act, self.access, self.name = env, act, access, name
@@ -308,13 +292,7 @@ class World:
         return Arrival(self.access.save(self.now), 0.0, False, False, observed)
 
     def step(self, content: Any, action: int) -> Arrival:
-        """Return where the one outcome of an action leads from a saved state.
-
-        Raises
-        ------
-        TaskError
-            When the step, repeated with other random numbers, leads elsewhere.
-        """
+        """Return where the one outcome of an action leads from a saved state."""
         env, generators = self.access.restore(self.core, content)
         before = self._known if self._known is not None else [*map(state_of, generators)]
         first = self._arrival(env, action)

@@ -214,16 +214,7 @@ def max_steps_of(env: Environment) -> int | None:
 
 
 def fitting_state(env: Environment, core: Environment, seed: int) -> MiniGridState:
-    """Return how to save a MiniGrid environment's states: fast if it keeps none elsewhere.
-
-    Parameters
-    ----------
-    env : gymnasium.Env
-    core : gymnasium.Env
-        Its inner part, without wrappers that have no state.
-    seed : int
-        Of the reset before the random steps that are tried.
-    """
+    """Return how to save a MiniGrid environment's states: fast if it keeps none elsewhere."""
     if core is not env.unwrapped:
         return MiniGridState(copies=True)
     access = MiniGridAccess(own_reward=False)

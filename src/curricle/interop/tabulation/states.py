@@ -51,15 +51,7 @@ class RandomStates:
 
 
 def state_of(generator: Any) -> Any:
-    """Return a generator's state, to be compared.
-
-    Examples
-    --------
-    >>> one, other = np.random.default_rng(0), np.random.default_rng(0)
-    >>> _ = one.random()
-    >>> state_of(one) == state_of(other)
-    False
-    """
+    """Return a generator's state, to be compared."""
     if isinstance(generator, np.random.Generator):
         return generator.bit_generator.state
     if isinstance(generator, np.random.RandomState):
@@ -108,26 +100,6 @@ def fingerprint(
 
     Equal for values that are equal part by part, with the same parts shared between the same
     places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out.
-
-    Parameters
-    ----------
-    value : any
-    left_out : collection of str
-        Names of attributes that do not count.
-    generators : list, optional
-        Random generators that are met are appended to it, each once.
-
-    Raises
-    ------
-    TaskError
-        When a part holds what cannot be read, such as an open file.
-
-    Examples
-    --------
-    >>> fingerprint([1, np.arange(2)]) == fingerprint([1, np.arange(2)])
-    True
-    >>> fingerprint([1, 2]) == fingerprint((1, 2))
-    False
     """
     reader = _Reader(frozenset(left_out))
     reader.read(value)
@@ -331,13 +303,7 @@ class DeepCopy:
 
 
 class Copies(StateAccess):
-    """States as copies: the content of one is an environment and its random generators.
-
-    Parameters
-    ----------
-    ignored : frozenset of str
-        As of :class:`DeepCopy`.
-    """
+    """States as copies: the content of one is an environment and its random generators."""
 
     copies = True
 
@@ -364,16 +330,7 @@ class Copies(StateAccess):
 
 
 class SaveAndRestore(StateAccess):
-    """States are saved and restored by two functions: a hundred times as fast as copies.
-
-    Parameters
-    ----------
-    save_state : callable
-        ``save(env)`` returns the state, hashable: equal states are one. `env` is the environment
-        without wrappers.
-    restore_state : callable
-        ``restore(env, state)`` puts the environment into a state that was saved.
-    """
+    """States are saved and restored by two functions: a hundred times as fast as copies."""
 
     copies = False
 

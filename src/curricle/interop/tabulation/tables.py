@@ -66,18 +66,7 @@ class Tables(NamedTuple):
 
 
 def assembled(found: Explored, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
-    """Return the tables of explored states.
-
-    Parameters
-    ----------
-    found : Explored
-    n_actions : int
-    sampled : bool
-        Whether each outcome is one sample: those of a pair that lead to one state are made one,
-        with the mean of their rewards.
-    merge : bool
-        Whether states that differ in nothing observed or earned later are made one.
-    """
+    """Return the tables of explored states."""
     observations = None
     if all(one is not None for one in found.observations):
         observations = stacked_observations(found.observations, found.terminal)
@@ -301,14 +290,7 @@ Made = tuple[Tables, TabulationRecord]
 
 
 def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
-    """Return the tables of a file, None if there is no file.
-
-    Raises
-    ------
-    StoreError
-        When the file is damaged, its tables were made of something else than `made_of`, or a new
-        file could not be written, before any tables are made.
-    """
+    """Return the tables of a file, None if there is no file."""
     if not path.exists():
         if not os.access(path.parent, os.W_OK):
             raise StoreError(f"a cache must be a file in a folder that can be written to: {path}")

@@ -69,13 +69,6 @@ class Checker:
 
     What saves and restores a state may miss a part of it; then the tables and the environment
     differ sooner or later.
-
-    Parameters
-    ----------
-    world : World
-        Its environment is played, with all wrappers.
-    tables : Tables
-    n_actions : int
     """
 
     def __init__(self, world: World, tables: Tables, n_actions: int):
