@@ -76,10 +76,6 @@ class FunctionSource:
                 f"observation {observation!r}"
             ) from None
 
-    def many(self, rows: list[Any], stacked: Any, steps: Steps) -> Sequence[float] | FloatArray:
-        """Return Phi_i of n observations, given one by one and, if any source needs it, stacked."""
-        return [self.one(row, 0) for row in rows]
-
 
 @dataclass(frozen=True, eq=False)
 class BatchSource:
@@ -94,14 +90,14 @@ class BatchSource:
 
     def one(self, observation: Any, step: int) -> float:
         """Return Phi_i(s, t)."""
-        return float(self.many([observation], stack(self.space, [observation]), step)[0])
+        return float(self.many(1, stack(self.space, [observation]), step)[0])
 
-    def many(self, rows: list[Any], stacked: Any, steps: Steps) -> FloatArray:
+    def many(self, n: int, stacked: Any, steps: Steps) -> FloatArray:
         """Return Phi_i of n observations, (n,) float64."""
         values = numbers(f"what {self.who} returns", self.function(stacked), PotentialError)
-        if values.shape != (len(rows),):
+        if values.shape != (n,):
             raise PotentialError(
-                f"what {self.who} returns must have shape {(len(rows),)}: got {values.shape}"
+                f"what {self.who} returns must have shape {(n,)}: got {values.shape}"
             )
         return values
 
@@ -135,11 +131,8 @@ class StateSource:
             return self.fixed.item(state)
         return float(_values(self.potential, np.array([state]), step)[0])
 
-    def many(self, rows: list[Any], stacked: Any, steps: Steps) -> Sequence[float] | FloatArray:
+    def many(self, n: int, stacked: Any, steps: Steps) -> FloatArray:
         """Return Phi_i of n observations, (n,) float64."""
-        if not self.batched:
-            return [self.one(*row) for row in zip(rows, each_step(steps), strict=False)]
-        n = len(rows)
         states = whole(self.state_of(stacked), "the states of observations")
         if states.shape != (n,):
             raise SettingError(
@@ -318,7 +311,10 @@ class ShapingPotential:
         stacked = stack(self.space, rows) if stacked is None else stacked
         values = np.empty((1 + len(self.sources), n))
         for i, (name, each) in enumerate(self.sources.items(), start=1):
-            values[i] = each.many(rows, stacked, steps)
+            if isinstance(each, FunctionSource) or not each.batched:
+                values[i] = [each.one(*row) for row in zip(rows, each_step(steps), strict=False)]
+            else:
+                values[i] = each.many(n, stacked, steps)
             finite = np.isfinite(values[i])
             if np.count_nonzero(finite) < n:
                 place = int(finite.argmin())

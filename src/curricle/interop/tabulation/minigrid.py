@@ -1,7 +1,8 @@
 """MiniGrid's states, saved and restored a thousand times as fast as by copies."""
 
 import sys
-from collections.abc import Iterator, MutableMapping, Sequence
+from collections import UserDict
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import itemgetter
@@ -14,7 +15,6 @@ from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulation.states import (
     Copies,
     Environment,
-    SavedState,
     StateAccess,
     Words,
     fingerprint,
@@ -259,32 +259,17 @@ class _TimelessCopies(Copies):
         return copy, generators
 
 
-class _View(Unseen, MutableMapping[str, Any]):
+class _View(Unseen, UserDict[str, Any]):
     """An observation that is made when somebody looks at it."""
 
     def __init__(self, env: Any):
         self.env = env
 
     @cached_property
-    def made(self) -> dict[str, Any]:
+    def data(self) -> dict[str, Any]:  # type: ignore[override]
         """The observation."""
         seen: dict[str, Any] = type(self.env).gen_obs(self.env)
         return seen
-
-    def __getitem__(self, key: str) -> Any:
-        return self.made[key]
-
-    def __setitem__(self, key: str, value: Any) -> None:
-        self.made[key] = value
-
-    def __delitem__(self, key: str) -> None:
-        del self.made[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.made)
-
-    def __len__(self) -> int:
-        return len(self.made)
 
 
 class MiniGridAccess(StateAccess):
@@ -326,12 +311,12 @@ class MiniGridAccess(StateAccess):
         else:
             self.level = Level(len(self.levels), base)
             self.levels.append(self.level)
-            content = self.save(base).content
+            _, content = self.save(base)
             self.by_digest[digest] = self.level, content
             self.first.append((content, self.level.digests()))
         base.gen_obs = lambda: _View(base)
 
-    def save(self, env: Environment) -> SavedState:
+    def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return the state as a tuple, which tells it from others and restores it."""
         base: Any = env
         x, y = base.agent_pos
@@ -347,7 +332,7 @@ class MiniGridAccess(StateAccess):
             level.values_of_plain(attributes),
             base.step_count if self.own_reward else 0,
         )
-        return SavedState(state, state)
+        return state, state
 
     def _grid_number(self, cells: list[Any]) -> int:
         """Return the number of a grid with these contents."""
@@ -380,7 +365,7 @@ class MiniGridAccess(StateAccess):
 
     def observation(self, env: Environment, returned: Any) -> Any:
         """Return the observation of the state that the environment is in."""
-        return returned.made if isinstance(returned, _View) else returned
+        return returned.data if isinstance(returned, _View) else returned
 
     def describe(self, env: Environment) -> Words:
         """Return the components of the state."""

@@ -9,7 +9,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from enum import Enum
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -228,13 +228,6 @@ MOST_CELLS = 16
 """Entries of an array that are part of a state's label, at most."""
 
 
-class SavedState(NamedTuple):
-    """A state of an environment."""
-
-    key: Hashable  # equal for equal states
-    content: Any  # what it is restored from
-
-
 class StateAccess(ABC):
     """Saves and restores the states of one environment while it is tabulated.
 
@@ -250,8 +243,8 @@ class StateAccess(ABC):
         """Note what a reset made."""
 
     @abstractmethod
-    def save(self, env: Environment) -> SavedState:
-        """Return the state of an environment."""
+    def save(self, env: Environment) -> tuple[Hashable, Any]:
+        """Return what is equal for equal states of an environment, and what restores this one."""
 
     @abstractmethod
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
@@ -310,12 +303,11 @@ class Copies(StateAccess):
     def __init__(self, ignored: frozenset[str]):
         self.ignored = ignored
 
-    def save(self, env: Environment) -> SavedState:
+    def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return the environment itself, and its digest."""
         generators = list[Any]()
-        return SavedState(
-            fingerprint(env, self.ignored | left_out(env), generators), (env, generators)
-        )
+        key = fingerprint(env, self.ignored | left_out(env), generators)
+        return key, (env, generators)
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return a copy, and its generators."""
@@ -345,7 +337,7 @@ class SaveAndRestore(StateAccess):
         self.generators = []
         fingerprint(env, left_out(env), self.generators)
 
-    def save(self, env: Environment) -> SavedState:
+    def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return what the function returns, which tells states apart and restores them."""
         state = self.save_state(env.unwrapped)
         try:
@@ -355,7 +347,7 @@ class SaveAndRestore(StateAccess):
                 f"a saved state must be hashable, as a tuple of numbers is: {state!r} is a "
                 f"{type(state).__name__}"
             ) from None
-        return SavedState(state, state)
+        return state, state
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return the same environment, put into the state."""
