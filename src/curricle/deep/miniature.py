@@ -70,15 +70,14 @@ class Miniatures(ObservationTask):
     @cached_property
     def solved(self) -> "tuple[SolvedMember, ...]":
         """The members, solved; levels are drawn to be held out."""
-        return tuple(self._solved(one, self.held_out) for one in self.members)
+        settings = self.resets, self.held_out, self.max_states
+        return tuple(SolvedMember.of(one, *settings) for one in self.members)
 
     @cached_property
     def solved_tests(self) -> "tuple[SolvedMember, ...]":
         """The relatives that are only tested on, solved; all their levels are held out."""
-        return tuple(self._solved(one, 1.0) for one in self.tested_on)
-
-    def _solved(self, member: ObservationTask, held_out: float) -> "SolvedMember":
-        return SolvedMember.of(member, self.resets, held_out, self.max_states)
+        settings = self.resets, 1.0, self.max_states
+        return tuple(SolvedMember.of(one, *settings) for one in self.tested_on)
 
     def knowledge(self, *, potential: Any = None, seed: int = 0) -> Knowledge:
         """Return what is distilled: exact answers, or what a potential says of these observations.
@@ -208,8 +207,8 @@ class SolvedMember:
 
     member: ObservationTask
     table: TabulatedTask
-    level: IntArray
-    training: BoolArray
+    level: IntArray  # (S,): of each state
+    training: BoolArray  # (S,): whether the level is not held out; False for ends
 
     @classmethod
     def of(
@@ -308,7 +307,9 @@ def learn_miniatures(
     """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
 
     ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
-    held-out levels, mean over members.
+    held-out levels, mean over members. Where there are `potentials`, one for each seed, the
+    networks are fitted to what they say of the observations, instead of exact answers. TaskError
+    when a network acts no better than at random on held-out levels.
     """
     from curricle.deep.distillation import distil  # loads torch
 

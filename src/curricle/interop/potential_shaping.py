@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from itertools import repeat
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, SupportsFloat, TypeGuard
 
@@ -270,23 +270,65 @@ Finals = Callable[[int], Any]
 """The observation at which a sub-environment's episode was cut off, None if unknown."""
 
 
-@dataclass(frozen=True, eq=False)
+def _one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
+    """Return the one discount that the potentials' tasks and the caller state."""
+    stated = {}
+    for name, each in potentials.items():
+        if over_a_task(each):
+            stated[f"the task of {name!r}"] = generative_model(each.task).discount
+        elif isinstance(each, ObservationPotential):
+            stated[f"the task of {name!r}"] = each.task.discount
+    if discount is not None:
+        stated["the argument"] = number("discount", discount, SettingError, 0, 1)
+    if not stated:
+        raise SettingError("a discount must be given where no potential has a task that states it")
+    if len(set(stated.values())) > 1:
+        each_one = ", ".join(f"{value:g} by {name}" for name, value in stated.items())
+        raise SettingError(f"there must be one discount: got {each_one}")
+    return next(iter(stated.values()))
+
+
 class ShapingPotential:
-    """Phi of observations, with what each of its N named sources gives."""
+    """Phi of observations of a space, with what each of its N named sources gives."""
 
-    space: gymnasium.Space[Any]  # of one observation
-    sources: dict[str, Source]
-    discount: float
-    weight: Schedule  # w(t)
-    aggregate: Aggregate | None  # g, called with n observations as S and A = 1; None for one source
-    tolerance: float | None  # of the telescoping residual, as a share of the largest |Phi|
-
-    @cached_property
-    def _batched(self) -> bool:
-        return any(each.batched for each in self.sources.values())
+    def __init__(
+        self,
+        potential: Potential | Mapping[str, Potential],
+        space: gymnasium.Space[Any],  # of one observation
+        *,
+        discount: float | None,
+        weight: float | Schedule,
+        aggregate: Aggregate | None,
+        encode: Callable[[Any], Any] | None,
+        tolerance: float | None,
+        batched: bool = False,
+    ):
+        named = potential if isinstance(potential, Mapping) else {"potential": potential}
+        if not named:
+            raise PotentialError("shaping needs a potential: got none")
+        for name in named:
+            instance("a potential's name", name, str, SettingError)
+        if tolerance is not None:
+            number("tolerance", tolerance, SettingError, 0)
+        if encode is not None and not any(map(over_a_task, named.values())):
+            raise SettingError("encode must be left out where no potential is one over a task")
+        if aggregate is None and len(named) > 1:
+            aggregate = aggregation.mean
+        self.space = space
+        self.sources = {
+            name: source(name, each, space, encode, batched) for name, each in named.items()
+        }
+        self.discount = _one_discount(named, discount)
+        self.weight = schedule(weight)  # w(t)
+        self.aggregate = aggregate  # g, called with n observations as S and A = 1
+        # The largest telescoping residual allowed, as a share of the largest |Phi|.
+        self.allowed = math.inf
+        if tolerance is not None:
+            self.allowed = max(tolerance, *(each.rounding for each in self.sources.values()))
+        self._batched = any(each.batched for each in self.sources.values())
 
     def one(self, observation: Any, step: int) -> list[float]:
-        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source."""
+        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, all finite."""
         values = []
         for name, each in self.sources.items():
             value = each.one(observation, step)
@@ -325,64 +367,6 @@ class ShapingPotential:
             values[0] = aggregation.aggregate(self.aggregate, values[1:, :, None])[:, 0]
         values *= weights(self.weight, steps)
         return values.T.tolist()
-
-    @cached_property
-    def allowed(self) -> float:
-        """The largest residual allowed, as a share of the largest |Phi|."""
-        if self.tolerance is None:
-            return math.inf
-        return max(self.tolerance, *(each.rounding for each in self.sources.values()))
-
-
-def shaping_potential(
-    potential: Potential | Mapping[str, Potential],
-    space: gymnasium.Space[Any],
-    *,
-    discount: float | None,
-    weight: float | Schedule,
-    aggregate: Aggregate | None,
-    encode: Callable[[Any], Any] | None,
-    tolerance: float | None,
-    batched: bool = False,
-) -> ShapingPotential:
-    """Return the potential of observations of a space."""
-    named = potential if isinstance(potential, Mapping) else {"potential": potential}
-    if not named:
-        raise PotentialError("shaping needs a potential: got none")
-    for name in named:
-        instance("a potential's name", name, str, SettingError)
-    if tolerance is not None:
-        number("tolerance", tolerance, SettingError, 0)
-    if encode is not None and not any(map(over_a_task, named.values())):
-        raise SettingError("encode must be left out where no potential is one over a task")
-    if aggregate is None and len(named) > 1:
-        aggregate = aggregation.mean
-    return ShapingPotential(
-        space=space,
-        sources={name: source(name, each, space, encode, batched) for name, each in named.items()},
-        discount=_one_discount(named, discount),
-        weight=schedule(weight),
-        aggregate=aggregate,
-        tolerance=tolerance,
-    )
-
-
-def _one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
-    """Return the one discount that the potentials' tasks and the caller state."""
-    stated = {}
-    for name, each in potentials.items():
-        if over_a_task(each):
-            stated[f"the task of {name!r}"] = generative_model(each.task).discount
-        elif isinstance(each, ObservationPotential):
-            stated[f"the task of {name!r}"] = each.task.discount
-    if discount is not None:
-        stated["the argument"] = number("discount", discount, SettingError, 0, 1)
-    if not stated:
-        raise SettingError("a discount must be given where no potential has a task that states it")
-    if len(set(stated.values())) > 1:
-        each_one = ", ".join(f"{value:g} by {name}" for name, value in stated.items())
-        raise SettingError(f"there must be one discount: got {each_one}")
-    return next(iter(stated.values()))
 
 
 def check_unshaped(info: Mapping[str, Any]) -> None:
@@ -458,7 +442,11 @@ class ShapedStep(NamedTuple):
 
 
 class Episodes:
-    """The episodes of n sub-environments."""
+    """The episodes of n sub-environments.
+
+    `finals_in` says, for messages, where the observations are at which episodes were cut off. It
+    is given if a step that ends an episode returns the observation with which the next one begins.
+    """
 
     def __init__(
         self,
@@ -644,7 +632,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         # Potentials are functions or frozen: a copy of a large one would only cost memory.
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **settings)
         gymnasium.Wrapper.__init__(self, env)
-        self._potential = shaping_potential(space=env.observation_space, **settings)
+        self._potential = ShapingPotential(space=env.observation_space, **settings)
         self._steps = 0
         self._episode: Episode | None = None
 
@@ -769,7 +757,7 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
                 f"{mode!r}"
             )
         finals_in = "infos['final_obs']" if mode is AutoresetMode.SAME_STEP else None
-        self._potential = shaping_potential(space=env.single_observation_space, **settings)
+        self._potential = ShapingPotential(space=env.single_observation_space, **settings)
         self._episodes = Episodes(self._potential, env.observation_space, env.num_envs, finals_in)
 
     @property

@@ -51,19 +51,18 @@ def with_names(space: Space, names: Sequence[str], sizes: Sequence[int] | None =
     >>> with_names(space_of(Discrete(24), "state"), ["row", "column"], [4, 6]).label(7)
     'row=1 column=1'
     """
-    listed = name_list(names)
     if sizes is not None:
-        return _split(space, listed, sizes)
-    if len(listed) != len(space.names):
+        return _split(space, names, sizes)
+    if len(names) != len(space.names):
         raise TaskError(
             f"names must be one for each component of a state, in the order of "
-            f"{', '.join(space.names)}: got {len(listed)}, {', '.join(listed) or 'none'}"
+            f"{', '.join(space.names)}: got {len(names)}, {', '.join(names) or 'none'}"
         )
-    components = [replace(c, name=name) for c, name in zip(space.components, listed, strict=True)]
+    components = [replace(c, name=name) for c, name in zip(space.components, names, strict=True)]
     return Space(components, space.points)
 
 
-def _split(space: Space, names: tuple[str, ...], sizes: Any) -> Space:
+def _split(space: Space, names: Sequence[str], sizes: Any) -> Space:
     """Return a space of one component as one of several."""
     if isinstance(sizes, str) or not isinstance(sizes, Sequence):
         raise TaskError(f"sizes must be a list of whole numbers: got {sizes!r}")

@@ -14,10 +14,11 @@ from curricle.checks import number
 from curricle.errors import TaskError
 from curricle.interop.tabulation.states import (
     Environment,
-    RandomStates,
     StateAccess,
+    Streams,
     Words,
     layers_of,
+    restart,
     state_of,
     words_of_state,
 )
@@ -259,7 +260,7 @@ class World:
         self.core, self.views, self.acts = core_and_views(env, views_apart=not access.copies)
         self.now = self.core
         access.prepare(env)
-        self.random_states = RandomStates()
+        self.streams = Streams()
         self.drawing = 0  # pairs whose steps draw random numbers
         self._known: list[Any] | None = None  # the generators' states, where nobody has drawn since
 
@@ -314,7 +315,7 @@ class World:
             self._known = None
             for repetition in range(1, REPETITIONS):
                 again, generators = self.access.restore(self.core, content)
-                self.random_states.restart(generators, repetition)
+                restart(generators, repetition)
                 self._check_repeated(first, self._arrival(again, action), action)
         # Where all is one environment it is in the same state now; else `env` is kept as the state.
         self.now = env
@@ -323,10 +324,10 @@ class World:
     def _sample(self, content: Any, action: int) -> Arrival:
         """Return where one step leads from a saved state, with random numbers not used before."""
         env, generators = self.access.restore(self.core, content)
-        self.random_states.resume(generators)
+        self.streams.resume(generators)
         self.now = env
         arrival = self._arrival(env, action)
-        self.random_states.leave(generators)
+        self.streams.leave(generators)
         return arrival
 
     def _arrival(self, env: Environment, action: int) -> Arrival:

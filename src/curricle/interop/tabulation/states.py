@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
 
@@ -23,31 +24,28 @@ SALT = 2718
 """Begins the seeds of repeated steps, so that they are not those of the environment's resets."""
 
 
-class RandomStates:
-    """States to start generators from, in place; the same for the same kind and repetition."""
+class Streams:
+    """Where the generators in each place were left, so that no random number is used twice."""
 
     def __init__(self) -> None:
-        self._starts = dict[tuple[int, int, type], Any]()
-        self._streams = dict[tuple[int, type], Any]()
-
-    def restart(self, generators: Sequence[Any], repetition: int) -> None:
-        """Let each generator draw other numbers than in other repetitions."""
-        for place, each in enumerate(generators):
-            key = place, repetition, _kind(each)
-            if key not in self._starts:
-                self._starts[key] = _fresh(each, place, repetition)
-            _set(each, self._starts[key])
+        self._left = dict[tuple[int, type], Any]()
 
     def resume(self, generators: Sequence[Any]) -> None:
         """Let each generator go on where the generator in its place was left."""
         for place, each in enumerate(generators):
-            key = place, _kind(each)
-            _set(each, self._streams.get(key) or _fresh(each, place, 0))
+            kind = _kind(each)
+            _set(each, self._left.get((place, kind)) or _fresh(kind, place, 0))
 
     def leave(self, generators: Sequence[Any]) -> None:
         """Note where each generator is left."""
         for place, each in enumerate(generators):
-            self._streams[place, _kind(each)] = state_of(each)
+            self._left[place, _kind(each)] = state_of(each)
+
+
+def restart(generators: Sequence[Any], repetition: int) -> None:
+    """Let each generator draw other numbers than in other repetitions, the same for its kind."""
+    for place, each in enumerate(generators):
+        _set(each, _fresh(_kind(each), place, repetition))
 
 
 def state_of(generator: Any) -> Any:
@@ -69,19 +67,18 @@ def _set(generator: Any, state: Any) -> None:
         generator.setstate(state)
 
 
-def _fresh(generator: Any, place: int, repetition: int) -> Any:
-    """Return the state of a new generator of the same kind."""
-    seed = SALT + 1000 * place + repetition
-    if isinstance(generator, np.random.Generator):
-        return type(generator.bit_generator)(seed).state
-    if isinstance(generator, np.random.RandomState):
-        return state_of(np.random.RandomState(seed))
-    return random.Random(seed).getstate()
+@cache
+def _fresh(kind: Any, place: int, repetition: int) -> Any:
+    """Return the state of a new generator of a kind."""
+    new = kind(SALT + 1000 * place + repetition)
+    return new.state if isinstance(new, np.random.BitGenerator) else state_of(new)
 
 
 def _kind(generator: Any) -> type:
-    numpy = isinstance(generator, np.random.Generator)
-    return type(generator.bit_generator) if numpy else type(generator)
+    """Return what a generator draws its bits by."""
+    if isinstance(generator, np.random.Generator):
+        return type(generator.bit_generator)
+    return next(kind for kind in GENERATORS if isinstance(generator, kind))
 
 
 PLAIN = (type(None), bool, int, float, complex, str, bytes)
@@ -99,7 +96,9 @@ def fingerprint(
     """Return a digest of a value and all that it refers to, 16 bytes.
 
     Equal for values that are equal part by part, with the same parts shared between the same
-    places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out.
+    places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out,
+    and attributes with names `left_out`. Generators that are met are appended to `generators`.
+    TaskError when a part holds what cannot be read, such as an open file.
     """
     reader = _Reader(frozenset(left_out))
     reader.read(value)
