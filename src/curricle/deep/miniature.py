@@ -181,7 +181,6 @@ class Examined(NamedTuple):
 
     member: ObservationTask
     levels: int
-    states_a_level: float
     optimal: float
     random: float
     greedy: float
@@ -267,7 +266,6 @@ class SolvedMember:
         return Examined(
             self.member,
             n_levels,
-            (~self.table.mdp.terminal).sum() / self.levels,
             float(self.solution.values @ start / start.sum()),
             worth(random),
             worth(self.table.policy(values.policy)),
