@@ -7,10 +7,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.wrappers import TimeLimit
-from hypothesis import given, settings, strategies as st
-from hypothesis.extra.numpy import arrays
-
-from curricle.interop.gymnasium import observation_task
 
 pytest.importorskip("stable_baselines3")
 
@@ -20,7 +16,6 @@ from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
-    VecEnvWrapper,
     VecMonitor,
     VecNormalize,
 )
@@ -30,8 +25,7 @@ from curricle.deep.networks import NetworkValues
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import SettingError
 from curricle.interop.potential_shaping import PotentialShaping
-from curricle.transfer.observation_mapping import FunctionValues, TableValues
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.observation_mapping import FunctionValues
 
 from .shaped_worlds import (
     DISCOUNT,
@@ -133,59 +127,6 @@ def test_sources_have_terms_where_they_are_several():
     assert info["shaping"] == pytest.approx(np.mean(list(info["shaping_terms"].values())))
 
 
-def test_a_potential_over_observations_brings_its_discount_and_its_space():
-    task = observation_task(world, discount=0.8)
-    phi = ObservationPotential.of(task, FunctionValues(state_values=height))
-    assert ShapedVecEnv(worlds(), phi).discount == 0.8
-    with pytest.raises(SettingError, match=r"0.8 by the task of 'potential', 0.9 by the argument"):
-        ShapedVecEnv(worlds(), phi, discount=0.9)
-    with pytest.raises(SettingError, match="must be read from those of its task"):
-        ShapedVecEnv(worlds(observe=int), phi)
-
-
-def test_tables_of_values_read_states_that_are_numbers():
-    values = TableValues(np.stack([PHI, PHI - 1], axis=1))
-    runs = []
-    for potential in (values, PHI.__getitem__):
-        venv = ShapedVecEnv(worlds(observe=int), potential, discount=DISCOUNT)
-        venv.seed(0)
-        venv.reset()
-        runs.append([venv.step(np.zeros(2, int))[1] for _ in range(30)])
-    np.testing.assert_array_equal(*runs)
-
-
-@st.composite
-def tables(draw):
-    n, a = draw(st.integers(2, 4)), draw(st.integers(1, 3))
-    weights = draw(arrays(np.int64, (n, a, n), elements=st.integers(0, 3)))
-    weights[:, :, -1] += 1
-    reward = draw(arrays(np.int64, (n, a, n), elements=st.integers(-5, 5)))
-    return weights / weights.sum(axis=2, keepdims=True), reward.astype(float)
-
-
-@given(tables(), st.sampled_from([0.0, 0.3, 0.95, 1.0]), st.integers(1, 5), st.data())
-@settings(max_examples=30, deadline=None)
-def test_every_episodes_shaping_telescopes(tables, discount, limit, data):
-    phi = data.draw(arrays(np.float64, len(tables[0]), elements=st.floats(-1e3, 1e3)))
-    n, tolerance = 3, 1e-12 * max(1, abs(phi).max())
-    made = DummyVecEnv([lambda: TimeLimit(World(*tables), limit)] * n)
-    venv = ShapedVecEnv(made, phi.__getitem__, discount=discount)
-    venv.seed(0)
-    first = venv.reset()
-    total, steps = np.zeros(n), np.zeros(n, int)
-    for _ in range(20):
-        observations, rewards, dones, infos = venv.step(np.zeros(n, int))
-        total += discount**steps * (rewards - [info["original_reward"] for info in infos])
-        steps += 1
-        for i in np.flatnonzero(dones):
-            cut = infos[i]["TimeLimit.truncated"]
-            last = phi[infos[i]["terminal_observation"]] if cut else 0.0
-            expected = discount ** steps[i] * last - phi[first[i]]
-            assert abs(total[i] - expected) <= steps[i] * (tolerance + 1e-13)
-            assert abs(infos[i]["telescoping_residual"]) <= steps[i] * tolerance
-            total[i], steps[i], first[i] = 0.0, 0, observations[i]
-
-
 # -- a good citizen of Stable-Baselines3 ---------------------------------------------------------
 
 
@@ -252,28 +193,6 @@ def test_an_environment_is_shaped_once():
     venv.reset()
     with pytest.raises(SettingError, match="must be shaped once"):
         venv.step([0])
-
-
-def some_steps(venv):
-    return [venv.step([0] * venv.num_envs)[3] for _ in range(LIMIT + 1)]
-
-
-class Forgetful(VecEnvWrapper):
-    """Loses the observations in which episodes were cut off."""
-
-    def reset(self):
-        return self.venv.reset()
-
-    def step_wait(self):
-        *rest, infos = self.venv.step_wait()
-        return *rest, [{k: v for k, v in info.items() if "terminal" not in k} for info in infos]
-
-
-def test_missing_final_observations_are_refused():
-    venv = shape(Forgetful(worlds(2, limit=1)))
-    venv.reset()
-    with pytest.raises(SettingError, match=r"info\['terminal_observation'\]: sub-environment "):
-        some_steps(venv)
 
 
 def test_networks_may_round():

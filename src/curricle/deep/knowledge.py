@@ -81,7 +81,7 @@ class Knowledge(Frozen):
         seen = rows_of(observations, known)
         if pairs is not None:
             return cls.of(seen, pairs[known])
-        actor = _actor_of(values)
+        actor = actor_of(values)
         policy = None if actor is None else action_probabilities(actor, seen)
         return cls._merged(seen, v[known], None, policy, np.ones(int(known.sum()), int))
 
@@ -135,7 +135,7 @@ class Knowledge(Frozen):
         return cls(seen, v, mean(action_values), mean(policy), weight)
 
 
-def _actor_of(values: Any) -> Any:
+def actor_of(values: Any) -> Any:
     """Return the one network of a potential if it acts in the same observations; else None."""
     edges: Any = getattr(values, "edges", ())
     sources: Any = getattr(values, "values", ())

@@ -10,7 +10,7 @@ from gymnasium.wrappers import TimeLimit
 from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle.errors import PotentialError, SettingError
+from curricle.errors import SettingError
 from curricle.interop.gymnasium import observation_task
 from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 from curricle.tasks.observation_task import stack
@@ -142,19 +142,6 @@ def test_a_potential_over_observations_states_the_discount_and_the_space():
         PotentialShaping(walk(HOT, one_hot), phi)
     with pytest.raises(SettingError, match="a discount must be given"):
         PotentialShaping(walk(), TableValues(np.zeros((SIZE, 1))))
-
-
-@pytest.mark.parametrize(
-    ("read", "said"),
-    [
-        (lambda o: np.full(len(o), np.inf), "'potential' is inf at observation "),
-        (lambda o: np.zeros(2), r"must return shape \(1,\): got \(2,\)"),
-    ],
-)
-def test_values_that_cannot_be_used_are_named(read, said):
-    env = PotentialShaping(walk(), FunctionValues(state_values=read), discount=DISCOUNT)
-    with pytest.raises(PotentialError, match=said):
-        env.reset(seed=0)
 
 
 @given(st.data())

@@ -68,14 +68,6 @@ def test_a_failing_tracker_is_reported_and_off_and_stops_nobody(place):
     assert reported == [f"Diary failed {PLACES[place]} and is switched off: OSError: no space left"]
 
 
-def test_each_of_two_failures_is_reported():
-    reported = []
-    trackers = started([Diary("start"), Diary("close", ValueError("x"))], report=reported.append)
-    trackers.record("scratch", "hunt", None)
-    trackers.close()
-    assert [failure.split(": ")[1] for failure in reported] == ["OSError", "ValueError"]
-
-
 def test_a_failure_is_printed_to_stderr_by_default(capsys):
     started([Diary("start")])
     assert capsys.readouterr().err.startswith("Diary failed at the start of the study and is")
@@ -101,14 +93,6 @@ def test_logs_that_stay_empty_are_reported(tmp_path):
     assert reported == [
         "TensorBoard, Diary: nothing was logged, as this run finished no unit of work"
     ]
-
-
-def test_no_trackers_do_nothing(tmp_path, capsys):
-    trackers = started([], tmp_path)
-    trackers.record("scratch", "hunt", None)
-    trackers.close()
-    assert not list(tmp_path.iterdir())
-    assert capsys.readouterr() == ("", "")
 
 
 def test_an_unknown_tracker_is_refused_with_the_valid_names():
@@ -349,17 +333,6 @@ def test_it_calls_nobody_and_writes_inside_the_study_only(tmp_path):
     assert [p.name for p in (tmp_path / "study").iterdir()] == ["tensorboard"]
     assert not list((tmp_path / "home").iterdir())
     assert not list((tmp_path / "here").iterdir())
-
-
-def test_a_tool_that_fails_for_real_is_named_with_the_run(tmp_path):
-    said = []
-    trackers = started(["tensorboard"], tmp_path, said.append)
-    (tmp_path / "tensorboard" / "mean").write_text("in the way")
-    trackers.record("mean", "hunt", some_result())
-    trackers.close()
-    (sentence,) = said
-    assert sentence.startswith("TensorBoard failed at arm 'mean', task 'hunt' and is switched off")
-    assert str(tmp_path) in sentence
 
 
 def test_a_tracker_named_twice_is_opened_once(tmp_path):

@@ -2,7 +2,7 @@
 
 import sys
 from collections import UserDict
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import itemgetter
@@ -57,11 +57,11 @@ class Level:
         self.standard_doors = [each for each in standard if each.type == "door"]
         self.standard_movable = [each for each in standard if each.type != "door"]
         self.others = [each for each in self.objects if type(each).__module__ != STANDARD]
-        self.names = {
-            id(each): name
-            for kind in {each.type for each in self.objects}
-            for each, name in _numbered(kind, [o for o in self.objects if o.type == kind])
-        }
+        self.names = dict[int, str]()
+        for kind in {each.type for each in self.objects}:
+            alike = [each for each in self.objects if each.type == kind]
+            for i, each in enumerate(alike, start=1):
+                self.names[id(each)] = kind if len(alike) == 1 else f"{kind}_{i}"
 
     def object_states(self) -> tuple[Any, ...]:
         """Return what steps may change of the objects."""
@@ -130,11 +130,6 @@ def _objects(cells: Sequence[Any]) -> list[Any]:
             found[id(each)] = each
             each = each.contains
     return list(found.values())
-
-
-def _numbered(kind: str, objects: Sequence[Any]) -> Iterator[tuple[Any, str]]:
-    for i, each in enumerate(objects):
-        yield each, kind if len(objects) == 1 else f"{kind}_{i + 1}"
 
 
 def _place(place: Any) -> Any:
