@@ -1,12 +1,10 @@
 """Environments move as their tasks' tables say, and what is learnt in them by hand is the truth."""
 
-import gymnasium
 import numpy as np
-import pytest
 from hypothesis import given, settings, strategies as st
 
-from curricle import FiniteMDP, GridWorld, Pursuit, evaluate, solve
-from curricle.interop.environment import MazeEnvironment, to_gymnasium
+from curricle import FiniteMDP, GridWorld, Pursuit
+from curricle.interop.environment import to_gymnasium
 from curricle.interop.registration import register
 from curricle.tasks.task import tables
 
@@ -107,28 +105,3 @@ def test_a_seed_fixes_all_episodes_that_follow(task, seed):
     used.reset()
     used.step(0)
     assert played(used) == played(to_gymnasium(task))
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: gymnasium.make("Curricle/Maze-v0"),
-        lambda: MazeEnvironment(["..F.", "S.#T"], rewards={"step": -5}),
-    ],
-)
-def test_a_learner_by_hand_finds_the_planned_value(make):
-    environment = make()
-    task = environment.unwrapped.task
-    q = np.zeros((environment.observation_space.n, environment.action_space.n))
-    rng = np.random.default_rng(0)
-    for _ in range(500):
-        state, _ = environment.reset()
-        over = False
-        while not over:
-            action = rng.integers(4) if rng.random() < 0.3 else q[state].argmax()
-            reached, reward, terminated, truncated, _ = environment.step(action)
-            # The maze leaves nothing to chance, so that there is nothing to average.
-            q[state, action] = reward + task.discount * q[reached].max() * (not terminated)
-            state, over = reached, terminated or truncated
-    learnt = evaluate(task, q.argmax(axis=1)).start_value
-    assert learnt == pytest.approx(solve(task).start_value, abs=1e-6)

@@ -167,23 +167,3 @@ def test_shaping_is_initialisation_at_the_potential(world, discount, limit, data
     shaped = PotentialShaping(env, phi.__getitem__, discount=discount)
     learnt = q_learning(shaped, np.zeros((n, a)), discount, actions)
     np.testing.assert_allclose(learnt + phi[:, None], started, atol=1e-11 * max(1, abs(phi).max()))
-
-
-def test_q_learning_in_a_chain_learns_q_less_the_potential():
-    # Four cells and an end; left, right; every step costs 1. Cut off often, which is no end.
-    n, discount = 5, 0.9
-    p, r = np.zeros((n, 2, n)), np.full((n, 2, n), -1.0)
-    for cell in range(n):
-        p[cell, 0, max(cell - 1, 0)] = p[cell, 1, min(cell + 1, n - 1)] = 1.0
-    world, phi = World(p, r), np.array([3.0, -2.0, 5.0, 1.0, 7.0])
-    optimum = cr.solve(world.task(r, discount)).action_values
-    actions = np.random.default_rng(0).integers(2, size=4000).tolist()
-    for env, expected in (
-        (TimeLimit(world, 6), optimum),
-        (
-            PotentialShaping(TimeLimit(world, 6), phi.__getitem__, discount=discount),
-            optimum - phi[:, None],
-        ),
-    ):
-        learnt = q_learning(env, np.zeros((n, 2)), discount, actions)
-        np.testing.assert_allclose(learnt[:-1], expected[:-1], atol=1e-9)

@@ -13,7 +13,6 @@ from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space
 from curricle.errors import SettingError, TaskError
 from curricle.interop.environment import to_gymnasium
 from curricle.interop.registration import register
-from curricle.planning import rollout
 from curricle.tasks.task import generative_model
 
 from .environments import TASKS, WALLED
@@ -92,19 +91,6 @@ def test_environments_side_by_side_reset_by_themselves(mode):
 # -- episodes ----------------------------------------------------------------------------------
 
 
-def test_an_episode_is_the_task_s():
-    task = GridWorld(["S.F", "..T"], time_limit=50)
-    environment = to_gymnasium(task)
-    policy = np.array([EAST, SOUTH, WEST, NORTH, EAST, NORTH])
-    expected = rollout(task, policy)
-    state, _ = environment.reset()
-    for reached, reward in zip(expected.states[1:], expected.rewards, strict=True):
-        state, paid, terminated, truncated, info = environment.step(policy[state])
-        assert (state, paid, info["state"]) == (reached, reward, reached)
-    assert terminated
-    assert not truncated
-
-
 def test_terminated_and_truncated_differ():
     environment = to_gymnasium(GridWorld("S.T", time_limit=2))
     environment.reset()
@@ -123,20 +109,6 @@ def test_the_task_s_own_limit_is_the_only_one():
     endless = to_gymnasium(GridWorld("S.T", time_limit=None))
     endless.reset()
     assert not any(endless.step(WEST)[3] for _ in range(300))
-
-
-def test_equal_seeds_give_equal_episodes_and_others_others():
-    environment = to_gymnasium(Pursuit(4, 2))
-
-    def episodes(seed):
-        seen = [environment.reset(seed=seed)[0]]
-        for _ in range(60):
-            state, _, terminated, truncated, _ = environment.step(7)
-            seen.append(environment.reset()[0] if terminated or truncated else state)
-        return seen
-
-    assert episodes(1) == episodes(1)
-    assert episodes(1) != episodes(2)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordVectorStatistics
 
 import curricle as cr
 from curricle.errors import SettingError
@@ -107,28 +106,6 @@ def test_each_sub_environment_gets_what_the_oracle_writes_out(mode, terminal, li
             np.testing.assert_allclose(infos["original_return"], total, atol=1e-12)
             assert abs(infos["telescoping_residual"]).max() < 1e-12
     assert n_ended > 5
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_statistics_inside_stay_unshaped_in_vectors(mode):
-    def recorded():
-        return RecordVectorStatistics(SyncVectorEnv([world] * 2, autoreset_mode=mode))
-
-    actions = actions_of(80, 2)
-    shaped = VectorPotentialShaping(recorded(), table, discount=DISCOUNT)
-    runs = zip(vector_steps(shaped, actions), vector_steps(recorded(), actions), strict=True)
-    n_ended = 0
-    for (_, infos), (_, plain) in runs:
-        assert ("episode" in infos) == ("episode" in plain)
-        if "episode" in infos:
-            n_ended += infos["_episode"].sum()
-            np.testing.assert_array_equal(infos["episode"]["r"], plain["episode"]["r"])
-            np.testing.assert_array_equal(infos["_episode"], infos["_original_return"])
-            if mode is AutoresetMode.NEXT_STEP:
-                np.testing.assert_allclose(
-                    infos["episode"]["r"], infos["original_return"], atol=1e-12
-                )
-    assert n_ended > 10
 
 
 def as_dict(state):
