@@ -46,7 +46,7 @@ def row(level, seed, discount):
         env.reset(seed=seed)
         by_hand = shortest(env)
         pays = 1 - 0.9 * length / env.unwrapped.max_steps
-    rate = task.record.transitions_per_second
+    rate = task.record.transitions / (task.record.seconds - task.record.observing)
     line = (
         f"{level:<29} {task.states.size:>7,} {task.record.transitions:>11,} {seconds:>8.2f} "
         f"{seconds * share:>6.2f} "

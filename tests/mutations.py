@@ -385,8 +385,8 @@ MUTATIONS = [
     Mutation(
         "states with different rewards are made one",
         "interop/tabulation/tables.py",
-        "np.concatenate([blocks[:, None], rewards[:, None], moves], axis=1)",
-        "np.concatenate([blocks[:, None], moves], axis=1)",
+        " * len(different) + rewards.reshape(tables.reward.shape)",
+        "",
         (f"{TABULATE}::test_observations_that_several_states_show_show_none",),
     ),
 ]

@@ -99,27 +99,6 @@ def test_cut_off_steps_are_bootstrapped_through_phi_and_ended_ones_are_not(seed)
     assert (some.dones.numpy()[:, 0] == ends).all()
 
 
-def test_a_residual_on_a_linear_phi_is_the_linear_network_started_there():
-    rng = np.random.default_rng(7)
-    task = random_task(rng)
-    observed = one_hot(task)
-    phi = rng.normal(size=(5, 3)).astype(np.float32).astype(float)
-    settings = {"buffer_size": 500, "batch_size": 16, "target_update_interval": 20}
-    residual = linear(observed, table_potential(task, observed, phi), **settings)
-    started = linear(observed, **settings)
-    for net in (started.q_net, started.q_net_target):
-        net.q_net[0].weight.data = torch.as_tensor(phi.T, dtype=torch.float32)
-    each = []
-    for model in (residual, started):
-        steps = Steps()
-        model.set_random_seed(5)
-        model.learn(500, callback=steps)
-        each.append((steps.seen, NetworkValues(model.policy).v(np.eye(5, dtype=np.float32))))
-    (seen, values), (same, alike) = each
-    assert seen == same
-    assert values == pytest.approx(alike, abs=1e-4)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_a_misleading_phi_leaves_the_optimal_policy_as_it_is(seed):
     rng = np.random.default_rng(40 + seed)

@@ -73,23 +73,6 @@ def distil(
 
     Errors of values are in units of their spread. No step of any environment is taken. The network
     has the task's spaces; `seed` draws its first weights and the batches.
-
-    Raises
-    ------
-    SettingError
-        When the learner's networks are of another kind, or what is known is of other actions than
-        the task's.
-
-    Examples
-    --------
-    >>> import curricle as cr
-    >>> task = cr.observation_task("CartPole-v1")
-    >>> carts = np.random.default_rng(0).normal(size=(100, 4)).astype(np.float32)
-    >>> upright = Knowledge.of(carts, np.stack([-carts[:, 2], carts[:, 2]], axis=1))
-    >>> fit = Distillation(updates=300, batch_size=50)
-    >>> values = distil(upright, task, DeepLearner("PPO"), fit)
-    >>> (values.act(carts) == (carts[:, 2] > 0)).mean() > 0.9
-    np.True_
     """
     small = splitmix64(stream_start(seed, "distillation")) >> 33
     with isolated(learner.threads):

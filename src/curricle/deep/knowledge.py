@@ -1,19 +1,21 @@
 """What is known of observations: the values and the policy that a network is fitted to."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.display import brief_repr
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, adopted
-from curricle.interop.tabulation.tabulated_task import action_probabilities
+from curricle.interop.tabulation.tabulated_task import action_probabilities, assembled, parts_of
 from curricle.planning.solution import greedy_policy
+
+COLUMNS = ("values", "action_values", "policy", "states")
+"""What is known, by row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +33,6 @@ class Knowledge(Frozen):
         The probability of each action.
     states : (n,) int64
         How many states look like this. What is known of an observation is their mean.
-
-    Examples
-    --------
-    Two of three states look alike.
-
-    >>> known = Knowledge.of(np.array([[0.0], [1.0], [1.0]]), np.array([[0.0, 1], [3, 0], [0, 5]]))
-    >>> known.values, known.policy[1], known.alike
-    (array([1., 4.]), array([0.5, 0.5]), 0.66...)
     """
 
     observations: Any
@@ -87,7 +81,7 @@ class Knowledge(Frozen):
         seen = rows_of(observations, known)
         if pairs is not None:
             return cls.of(seen, pairs[known])
-        actor = _actor_of(values)
+        actor = actor_of(values)
         policy = None if actor is None else action_probabilities(actor, seen)
         return cls._merged(seen, v[known], None, policy, np.ones(int(known.sum()), int))
 
@@ -95,12 +89,13 @@ class Knowledge(Frozen):
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Return what several know together, each weighted by its states."""
         first = parts[0]
-        observations = _concatenated([part.observations for part in parts])
+        seen = [parts_of(part.observations) for part in parts]
+        observations = assembled({n: np.concatenate([each[n] for each in seen]) for n in seen[0]})
         columns = [
             None
             if getattr(first, name) is None
             else np.concatenate([getattr(part, name) for part in parts])
-            for name in ("values", "action_values", "policy", "states")
+            for name in COLUMNS
         ]
         return cls._merged(observations, *columns)  # type: ignore[arg-type]
 
@@ -109,19 +104,12 @@ class Knowledge(Frozen):
         """The share of states that look like another: what the observation hides."""
         return float(self.states[self.states > 1].sum() / self.states.sum())
 
-    def rows(self, chosen: IntArray | BoolArray) -> "Knowledge":
-        """Return what is known of some of the observations."""
-        parts = [getattr(self, name) for name in ("values", "action_values", "policy", "states")]
-        kept = [None if part is None else part[chosen] for part in parts]
-        return Knowledge(rows_of(self.observations, chosen), *kept)  # type: ignore[arg-type]
-
-    def shuffled(self, seed: int) -> "Knowledge":
+    def shuffled(self, seed: int) -> Self:
         """Return the same values and policies, each with the observation of another."""
         order = np.random.default_rng(seed).permutation(len(self.values))
-        mixed = self.rows(order)
-        return Knowledge(
-            self.observations, mixed.values, mixed.action_values, mixed.policy, mixed.states
-        )
+        columns = (getattr(self, name) for name in COLUMNS)
+        mixed = [None if column is None else column[order] for column in columns]
+        return type(self)(self.observations, *mixed)  # type: ignore[arg-type]
 
     @classmethod
     def _merged(
@@ -147,7 +135,7 @@ class Knowledge(Frozen):
         return cls(seen, v, mean(action_values), mean(policy), weight)
 
 
-def _actor_of(values: Any) -> Any:
+def actor_of(values: Any) -> Any:
     """Return the one network of a potential if it acts in the same observations; else None."""
     edges: Any = getattr(values, "edges", ())
     sources: Any = getattr(values, "values", ())
@@ -156,40 +144,14 @@ def _actor_of(values: Any) -> Any:
     return sources[0] if getattr(sources[0], "kind", "") == "value_net" else None
 
 
-def rows_of(observations: Any, rows: IntArray | BoolArray | slice) -> Any:
-    """Return some of n stacked observations.
-
-    Examples
-    --------
-    >>> rows_of({"image": np.arange(6).reshape(3, 2)}, np.array([2]))
-    {'image': array([[4, 5]])}
-    """
-    if isinstance(observations, Mapping):
-        return {name: rows_of(part, rows) for name, part in observations.items()}
-    if isinstance(observations, tuple):
-        return tuple(rows_of(part, rows) for part in observations)
-    return observations[rows]
-
-
-def _concatenated(parts: Sequence[Any]) -> Any:
-    if isinstance(parts[0], Mapping):
-        return {name: _concatenated([part[name] for part in parts]) for name in parts[0]}
-    if isinstance(parts[0], tuple):
-        return tuple(map(_concatenated, zip(*parts, strict=True)))
-    return np.concatenate(parts)
-
-
-def _leaves(observations: Any) -> list[npt.NDArray[Any]]:
-    if isinstance(observations, Mapping):
-        return [leaf for part in observations.values() for leaf in _leaves(part)]
-    if isinstance(observations, tuple):
-        return [leaf for part in observations for leaf in _leaves(part)]
-    return [np.ascontiguousarray(observations)]
+def rows_of(observations: Any, rows: IntArray | BoolArray) -> Any:
+    """Return some of n stacked observations."""
+    return assembled({name: part[rows] for name, part in parts_of(observations).items()})
 
 
 def _distinct(observations: Any) -> tuple[IntArray, IntArray]:
     """Return the first row of each different observation, and which of them each row is, (n,)."""
-    leaves = _leaves(observations)
+    leaves = [np.ascontiguousarray(part) for part in parts_of(observations).values()]
     numbers = dict[bytes, int]()
     first, group = list[int](), np.empty(len(leaves[0]), np.int64)
     for row in range(len(leaves[0])):

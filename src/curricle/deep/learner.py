@@ -133,15 +133,7 @@ def _own(module: str, name: str) -> Any:
 
 
 def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
-    """Raise SettingError unless a learner's policy takes a task's observations and actions.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> check_spaces(observation_task("CartPole-v1"), DeepLearner(policy="CnnPolicy"))
-    Traceback (most recent call last):
-    curricle.errors.SettingError: CnnPolicy reads a picture, a Box of three dimensions: ...
-    """
+    """Raise SettingError unless a learner's policy takes a task's observations and actions."""
     space, policy = task.observations, learner.policy
     if not isinstance(task.actions, LEAVES):
         raise SettingError(

@@ -70,15 +70,14 @@ class Miniatures(ObservationTask):
     @cached_property
     def solved(self) -> "tuple[SolvedMember, ...]":
         """The members, solved; levels are drawn to be held out."""
-        return tuple(self._solved(one, self.held_out) for one in self.members)
+        settings = self.resets, self.held_out, self.max_states
+        return tuple(SolvedMember.of(one, *settings) for one in self.members)
 
     @cached_property
     def solved_tests(self) -> "tuple[SolvedMember, ...]":
         """The relatives that are only tested on, solved; all their levels are held out."""
-        return tuple(self._solved(one, 1.0) for one in self.tested_on)
-
-    def _solved(self, member: ObservationTask, held_out: float) -> "SolvedMember":
-        return SolvedMember.of(member, self.resets, held_out, self.max_states)
+        settings = self.resets, 1.0, self.max_states
+        return tuple(SolvedMember.of(one, *settings) for one in self.tested_on)
 
     def knowledge(self, *, potential: Any = None, seed: int = 0) -> Knowledge:
         """Return what is distilled: exact answers, or what a potential says of these observations.
@@ -93,11 +92,6 @@ class Miniatures(ObservationTask):
         """Return how a network acts on held-out levels, by each member's tables.
 
         Those of `tested_on` come last. Returns are exact, and no step is taken.
-
-        Parameters
-        ----------
-        values : NetworkValues
-            Of any network that reads these observations.
         """
         return tuple(each.examined(values) for each in (*self.solved, *self.solved_tests))
 
@@ -187,7 +181,6 @@ class Examined(NamedTuple):
 
     member: ObservationTask
     levels: int
-    states_a_level: float
     optimal: float
     random: float
     greedy: float
@@ -209,21 +202,12 @@ class Examined(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SolvedMember:
-    """A member's tables, their levels, and the optimum.
-
-    Attributes
-    ----------
-    table : TabulatedTask
-    level : (S,) int64
-        The level of each state.
-    training : (S,) bool
-        Whether its level is not held out. False for ends.
-    """
+    """A member's tables, their levels, and the optimum."""
 
     member: ObservationTask
     table: TabulatedTask
-    level: IntArray
-    training: BoolArray
+    level: IntArray  # (S,): of each state
+    training: BoolArray  # (S,): whether the level is not held out; False for ends
 
     @classmethod
     def of(
@@ -282,7 +266,6 @@ class SolvedMember:
         return Examined(
             self.member,
             n_levels,
-            (~self.table.mdp.terminal).sum() / self.levels,
             float(self.solution.values @ start / start.sum()),
             worth(random),
             worth(self.table.policy(values.policy)),
@@ -293,14 +276,7 @@ class SolvedMember:
 
 
 def levels_of(table: TabulatedTask) -> IntArray:
-    """Return the level of each state, (S,): states that a path connects, ends left out.
-
-    Examples
-    --------
-    >>> import curricle as cr
-    >>> len(set(levels_of(cr.tabulate("FrozenLake-v1", discount=0.9)).tolist()))
-    6
-    """
+    """Return the level of each state, (S,): states that a path connects, ends left out."""
     from scipy.sparse import coo_array  # takes time, and few need it
     from scipy.sparse.csgraph import connected_components
 
@@ -329,27 +305,9 @@ def learn_miniatures(
     """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
 
     ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
-    held-out levels, mean over members.
-
-    Parameters
-    ----------
-    task : Miniatures
-    learner : DeepLearner
-        Whose networks they are.
-    seeds : sequence of K int
-    potentials : sequence of K potentials
-        What each seed's sources say of the observations, instead of exact answers. Or none.
-    eval_freq : int
-        Of the result.
-    progress : bool or callable, optional
-        As in :func:`learn`.
-
-    Raises
-    ------
-    SettingError
-        As :func:`distil`.
-    TaskError
-        When a network acts no better than at random on held-out levels.
+    held-out levels, mean over members. Where there are `potentials`, one for each seed, the
+    networks are fitted to what they say of the observations, instead of exact answers. TaskError
+    when a network acts no better than at random on held-out levels.
     """
     from curricle.deep.distillation import distil  # loads torch
 

@@ -46,13 +46,6 @@ def model_for(
 
     `seed` is below 2^32; a replay buffer is not made larger than the `steps` it will learn.
     SettingError when the algorithm does not take a setting or the shaping.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> model = model_for(observation_task("CartPole-v1", discount=0.9), DeepLearner("PPO"))
-    >>> type(model).__name__, model.gamma
-    ('PPO', 0.9)
     """
     if shaping is not None and shaping.potential is None:
         shaping = None  # nothing is added
@@ -200,13 +193,7 @@ def carry_over(model: Any, potential: ObservationPotential, *, actor_alone: bool
 
 
 def pull(progress_remaining: float) -> float:
-    """Return what is left of a source's pull: 1 at the start, 0 from the half of the budget on.
-
-    Examples
-    --------
-    >>> pull(1.0), pull(0.75), pull(0.5), pull(0.0)
-    (1.0, 0.5, 0.0, 0.0)
-    """
+    """Return what is left of a source's pull: 1 at the start, 0 from the half of the budget on."""
     return max(0.0, 1.0 - (1.0 - progress_remaining) / REUSED)
 
 

@@ -179,17 +179,7 @@ class Layer(NamedTuple):
 
 @dataclass(frozen=True)
 class PlainNetwork:
-    """Layers one after the other, computed by NumPy.
-
-    Examples
-    --------
-    >>> layer = torch.nn.Linear(2, 1)
-    >>> _ = torch.nn.init.ones_(layer.weight), torch.nn.init.zeros_(layer.bias)
-    >>> network = PlainNetwork((Layer(layer.weight, layer.bias, np.abs),))
-    >>> network.read(np.array([[1.0, 2.0], [-3.0, 1.0]]))
-    array([[3.],
-           [2.]], dtype=float32)
-    """
+    """Layers one after the other, computed by NumPy."""
 
     layers: tuple[Layer, ...]
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from curricle.array_types import IntArray
 from curricle.checks import instance, whole_number
+from curricle.deep.knowledge import actor_of
 from curricle.deep.learner import DeepLearner
 from curricle.errors import CurricleError, SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
@@ -214,8 +215,8 @@ def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -
     Actions are sampled, and rewards summed or discounted, as the target's evaluation has it. NaN
     where there are several sources, a mapping changes what they read, or the source has no actor.
     """
-    (edge, *others), source = potential.edges, potential.values[0]
-    if others or not edge.mapping.is_identity or getattr(source, "kind", "") != "value_net":
+    source = actor_of(potential)
+    if source is None:
         return float("nan")
     from curricle.deep.checkpoint import drawing  # needs torch
 

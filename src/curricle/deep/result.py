@@ -83,21 +83,17 @@ class DeepResult(LearningResult):
         each = list(shaping) if isinstance(shaping, Sequence) else [shaping] * n
         if len(each) != n:
             raise SettingError(f"a shaping for each of {n} seeds is needed: got {len(each)}")
-        return found._with_networks(task, learner, each)
-
-    def _with_networks(self, task: Any, learner: Any, shapings: Sequence[Shaping | None]) -> Self:
-        """Return the result with networks built from the parameters that are its values."""
         learner.algorithm_class()  # raises ImportError that names what to install
         from curricle.deep.models import network_values
 
         try:
             values = tuple(
                 network_values(task, learner, shaping, parameters)
-                for shaping, parameters in zip(shapings, self.values, strict=True)
+                for shaping, parameters in zip(each, found.values, strict=True)
             )
         except (RuntimeError, KeyError) as error:
             raise SettingError(
                 f"networks must be loaded with the task, learner and shaping they were trained "
                 f"with: {learner} does not take these parameters, {' '.join(str(error).split())}"
             ) from None
-        return replace(self, task=task, learner=learner, values=values)
+        return replace(found, task=task, values=values)

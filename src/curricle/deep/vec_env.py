@@ -12,8 +12,8 @@ from curricle.errors import SettingError
 from curricle.interop.potential_shaping import (
     Episodes,
     Potential,
+    ShapingPotential,
     check_unshaped,
-    shaping_potential,
 )
 from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregation import Aggregate
@@ -82,7 +82,7 @@ class ShapedVecEnv(VecEnvWrapper):
                 "rewards that go into it"
             )
         space = venv.observation_space
-        self._potential = shaping_potential(
+        self._potential = ShapingPotential(
             potential,
             space,
             discount=discount,

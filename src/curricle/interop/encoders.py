@@ -5,6 +5,7 @@ environment to the same environment, wrapped, so that it has other observations.
 dataclasses: equal settings are equal encoders, with the same text in every process.
 """
 
+from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -140,15 +141,9 @@ CAMERA = (1, 3, 4)
 
 
 class EncodedObservations(gym.ObservationWrapper[Any, Any, Any]):
-    """Shows another observation in the place of each; it has no state, so it can be tabulated.
+    """Shows ``encoded(env, observation)``, of the environment without wrappers.
 
-    Parameters
-    ----------
-    env : gymnasium.Env
-    encoded : callable
-        ``encoded(env, observation)`` with the environment without wrappers.
-    space : gymnasium.Space
-        Of what `encoded` returns.
+    It has no state, so it can be tabulated.
     """
 
     def __init__(self, env: Environment, encoded: Callable[[Any, Any], Any], space: gym.Space[Any]):
@@ -275,7 +270,8 @@ class FlatDict:
                 )
         flat: Any = flatten_space(kept)
         low, high = (bound.astype(np.float32) for bound in (flat.low, flat.high))
-        return EncodedObservations(env, _Flattened(kept), Box(low, high, dtype=np.float32))
+        box = Box(low, high, dtype=np.float32)
+        return EncodedObservations(env, partial(_flattened, kept), box)
 
 
 @dataclass(frozen=True)
@@ -330,15 +326,9 @@ class StackedFrames:
         return EncodedObservations(stacked, _joined, joined)
 
 
-@dataclass(frozen=True)
-class _Flattened:
-    """Flattens observations of a space."""
-
-    space: gym.Space[Any] = field(hash=False)
-
-    def __call__(self, env: Any, observation: Any) -> npt.NDArray[np.float32]:
-        kept = {key: observation[key] for key in self.space}  # type: ignore[attr-defined]
-        return np.asarray(flatten(self.space, kept), dtype=np.float32)
+def _flattened(space: Dict, env: Any, observation: Any) -> npt.NDArray[np.float32]:
+    kept = {key: observation[key] for key in space}
+    return np.asarray(flatten(space, kept), dtype=np.float32)
 
 
 def _joined(env: Any, frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -376,26 +366,38 @@ WORDS = tuple(VOCABULARY.split())
 Cells = npt.NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class _MiniGridEncoder:
-    """What both encoders of MiniGrid have in common."""
+class _MiniGridEncoder(ABC):
+    """Puts cells, direction and mission together, as a vector or a picture."""
+
+    picture: bool
+    mission: bool
 
     def __post_init__(self) -> None:
         for name in ("picture", "mission"):
             instance(f"{name} of an encoder", getattr(self, name), bool, SettingError)
-        if self._form.picture and self._form.mission:
+        if self.picture and self.mission:
             raise SettingError("a mission goes with a vector: got picture=True and mission=True")
 
-    @property
-    def _form(self) -> "_Form":
-        mine: Any = self
-        return _Form(mine.picture, mine.mission)
+    @abstractmethod
+    def _cells(self, base: Any, observation: Any) -> Cells:
+        """Return the cells that are encoded, (width, height, 20)."""
 
-    def _wrapped(
-        self, env: Environment, cells: Callable[[Any, Any], Cells], width: int, height: int
-    ) -> Environment:
-        space = self._form.space(width, height)
-        return EncodedObservations(env, _Encoded(cells, self._form), space)
+    def _wrapped(self, env: Environment, width: int, height: int) -> Environment:
+        if self.picture:
+            shape: tuple[int, ...] = (CHANNELS + DIRECTIONS, height, width)
+        else:
+            words = len(WORDS) if self.mission else 0
+            shape = (width * height * CHANNELS + DIRECTIONS + words,)
+        return EncodedObservations(env, self._encoded, Box(0, 1, shape, np.float32))
+
+    def _encoded(self, base: Any, observation: Any) -> Cells:
+        cells = self._cells(base, observation)
+        direction = _identity(DIRECTIONS)[observation["direction"]]
+        if self.picture:
+            planes = np.broadcast_to(direction[:, None, None], (DIRECTIONS, *cells.shape[1::-1]))
+            return np.concatenate([cells.transpose(2, 1, 0), planes])
+        words = [_words(observation["mission"])] if self.mission else []
+        return np.concatenate([cells.reshape(-1), direction, *words])
 
 
 @dataclass(frozen=True)
@@ -431,8 +433,10 @@ class MiniGridView(_MiniGridEncoder):
 
     def __call__(self, env: Environment) -> Environment:
         """Return the environment with encoded observations."""
-        width, height = _checked(env, "MiniGridView")
-        return self._wrapped(env, _seen, width, height)
+        return self._wrapped(env, *_checked(env, "MiniGridView"))
+
+    def _cells(self, base: Any, observation: Any) -> Cells:
+        return _one_hot(observation["image"])
 
 
 @dataclass(frozen=True)
@@ -476,9 +480,8 @@ class MiniGridFullView(_MiniGridEncoder):
     def __call__(self, env: Environment) -> Environment:
         """Return the environment with encoded observations."""
         _checked(env, "MiniGridFullView")
-        base: Any = env.unwrapped
-        self._check_size(base)
-        return self._wrapped(env, self._cells, self.width, self.height)
+        self._check_size(env.unwrapped)
+        return self._wrapped(env, self.width, self.height)
 
     def _check_size(self, base: Any) -> None:
         if base.width > self.width or base.height > self.height:
@@ -488,7 +491,6 @@ class MiniGridFullView(_MiniGridEncoder):
             )
 
     def _cells(self, base: Any, observation: Any) -> Cells:
-        """Return the whole grid, (width, height, 20)."""
         codes = np.zeros((self.width, self.height, 3), np.uint8)  # (0, 0, 0) are unseen cells
         self._check_size(base)  # a reset may make another grid
         left, top = (self.width - base.width) // 2, (self.height - base.height) // 2
@@ -501,47 +503,6 @@ class MiniGridFullView(_MiniGridEncoder):
             carried, colour, _ = base.carrying.encode()
             here[[carried, OBJECTS + colour]] = 1
         return cells
-
-
-@dataclass(frozen=True)
-class _Form:
-    """Puts cells, direction and mission together, as a vector or a picture."""
-
-    picture: bool
-    mission: bool
-
-    def space(self, width: int, height: int) -> Box:
-        """Return the space of encoded observations of so many cells."""
-        if self.picture:
-            return Box(0, 1, (CHANNELS + DIRECTIONS, height, width), np.float32)
-        words = len(WORDS) if self.mission else 0
-        return Box(0, 1, (width * height * CHANNELS + DIRECTIONS + words,), np.float32)
-
-    def of(self, cells: Cells, observation: Any) -> Cells:
-        """Return an encoded observation; cells are (width, height, 20)."""
-        direction = _identity(DIRECTIONS)[observation["direction"]]
-        if self.picture:
-            width, height, _ = cells.shape
-            planes = np.broadcast_to(direction[:, None, None], (DIRECTIONS, height, width))
-            return np.concatenate([cells.transpose(2, 1, 0), planes])
-        words = [_words(observation["mission"])] if self.mission else []
-        return np.concatenate([cells.reshape(-1), direction, *words])
-
-
-@dataclass(frozen=True)
-class _Encoded:
-    """The function of an :class:`EncodedObservations` of MiniGrid."""
-
-    cells: Callable[[Any, Any], Cells]
-    form: _Form
-
-    def __call__(self, base: Any, observation: Any) -> Cells:
-        return self.form.of(self.cells(base, observation), observation)
-
-
-def _seen(base: Any, observation: Any) -> Cells:
-    """Return the cells before the agent, (7, 7, 20)."""
-    return _one_hot(observation["image"])
 
 
 def _checked(env: Environment, encoder: str) -> tuple[int, int]:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from itertools import repeat
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, SupportsFloat, TypeGuard
 
@@ -76,10 +76,6 @@ class FunctionSource:
                 f"observation {observation!r}"
             ) from None
 
-    def many(self, rows: list[Any], stacked: Any, steps: Steps) -> Sequence[float] | FloatArray:
-        """Return Phi_i of n observations, given one by one and, if any source needs it, stacked."""
-        return [self.one(row, 0) for row in rows]
-
 
 @dataclass(frozen=True, eq=False)
 class BatchSource:
@@ -94,14 +90,14 @@ class BatchSource:
 
     def one(self, observation: Any, step: int) -> float:
         """Return Phi_i(s, t)."""
-        return float(self.many([observation], stack(self.space, [observation]), step)[0])
+        return float(self.many(1, stack(self.space, [observation]), step)[0])
 
-    def many(self, rows: list[Any], stacked: Any, steps: Steps) -> FloatArray:
+    def many(self, n: int, stacked: Any, steps: Steps) -> FloatArray:
         """Return Phi_i of n observations, (n,) float64."""
         values = numbers(f"what {self.who} returns", self.function(stacked), PotentialError)
-        if values.shape != (len(rows),):
+        if values.shape != (n,):
             raise PotentialError(
-                f"what {self.who} returns must have shape {(len(rows),)}: got {values.shape}"
+                f"what {self.who} returns must have shape {(n,)}: got {values.shape}"
             )
         return values
 
@@ -135,11 +131,8 @@ class StateSource:
             return self.fixed.item(state)
         return float(_values(self.potential, np.array([state]), step)[0])
 
-    def many(self, rows: list[Any], stacked: Any, steps: Steps) -> Sequence[float] | FloatArray:
+    def many(self, n: int, stacked: Any, steps: Steps) -> FloatArray:
         """Return Phi_i of n observations, (n,) float64."""
-        if not self.batched:
-            return [self.one(*row) for row in zip(rows, each_step(steps), strict=False)]
-        n = len(rows)
         states = whole(self.state_of(stacked), "the states of observations")
         if states.shape != (n,):
             raise SettingError(
@@ -277,29 +270,65 @@ Finals = Callable[[int], Any]
 """The observation at which a sub-environment's episode was cut off, None if unknown."""
 
 
-@dataclass(frozen=True, eq=False)
+def _one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
+    """Return the one discount that the potentials' tasks and the caller state."""
+    stated = {}
+    for name, each in potentials.items():
+        if over_a_task(each):
+            stated[f"the task of {name!r}"] = generative_model(each.task).discount
+        elif isinstance(each, ObservationPotential):
+            stated[f"the task of {name!r}"] = each.task.discount
+    if discount is not None:
+        stated["the argument"] = number("discount", discount, SettingError, 0, 1)
+    if not stated:
+        raise SettingError("a discount must be given where no potential has a task that states it")
+    if len(set(stated.values())) > 1:
+        each_one = ", ".join(f"{value:g} by {name}" for name, value in stated.items())
+        raise SettingError(f"there must be one discount: got {each_one}")
+    return next(iter(stated.values()))
+
+
 class ShapingPotential:
-    """Phi of observations, with what each of its N named sources gives."""
+    """Phi of observations of a space, with what each of its N named sources gives."""
 
-    space: gymnasium.Space[Any]  # of one observation
-    sources: dict[str, Source]
-    discount: float
-    weight: Schedule  # w(t)
-    aggregate: Aggregate | None  # g, called with n observations as S and A = 1; None for one source
-    tolerance: float | None  # of the telescoping residual, as a share of the largest |Phi|
-
-    @cached_property
-    def _batched(self) -> bool:
-        return any(each.batched for each in self.sources.values())
+    def __init__(
+        self,
+        potential: Potential | Mapping[str, Potential],
+        space: gymnasium.Space[Any],  # of one observation
+        *,
+        discount: float | None,
+        weight: float | Schedule,
+        aggregate: Aggregate | None,
+        encode: Callable[[Any], Any] | None,
+        tolerance: float | None,
+        batched: bool = False,
+    ):
+        named = potential if isinstance(potential, Mapping) else {"potential": potential}
+        if not named:
+            raise PotentialError("shaping needs a potential: got none")
+        for name in named:
+            instance("a potential's name", name, str, SettingError)
+        if tolerance is not None:
+            number("tolerance", tolerance, SettingError, 0)
+        if encode is not None and not any(map(over_a_task, named.values())):
+            raise SettingError("encode must be left out where no potential is one over a task")
+        if aggregate is None and len(named) > 1:
+            aggregate = aggregation.mean
+        self.space = space
+        self.sources = {
+            name: source(name, each, space, encode, batched) for name, each in named.items()
+        }
+        self.discount = _one_discount(named, discount)
+        self.weight = schedule(weight)  # w(t)
+        self.aggregate = aggregate  # g, called with n observations as S and A = 1
+        # The largest telescoping residual allowed, as a share of the largest |Phi|.
+        self.allowed = math.inf
+        if tolerance is not None:
+            self.allowed = max(tolerance, *(each.rounding for each in self.sources.values()))
+        self._batched = any(each.batched for each in self.sources.values())
 
     def one(self, observation: Any, step: int) -> list[float]:
-        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source.
-
-        Raises
-        ------
-        PotentialError
-            When a source's value is not finite.
-        """
+        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, all finite."""
         values = []
         for name, each in self.sources.items():
             value = each.one(observation, step)
@@ -324,7 +353,10 @@ class ShapingPotential:
         stacked = stack(self.space, rows) if stacked is None else stacked
         values = np.empty((1 + len(self.sources), n))
         for i, (name, each) in enumerate(self.sources.items(), start=1):
-            values[i] = each.many(rows, stacked, steps)
+            if isinstance(each, FunctionSource) or not each.batched:
+                values[i] = [each.one(*row) for row in zip(rows, each_step(steps), strict=False)]
+            else:
+                values[i] = each.many(n, stacked, steps)
             finite = np.isfinite(values[i])
             if np.count_nonzero(finite) < n:
                 place = int(finite.argmin())
@@ -335,73 +367,6 @@ class ShapingPotential:
             values[0] = aggregation.aggregate(self.aggregate, values[1:, :, None])[:, 0]
         values *= weights(self.weight, steps)
         return values.T.tolist()
-
-    @cached_property
-    def allowed(self) -> float:
-        """The largest residual allowed, as a share of the largest |Phi|."""
-        if self.tolerance is None:
-            return math.inf
-        return max(self.tolerance, *(each.rounding for each in self.sources.values()))
-
-
-def shaping_potential(
-    potential: Potential | Mapping[str, Potential],
-    space: gymnasium.Space[Any],
-    *,
-    discount: float | None,
-    weight: float | Schedule,
-    aggregate: Aggregate | None,
-    encode: Callable[[Any], Any] | None,
-    tolerance: float | None,
-    batched: bool = False,
-) -> ShapingPotential:
-    """Return the potential of observations of a space.
-
-    Raises
-    ------
-    PotentialError
-        When there is no potential, or something that cannot be one.
-    SettingError
-        When the discount is not stated or differs, or when the observations are not those of a
-        potential's task and do not number its states.
-    """
-    named = potential if isinstance(potential, Mapping) else {"potential": potential}
-    if not named:
-        raise PotentialError("shaping needs a potential: got none")
-    for name in named:
-        instance("a potential's name", name, str, SettingError)
-    if tolerance is not None:
-        number("tolerance", tolerance, SettingError, 0)
-    if encode is not None and not any(map(over_a_task, named.values())):
-        raise SettingError("encode must be left out where no potential is one over a task")
-    if aggregate is None and len(named) > 1:
-        aggregate = aggregation.mean
-    return ShapingPotential(
-        space=space,
-        sources={name: source(name, each, space, encode, batched) for name, each in named.items()},
-        discount=_one_discount(named, discount),
-        weight=schedule(weight),
-        aggregate=aggregate,
-        tolerance=tolerance,
-    )
-
-
-def _one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
-    """Return the one discount that the potentials' tasks and the caller state."""
-    stated = {}
-    for name, each in potentials.items():
-        if over_a_task(each):
-            stated[f"the task of {name!r}"] = generative_model(each.task).discount
-        elif isinstance(each, ObservationPotential):
-            stated[f"the task of {name!r}"] = each.task.discount
-    if discount is not None:
-        stated["the argument"] = number("discount", discount, SettingError, 0, 1)
-    if not stated:
-        raise SettingError("a discount must be given where no potential has a task that states it")
-    if len(set(stated.values())) > 1:
-        each_one = ", ".join(f"{value:g} by {name}" for name, value in stated.items())
-        raise SettingError(f"there must be one discount: got {each_one}")
-    return next(iter(stated.values()))
 
 
 def check_unshaped(info: Mapping[str, Any]) -> None:
@@ -421,14 +386,7 @@ def _not_finite(name: str, value: float, observation: Any) -> PotentialError:
 
 @dataclass
 class Episode:
-    """One episode under shaping; lists hold Phi and, after it, each source's Phi_i.
-
-    Examples
-    --------
-    >>> episode = Episode(first=0, begun=0, here=[1.0])
-    >>> episode.step([4.0], reward=-1.0, discount=0.5), episode.original  # 0.5 * 4 - 1
-    ([1.0], -1.0)
-    """
+    """One episode under shaping; lists hold Phi and, after it, each source's Phi_i."""
 
     first: Any  # the observation it began with
     begun: int  # the step at which it began
@@ -486,15 +444,8 @@ class ShapedStep(NamedTuple):
 class Episodes:
     """The episodes of n sub-environments.
 
-    Parameters
-    ----------
-    potential : ShapingPotential
-    space : gymnasium.Space
-        Of n stacked observations.
-    n : int
-    finals_in : str, optional
-        Where the observations are at which episodes were cut off, for messages. Given if a step
-        that ends an episode returns the observation with which the next one begins.
+    `finals_in` says, for messages, where the observations are at which episodes were cut off. It
+    is given if a step that ends an episode returns the observation with which the next one begins.
     """
 
     def __init__(
@@ -681,7 +632,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         # Potentials are functions or frozen: a copy of a large one would only cost memory.
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **settings)
         gymnasium.Wrapper.__init__(self, env)
-        self._potential = shaping_potential(space=env.observation_space, **settings)
+        self._potential = ShapingPotential(space=env.observation_space, **settings)
         self._steps = 0
         self._episode: Episode | None = None
 
@@ -806,7 +757,7 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
                 f"{mode!r}"
             )
         finals_in = "infos['final_obs']" if mode is AutoresetMode.SAME_STEP else None
-        self._potential = shaping_potential(space=env.single_observation_space, **settings)
+        self._potential = ShapingPotential(space=env.single_observation_space, **settings)
         self._episodes = Episodes(self._potential, env.observation_space, env.num_envs, finals_in)
 
     @property

@@ -51,19 +51,18 @@ def with_names(space: Space, names: Sequence[str], sizes: Sequence[int] | None =
     >>> with_names(space_of(Discrete(24), "state"), ["row", "column"], [4, 6]).label(7)
     'row=1 column=1'
     """
-    listed = name_list(names)
     if sizes is not None:
-        return _split(space, listed, sizes)
-    if len(listed) != len(space.names):
+        return _split(space, names, sizes)
+    if len(names) != len(space.names):
         raise TaskError(
             f"names must be one for each component of a state, in the order of "
-            f"{', '.join(space.names)}: got {len(listed)}, {', '.join(listed) or 'none'}"
+            f"{', '.join(space.names)}: got {len(names)}, {', '.join(names) or 'none'}"
         )
-    components = [replace(c, name=name) for c, name in zip(space.components, listed, strict=True)]
+    components = [replace(c, name=name) for c, name in zip(space.components, names, strict=True)]
     return Space(components, space.points)
 
 
-def _split(space: Space, names: tuple[str, ...], sizes: Any) -> Space:
+def _split(space: Space, names: Sequence[str], sizes: Any) -> Space:
     """Return a space of one component as one of several."""
     if isinstance(sizes, str) or not isinstance(sizes, Sequence):
         raise TaskError(f"sizes must be a list of whole numbers: got {sizes!r}")
@@ -85,13 +84,7 @@ def _split(space: Space, names: tuple[str, ...], sizes: Any) -> Space:
 
 
 def with_labels(space: Space, labels: Sequence[str]) -> Space:
-    """Return a space of actions, of one component, with a label for each action.
-
-    Examples
-    --------
-    >>> with_labels(space_of(Discrete(2), "action"), ["left", "right"]).label(1)
-    'action=right'
-    """
+    """Return a space of actions, of one component, with a label for each action."""
     listed = name_list(labels, "labels of actions")
     if len(space.components) > 1:
         raise TaskError(
@@ -107,13 +100,7 @@ def with_labels(space: Space, labels: Sequence[str]) -> Space:
 
 
 def name_list(given: Sequence[str], what: str = "names of a state's components") -> tuple[str, ...]:
-    """Return names as a tuple; TaskError where they are no list of different texts.
-
-    Examples
-    --------
-    >>> name_list(["row", "column"])
-    ('row', 'column')
-    """
+    """Return names as a tuple; TaskError where they are no list of different texts."""
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise TaskError(f"{what} must be a list of text: got {given!r}")
     for one in given:
@@ -137,13 +124,7 @@ def counts_from_0(space: gym.Space[Any]) -> "TypeGuard[Discrete[np.int64]]":
 
 @dataclass(frozen=True)
 class Number:
-    """From a point of a discrete Gymnasium space to its number in :func:`space_of`.
-
-    Examples
-    --------
-    >>> Number(Tuple([Discrete(3), Discrete(2)]))((2, 1))
-    5
-    """
+    """From a point of a discrete Gymnasium space to its number in :func:`space_of`."""
 
     space: gym.Space[Any] = field(hash=False)
 
@@ -168,13 +149,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Point:
-    """From a number in :func:`space_of` to its point of a discrete Gymnasium space.
-
-    Examples
-    --------
-    >>> Point(MultiDiscrete([3, 2]))(5)
-    array([2, 1])
-    """
+    """From a number in :func:`space_of` to its point of a discrete Gymnasium space."""
 
     space: gym.Space[Any] = field(hash=False)
 
@@ -236,12 +211,6 @@ def _assembled(space: gym.Space[Any], values: Iterator[int]) -> Any:
 
 class Coding:
     """The points of a space as Gymnasium's spaces hold them.
-
-    Parameters
-    ----------
-    space : Space
-    form : {"index", "components"}
-        A point's number; or an array with the offset of each component's value from its lowest.
 
     Examples
     --------

@@ -128,7 +128,7 @@ def test_nothing_is_written_where_nothing_is_made(tmp_path):
 
 
 def test_a_cache_that_cannot_be_written_is_refused_before_states_are_visited(tmp_path, monkeypatch):
-    monkeypatch.setattr("curricle.interop.tabulation.tabulate.explore", None)
+    monkeypatch.setattr("curricle.interop.tabulation.tabulate.Search", None)
     with pytest.raises(StoreError, match="a cache must be a file in a folder that can be written"):
         tabulated(tmp_path / "no folder" / "lamps")
 

@@ -5,7 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 from gymnasium.wrappers import FrameStackObservation, TimeLimit
@@ -14,11 +14,11 @@ from curricle.checks import number
 from curricle.errors import TaskError
 from curricle.interop.tabulation.states import (
     Environment,
-    RandomStates,
-    SavedState,
     StateAccess,
+    Streams,
     Words,
     layers_of,
+    restart,
     state_of,
     words_of_state,
 )
@@ -82,34 +82,6 @@ STAY = Reached(1.0, None, None, 0.0, terminated=False, truncated=False)
 """What every action does in a state in which episodes are only ever truncated."""
 
 
-class Explorable(Protocol):
-    """What a search needs of an environment.
-
-    After `starts` and `outcomes` have yielded a state it can be looked at until the next is asked
-    for.
-    """
-
-    name: str
-    n_actions: int
-
-    def starts(self) -> Iterable[Reached]:
-        """Yield the states in which episodes start, each with its probability."""
-
-    def outcomes(self, content: Any, action: int) -> Iterable[Reached]:
-        """Yield the outcomes of an action in a state."""
-
-    def look(self) -> tuple[Any, Words]:
-        """Return what is observed in the state yielded last, and the state in words."""
-
-
-class Budget(NamedTuple):
-    """What a search may use."""
-
-    states: int
-    seconds: float
-    show: Callable[[Progress], Any] | None = None
-
-
 @dataclass
 class Explored:
     """All states in the order in which they were found, and all outcomes.
@@ -131,26 +103,23 @@ class Explored:
     observing: float = 0.0  # of them those that observations and words took
 
 
-def explore(world: Explorable, budget: Budget) -> Explored:
-    """Return every state that can be reached, breadth first from the start.
+class Search:
+    """Visits every state that can be reached, breadth first from the start.
 
     Entering a state with the end of the episode, and entering it without, are two states. A state
     that is only entered by truncation is not gone on from: every action leads back to it, with
     reward 0.
-
-    Raises
-    ------
-    TaskError
-        When a budget does not suffice.
     """
-    search = _Search(world, budget)
-    search.run()
-    return search.found
 
-
-class _Search:
-    def __init__(self, world: Explorable, budget: Budget):
-        self.world, self.budget = world, budget
+    def __init__(
+        self,
+        world: "World | ListedOutcomes",
+        max_states: int,
+        max_seconds: float,
+        show: Callable[[Progress], Any],
+    ):
+        self.world, self.show = world, show
+        self.max_states, self.max_seconds = max_states, max_seconds
         self.found = Explored()
         self.numbers = dict[tuple[Hashable, bool], int]()
         self.contents = list[Any]()
@@ -159,7 +128,8 @@ class _Search:
         self.began = self.shown = time.perf_counter()
         self.expanded = 0
 
-    def run(self) -> None:
+    def run(self) -> Explored:
+        """Return all states and outcomes; TaskError when a limit does not suffice."""
         found, n_actions = self.found, self.world.n_actions
         for reached in self.world.starts():
             state = self._number(reached)
@@ -180,6 +150,7 @@ class _Search:
                 self._add(state * n_actions + action, state, STAY)
         found.cut = len(staying)
         found.seconds = time.perf_counter() - self.began
+        return found
 
     def _number(self, reached: Reached) -> int:
         """Return the number of a state, a new one if it was not met before."""
@@ -187,7 +158,7 @@ class _Search:
         state = self.numbers.get(name)
         if state is None:
             state = self.numbers[name] = len(self.contents)
-            if state >= self.budget.states:
+            if state >= self.max_states:
                 raise self._too_many()
             before = time.perf_counter()
             observation, words = self.world.look()
@@ -212,18 +183,16 @@ class _Search:
 
     def _check_time(self) -> None:
         now = time.perf_counter()
-        if now - self.began > self.budget.seconds:
+        if now - self.began > self.max_seconds:
             raise TaskError(
-                f"a table must be complete within max_seconds, {self.budget.seconds:g}: tabulating "
+                f"a table must be complete within max_seconds, {self.max_seconds:g}: tabulating "
                 f"{self.world.name} had found {len(self.contents):,} states by then and done "
                 f"{self.expanded:,} of them"
             )
-        if self.budget.show is not None and now - self.shown > INTERVAL:
+        if now - self.shown > INTERVAL:
             self.shown = now
             transitions = len(self.found.pair)
-            self.budget.show(
-                Progress(len(self.contents), self.expanded, transitions, now - self.began)
-            )
+            self.show(Progress(len(self.contents), self.expanded, transitions, now - self.began))
 
     def _too_many(self) -> TaskError:
         """Return the error of a state budget, which says in what states differ most."""
@@ -243,7 +212,7 @@ class _Search:
         if 2 * len({frozenset(each.items()) for each in words}) > len(words):
             hint = f", which differ most in {name!r}, of {len(values[name]):,} values"
         return TaskError(
-            f"a table may have at most max_states, {self.budget.states:,} states: tabulating "
+            f"a table may have at most max_states, {self.max_states:,} states: tabulating "
             f"{self.world.name} found more{hint if len(words) > 1 else ''}"
         )
 
@@ -259,45 +228,68 @@ LONG_AGO = -(2**62)
 class Arrival(NamedTuple):
     """What a step or a reset leads to."""
 
-    state: SavedState
+    key: Hashable  # equal for equal states
+    content: Any  # what the state is restored from
     reward: float
     terminated: bool
     truncated: bool
     observed: Any  # as the step returned it
 
 
-class CoreAndViews(NamedTuple):
-    """What is stepped of an environment, and the wrappers that are apart from it."""
-
-    core: Environment
-    views: Sequence[gym.ObservationWrapper[Any, Any, Any]]  # from the innermost
-    acts: Sequence[gym.ActionWrapper[Any, Any, Any]]  # from the outermost
-
-
 class World:
-    """An environment, and how its states are saved and restored.
+    """An environment's own steps, and how its states are saved and restored.
 
-    Parameters
-    ----------
-    env : gymnasium.Env
-        Nobody else's: it is stepped and reset.
-    act : callable
-        From an action's number to the environment's action.
-    access : StateAccess
-    name : str
-        For messages.
+    After `starts` and `outcomes` have yielded a state it can be looked at until the next is asked
+    for.
     """
 
-    def __init__(self, env: Environment, act: Callable[[int], Any], access: StateAccess, name: str):
-        self.env, self.act, self.access, self.name = env, act, access, name
+    def __init__(
+        self,
+        env: Environment,  # nobody else's: it is stepped and reset
+        act: Callable[[int], Any],
+        n_actions: int,
+        seeds: Sequence[int],
+        samples: int | None,
+        access: StateAccess,
+        name: str,
+    ):
+        self.env, self.act, self.n_actions, self.seeds = env, act, n_actions, seeds
+        self.samples, self.access, self.name = samples, access, name
+        self.transitions = 0
+        self._last: Any = None
         self.core, self.views, self.acts = core_and_views(env, views_apart=not access.copies)
         self.now = self.core
         access.prepare(env)
-        self.random_states = RandomStates()
+        self.streams = Streams()
         self.drawing = 0  # pairs whose steps draw random numbers
         self._known: list[Any] | None = None  # the generators' states, where nobody has drawn since
 
-    def start(self, seed: int) -> Arrival:
+    def starts(self) -> Iterator[Reached]:
+        """Yield the state after each reset."""
+        for seed in self.seeds:
+            yield self._reached(self._start(seed), 1 / len(self.seeds))
+
+    def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
+        """Yield the one outcome, or those met in the samples, as often as they were met."""
+        self.transitions += 1
+        if self.samples is None:
+            yield self._reached(self._step(content, action), 1.0)
+            return
+        for _ in range(self.samples):
+            yield self._reached(self._sample(content, action), 1 / self.samples)
+
+    def look(self) -> tuple[Any, Words]:
+        """Return the observation and the words of the state that was yielded last."""
+        seen = self.access.observation(self.now, self._last)
+        for view in self.views:
+            seen = view.observation(seen)
+        return seen, self.access.describe(self.now)
+
+    def _reached(self, arrival: Arrival, probability: float) -> Reached:
+        *reached, self._last = arrival
+        return Reached(probability, *reached)
+
+    def _start(self, seed: int) -> Arrival:
         """Return where an episode begins that is reset with a seed."""
         self._known = None
         if self.access.copies:
@@ -305,16 +297,10 @@ class World:
         observed, _ = self._returned(self.now.reset(seed=seed), RESET)
         _rewind_clocks(self.now)
         self.access.begin(self.now)
-        return Arrival(self.access.save(self.now), 0.0, False, False, observed)
+        return Arrival(*self.access.save(self.now), 0.0, False, False, observed)
 
-    def step(self, content: Any, action: int) -> Arrival:
-        """Return where the one outcome of an action leads from a saved state.
-
-        Raises
-        ------
-        TaskError
-            When the step, repeated with other random numbers, leads elsewhere.
-        """
+    def _step(self, content: Any, action: int) -> Arrival:
+        """Return where the one outcome of an action leads from a saved state."""
         env, generators = self.access.restore(self.core, content)
         before = self._known if self._known is not None else [*map(state_of, generators)]
         first = self._arrival(env, action)
@@ -329,19 +315,19 @@ class World:
             self._known = None
             for repetition in range(1, REPETITIONS):
                 again, generators = self.access.restore(self.core, content)
-                self.random_states.restart(generators, repetition)
+                restart(generators, repetition)
                 self._check_repeated(first, self._arrival(again, action), action)
         # Where all is one environment it is in the same state now; else `env` is kept as the state.
         self.now = env
         return first
 
-    def sample(self, content: Any, action: int) -> Arrival:
+    def _sample(self, content: Any, action: int) -> Arrival:
         """Return where one step leads from a saved state, with random numbers not used before."""
         env, generators = self.access.restore(self.core, content)
-        self.random_states.resume(generators)
+        self.streams.resume(generators)
         self.now = env
         arrival = self._arrival(env, action)
-        self.random_states.leave(generators)
+        self.streams.leave(generators)
         return arrival
 
     def _arrival(self, env: Environment, action: int) -> Arrival:
@@ -354,8 +340,8 @@ class World:
             earned = math.nan
         if not math.isfinite(earned):
             raise TaskError(f"a reward must be a finite number: got {reward!r} from {self.name}")
-        state = self.access.save(env)
-        return Arrival(state, earned, bool(terminated), bool(truncated), observed)
+        ends = bool(terminated), bool(truncated)
+        return Arrival(*self.access.save(env), earned, *ends, observed)
 
     def _core_action(self, action: int) -> Any:
         """Return what the core is told to do for an action's number."""
@@ -374,8 +360,8 @@ class World:
         return found
 
     def _check_repeated(self, first: Arrival, again: Arrival, action: int) -> None:
-        same = first.state.key == again.state.key
-        if same and first[1:4] == again[1:4]:
+        same = first.key == again.key
+        if same and first[2:5] == again[2:5]:
             if same_observation(first.observed, again.observed):
                 return
             differing = "observation"
@@ -386,17 +372,6 @@ class World:
             f"or estimated (samples=): action {action}, repeated from one state of {self.name}, "
             f"led to another {differing}"
         )
-
-    def observation(self, arrival: Arrival) -> Any:
-        """Return what is observed at the arrival that came last."""
-        seen = self.access.observation(self.now, arrival.observed)
-        for view in self.views:
-            seen = view.observation(seen)
-        return seen
-
-    def describe(self) -> Words:
-        """Return the state of the arrival that came last, in words."""
-        return self.access.describe(self.now)
 
 
 def refuse_stacked_frames(env: Environment) -> None:
@@ -423,12 +398,15 @@ def _rewind_clocks(env: Environment) -> None:
         env = env.env
 
 
-def core_and_views(env: Environment, *, views_apart: bool) -> CoreAndViews:
+def core_and_views(
+    env: Environment, *, views_apart: bool
+) -> tuple[Environment, list[Any], list[Any]]:
     """Return the part of an environment that is stepped, and the wrappers that are apart from it.
 
-    Wrappers that change nothing are left out, the outer ones. Those that change observations or
-    actions alone are apart if told so: observations are looked through once a state, not once a
-    step, and actions are changed before the step.
+    Those of observations come from the innermost, those of actions from the outermost. Wrappers
+    that change nothing are left out, the outer ones. Those that change observations or actions
+    alone are apart if told so: observations are looked through once a state, not once a step, and
+    actions are changed before the step.
     """
     views, acts = list[Any](), list[Any]()
     while isinstance(env, gym.Wrapper):
@@ -439,7 +417,7 @@ def core_and_views(env: Environment, *, views_apart: bool) -> CoreAndViews:
         elif not isinstance(env, HARMLESS):
             break
         env = env.env
-    return CoreAndViews(env, views, acts)
+    return env, views, acts
 
 
 def _steps_plainly(env: Any, kind: Any) -> bool:
@@ -450,39 +428,6 @@ def _steps_plainly(env: Any, kind: Any) -> bool:
 
 Listed = Callable[[Any, int], Sequence[tuple[float, Any, float, bool]]]
 """From a state and an action to (probability, next state, reward, terminated) of each outcome."""
-
-
-class StepOutcomes:
-    """The outcomes of an environment's own steps: one of each pair, or estimated from samples."""
-
-    def __init__(self, world: World, n_actions: int, seeds: Sequence[int], samples: int | None):
-        self.world, self.n_actions, self.seeds = world, n_actions, seeds
-        self.name, self.samples, self.transitions = world.name, samples, 0
-        self._last: Arrival | None = None
-
-    def starts(self) -> Iterator[Reached]:
-        """Yield the state after each reset."""
-        for seed in self.seeds:
-            yield self._reached(self.world.start(seed), 1 / len(self.seeds))
-
-    def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
-        """Yield the one outcome, or those met in the samples, as often as they were met."""
-        self.transitions += 1
-        if self.samples is None:
-            yield self._reached(self.world.step(content, action), 1.0)
-            return
-        for _ in range(self.samples):
-            yield self._reached(self.world.sample(content, action), 1 / self.samples)
-
-    def look(self) -> tuple[Any, Words]:
-        """Return the observation and the words of the state that was yielded last."""
-        assert self._last is not None, "a state has been yielded"
-        return self.world.observation(self._last), self.world.describe()
-
-    def _reached(self, arrival: Arrival, probability: float) -> Reached:
-        self._last = arrival
-        state, reward, terminated, truncated, _ = arrival
-        return Reached(probability, *state, reward, terminated, truncated)
 
 
 class ListedOutcomes:

@@ -1,7 +1,8 @@
 """MiniGrid's states, saved and restored a thousand times as fast as by copies."""
 
 import sys
-from collections.abc import Iterator, MutableMapping, Sequence
+from collections import UserDict
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import itemgetter
@@ -14,7 +15,6 @@ from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulation.states import (
     Copies,
     Environment,
-    SavedState,
     StateAccess,
     Words,
     fingerprint,
@@ -57,11 +57,11 @@ class Level:
         self.standard_doors = [each for each in standard if each.type == "door"]
         self.standard_movable = [each for each in standard if each.type != "door"]
         self.others = [each for each in self.objects if type(each).__module__ != STANDARD]
-        self.names = {
-            id(each): name
-            for kind in {each.type for each in self.objects}
-            for each, name in _numbered(kind, [o for o in self.objects if o.type == kind])
-        }
+        self.names = dict[int, str]()
+        for kind in {each.type for each in self.objects}:
+            alike = [each for each in self.objects if each.type == kind]
+            for i, each in enumerate(alike, start=1):
+                self.names[id(each)] = kind if len(alike) == 1 else f"{kind}_{i}"
 
     def object_states(self) -> tuple[Any, ...]:
         """Return what steps may change of the objects."""
@@ -130,11 +130,6 @@ def _objects(cells: Sequence[Any]) -> list[Any]:
             found[id(each)] = each
             each = each.contains
     return list(found.values())
-
-
-def _numbered(kind: str, objects: Sequence[Any]) -> Iterator[tuple[Any, str]]:
-    for i, each in enumerate(objects):
-        yield each, kind if len(objects) == 1 else f"{kind}_{i + 1}"
 
 
 def _place(place: Any) -> Any:
@@ -214,16 +209,7 @@ def max_steps_of(env: Environment) -> int | None:
 
 
 def fitting_state(env: Environment, core: Environment, seed: int) -> MiniGridState:
-    """Return how to save a MiniGrid environment's states: fast if it keeps none elsewhere.
-
-    Parameters
-    ----------
-    env : gymnasium.Env
-    core : gymnasium.Env
-        Its inner part, without wrappers that have no state.
-    seed : int
-        Of the reset before the random steps that are tried.
-    """
+    """Return how to save a MiniGrid environment's states: fast if it keeps none elsewhere."""
     if core is not env.unwrapped:
         return MiniGridState(copies=True)
     access = MiniGridAccess(own_reward=False)
@@ -268,32 +254,17 @@ class _TimelessCopies(Copies):
         return copy, generators
 
 
-class _View(Unseen, MutableMapping[str, Any]):
+class _View(Unseen, UserDict[str, Any]):
     """An observation that is made when somebody looks at it."""
 
     def __init__(self, env: Any):
         self.env = env
 
     @cached_property
-    def made(self) -> dict[str, Any]:
+    def data(self) -> dict[str, Any]:  # type: ignore[override]
         """The observation."""
         seen: dict[str, Any] = type(self.env).gen_obs(self.env)
         return seen
-
-    def __getitem__(self, key: str) -> Any:
-        return self.made[key]
-
-    def __setitem__(self, key: str, value: Any) -> None:
-        self.made[key] = value
-
-    def __delitem__(self, key: str) -> None:
-        del self.made[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.made)
-
-    def __len__(self) -> int:
-        return len(self.made)
 
 
 class MiniGridAccess(StateAccess):
@@ -335,12 +306,12 @@ class MiniGridAccess(StateAccess):
         else:
             self.level = Level(len(self.levels), base)
             self.levels.append(self.level)
-            content = self.save(base).content
+            _, content = self.save(base)
             self.by_digest[digest] = self.level, content
             self.first.append((content, self.level.digests()))
         base.gen_obs = lambda: _View(base)
 
-    def save(self, env: Environment) -> SavedState:
+    def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return the state as a tuple, which tells it from others and restores it."""
         base: Any = env
         x, y = base.agent_pos
@@ -356,7 +327,7 @@ class MiniGridAccess(StateAccess):
             level.values_of_plain(attributes),
             base.step_count if self.own_reward else 0,
         )
-        return SavedState(state, state)
+        return state, state
 
     def _grid_number(self, cells: list[Any]) -> int:
         """Return the number of a grid with these contents."""
@@ -389,7 +360,7 @@ class MiniGridAccess(StateAccess):
 
     def observation(self, env: Environment, returned: Any) -> Any:
         """Return the observation of the state that the environment is in."""
-        return returned.made if isinstance(returned, _View) else returned
+        return returned.data if isinstance(returned, _View) else returned
 
     def describe(self, env: Environment) -> Words:
         """Return the components of the state."""

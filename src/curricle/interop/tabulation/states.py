@@ -8,8 +8,9 @@ from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -23,43 +24,32 @@ SALT = 2718
 """Begins the seeds of repeated steps, so that they are not those of the environment's resets."""
 
 
-class RandomStates:
-    """States to start generators from, in place; the same for the same kind and repetition."""
+class Streams:
+    """Where the generators in each place were left, so that no random number is used twice."""
 
     def __init__(self) -> None:
-        self._starts = dict[tuple[int, int, type], Any]()
-        self._streams = dict[tuple[int, type], Any]()
-
-    def restart(self, generators: Sequence[Any], repetition: int) -> None:
-        """Let each generator draw other numbers than in other repetitions."""
-        for place, each in enumerate(generators):
-            key = place, repetition, _kind(each)
-            if key not in self._starts:
-                self._starts[key] = _fresh(each, place, repetition)
-            _set(each, self._starts[key])
+        self._left = dict[tuple[int, type], Any]()
 
     def resume(self, generators: Sequence[Any]) -> None:
         """Let each generator go on where the generator in its place was left."""
         for place, each in enumerate(generators):
-            key = place, _kind(each)
-            _set(each, self._streams.get(key) or _fresh(each, place, 0))
+            kind = _kind(each)
+            _set(each, self._left.get((place, kind)) or _fresh(kind, place, 0))
 
     def leave(self, generators: Sequence[Any]) -> None:
         """Note where each generator is left."""
         for place, each in enumerate(generators):
-            self._streams[place, _kind(each)] = state_of(each)
+            self._left[place, _kind(each)] = state_of(each)
+
+
+def restart(generators: Sequence[Any], repetition: int) -> None:
+    """Let each generator draw other numbers than in other repetitions, the same for its kind."""
+    for place, each in enumerate(generators):
+        _set(each, _fresh(_kind(each), place, repetition))
 
 
 def state_of(generator: Any) -> Any:
-    """Return a generator's state, to be compared.
-
-    Examples
-    --------
-    >>> one, other = np.random.default_rng(0), np.random.default_rng(0)
-    >>> _ = one.random()
-    >>> state_of(one) == state_of(other)
-    False
-    """
+    """Return a generator's state, to be compared."""
     if isinstance(generator, np.random.Generator):
         return generator.bit_generator.state
     if isinstance(generator, np.random.RandomState):
@@ -77,19 +67,18 @@ def _set(generator: Any, state: Any) -> None:
         generator.setstate(state)
 
 
-def _fresh(generator: Any, place: int, repetition: int) -> Any:
-    """Return the state of a new generator of the same kind."""
-    seed = SALT + 1000 * place + repetition
-    if isinstance(generator, np.random.Generator):
-        return type(generator.bit_generator)(seed).state
-    if isinstance(generator, np.random.RandomState):
-        return state_of(np.random.RandomState(seed))
-    return random.Random(seed).getstate()
+@cache
+def _fresh(kind: Any, place: int, repetition: int) -> Any:
+    """Return the state of a new generator of a kind."""
+    new = kind(SALT + 1000 * place + repetition)
+    return new.state if isinstance(new, np.random.BitGenerator) else state_of(new)
 
 
 def _kind(generator: Any) -> type:
-    numpy = isinstance(generator, np.random.Generator)
-    return type(generator.bit_generator) if numpy else type(generator)
+    """Return what a generator draws its bits by."""
+    if isinstance(generator, np.random.Generator):
+        return type(generator.bit_generator)
+    return next(kind for kind in GENERATORS if isinstance(generator, kind))
 
 
 PLAIN = (type(None), bool, int, float, complex, str, bytes)
@@ -107,27 +96,9 @@ def fingerprint(
     """Return a digest of a value and all that it refers to, 16 bytes.
 
     Equal for values that are equal part by part, with the same parts shared between the same
-    places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out.
-
-    Parameters
-    ----------
-    value : any
-    left_out : collection of str
-        Names of attributes that do not count.
-    generators : list, optional
-        Random generators that are met are appended to it, each once.
-
-    Raises
-    ------
-    TaskError
-        When a part holds what cannot be read, such as an open file.
-
-    Examples
-    --------
-    >>> fingerprint([1, np.arange(2)]) == fingerprint([1, np.arange(2)])
-    True
-    >>> fingerprint([1, 2]) == fingerprint((1, 2))
-    False
+    places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out,
+    and attributes with names `left_out`. Generators that are met are appended to `generators`.
+    TaskError when a part holds what cannot be read, such as an open file.
     """
     reader = _Reader(frozenset(left_out))
     reader.read(value)
@@ -256,13 +227,6 @@ MOST_CELLS = 16
 """Entries of an array that are part of a state's label, at most."""
 
 
-class SavedState(NamedTuple):
-    """A state of an environment."""
-
-    key: Hashable  # equal for equal states
-    content: Any  # what it is restored from
-
-
 class StateAccess(ABC):
     """Saves and restores the states of one environment while it is tabulated.
 
@@ -278,8 +242,8 @@ class StateAccess(ABC):
         """Note what a reset made."""
 
     @abstractmethod
-    def save(self, env: Environment) -> SavedState:
-        """Return the state of an environment."""
+    def save(self, env: Environment) -> tuple[Hashable, Any]:
+        """Return what is equal for equal states of an environment, and what restores this one."""
 
     @abstractmethod
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
@@ -331,25 +295,18 @@ class DeepCopy:
 
 
 class Copies(StateAccess):
-    """States as copies: the content of one is an environment and its random generators.
-
-    Parameters
-    ----------
-    ignored : frozenset of str
-        As of :class:`DeepCopy`.
-    """
+    """States as copies: the content of one is an environment and its random generators."""
 
     copies = True
 
     def __init__(self, ignored: frozenset[str]):
         self.ignored = ignored
 
-    def save(self, env: Environment) -> SavedState:
+    def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return the environment itself, and its digest."""
         generators = list[Any]()
-        return SavedState(
-            fingerprint(env, self.ignored | left_out(env), generators), (env, generators)
-        )
+        key = fingerprint(env, self.ignored | left_out(env), generators)
+        return key, (env, generators)
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return a copy, and its generators."""
@@ -364,16 +321,7 @@ class Copies(StateAccess):
 
 
 class SaveAndRestore(StateAccess):
-    """States are saved and restored by two functions: a hundred times as fast as copies.
-
-    Parameters
-    ----------
-    save_state : callable
-        ``save(env)`` returns the state, hashable: equal states are one. `env` is the environment
-        without wrappers.
-    restore_state : callable
-        ``restore(env, state)`` puts the environment into a state that was saved.
-    """
+    """States are saved and restored by two functions: a hundred times as fast as copies."""
 
     copies = False
 
@@ -388,7 +336,7 @@ class SaveAndRestore(StateAccess):
         self.generators = []
         fingerprint(env, left_out(env), self.generators)
 
-    def save(self, env: Environment) -> SavedState:
+    def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return what the function returns, which tells states apart and restores them."""
         state = self.save_state(env.unwrapped)
         try:
@@ -398,7 +346,7 @@ class SaveAndRestore(StateAccess):
                 f"a saved state must be hashable, as a tuple of numbers is: {state!r} is a "
                 f"{type(state).__name__}"
             ) from None
-        return SavedState(state, state)
+        return state, state
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return the same environment, put into the state."""

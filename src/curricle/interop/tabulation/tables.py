@@ -23,6 +23,7 @@ from curricle.interop.tabulation.tabulated_task import (
 )
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
+from curricle.transfer.partition_refinement import merged_outcomes, numbered_rows
 
 WIDEST = 10_000
 """Values of a component that is numbered from its lowest to its highest value."""
@@ -66,18 +67,7 @@ class Tables(NamedTuple):
 
 
 def assembled(found: Explored, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
-    """Return the tables of explored states.
-
-    Parameters
-    ----------
-    found : Explored
-    n_actions : int
-    sampled : bool
-        Whether each outcome is one sample: those of a pair that lead to one state are made one,
-        with the mean of their rewards.
-    merge : bool
-        Whether states that differ in nothing observed or earned later are made one.
-    """
+    """Return the tables of explored states."""
     observations = None
     if all(one is not None for one in found.observations):
         observations = stacked_observations(found.observations, found.terminal)
@@ -130,40 +120,18 @@ def alike(tables: Tables, n_actions: int) -> IntArray:
     Blocks are numbered in the order of their first states.
     """
     assert tables.observations is not None
-    n_states = len(tables.terminal)
-    labels = _in_order(_rows_as_numbers(_observation_rows(tables.observations)))
-    blocks = _in_order(_rows_as_numbers(np.stack([labels, tables.terminal], axis=1)))
-    rewards = _rows_as_numbers(tables.reward.reshape(n_states, -1))
+    seen = _observation_rows(tables.observations)
+    blocks = _in_order(numbered_rows(np.column_stack([seen, tables.terminal])))
+    different, rewards = np.unique(tables.reward, return_inverse=True)
     while True:
-        after = np.where(tables.probability > 0, blocks[tables.next_state], -1)
-        if after.shape[1] == 1:
-            moves = after.reshape(n_states, n_actions)
-            finer = np.concatenate([blocks[:, None], rewards[:, None], moves], axis=1)
-            refined = _in_order(_rows_as_numbers(finer))
-        else:
-            refined = _refined(tables, blocks, n_actions)
-        if refined.max() == blocks.max():
-            return refined
-        blocks = refined
-
-
-def _refined(tables: Tables, blocks: IntArray, n_actions: int) -> IntArray:
-    """Return finer blocks where actions have several outcomes."""
-    numbers = dict[Any, int]()
-    found = np.empty_like(blocks)
-    for state in range(len(blocks)):
-        signature: list[Any] = [int(blocks[state])]
-        for pair in range(state * n_actions, (state + 1) * n_actions):
-            mass = dict[tuple[int, float], float]()
-            for p, s, r in zip(
-                tables.probability[pair], tables.next_state[pair], tables.reward[pair], strict=True
-            ):
-                if p > 0:
-                    key = int(blocks[s]), float(r)
-                    mass[key] = mass.get(key, 0.0) + float(p)
-            signature.append(tuple(sorted((*key, round(p, 12)) for key, p in mass.items())))
-        found[state] = numbers.setdefault(tuple(signature), len(numbers))
-    return found
+        outcomes = blocks[tables.next_state] * len(different) + rewards.reshape(tables.reward.shape)
+        after, chance = merged_outcomes(outcomes, tables.probability)
+        bits = chance.round(12).view(np.int64)  # equal where the rounded chances are
+        pairs = numbered_rows(np.column_stack([after, bits])).reshape(-1, n_actions)
+        finer = _in_order(numbered_rows(np.column_stack([blocks, pairs])))
+        if finer.max() == blocks.max():
+            return finer
+        blocks = finer
 
 
 def _observation_rows(observations: ObservationTable) -> npt.NDArray[Any]:
@@ -173,10 +141,6 @@ def _observation_rows(observations: ObservationTable) -> npt.NDArray[Any]:
         for part in observations.parts.values()
     ]
     return np.concatenate(each, axis=1)
-
-
-def _rows_as_numbers(rows: npt.NDArray[Any]) -> IntArray:
-    return np.asarray(np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1), dtype=np.int64)
 
 
 def _in_order(labels: IntArray) -> IntArray:
@@ -281,7 +245,7 @@ def _component(name: str, values: Sequence[int | str]) -> Part:
 
 def _copy_numbers(parts: Sequence[Part]) -> IntArray:
     """Return how many states before each have the same values, (S,)."""
-    which = _rows_as_numbers(np.stack([values for _, values in parts], axis=1))
+    which = numbered_rows(np.stack([values for _, values in parts], axis=1))
     order = np.argsort(which, kind="stable")
     counts = np.bincount(which)
     found = np.empty_like(which)
@@ -301,14 +265,7 @@ Made = tuple[Tables, TabulationRecord]
 
 
 def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
-    """Return the tables of a file, None if there is no file.
-
-    Raises
-    ------
-    StoreError
-        When the file is damaged, its tables were made of something else than `made_of`, or a new
-        file could not be written, before any tables are made.
-    """
+    """Return the tables of a file, None if there is no file."""
     if not path.exists():
         if not os.access(path.parent, os.W_OK):
             raise StoreError(f"a cache must be a file in a folder that can be written to: {path}")

@@ -23,15 +23,13 @@ from curricle.interop.gymnasium import (
 )
 from curricle.interop.spaces import name_list, with_names
 from curricle.interop.tabulation.exploration import (
-    Budget,
     Explored,
     Listed,
     ListedOutcomes,
     Progress,
-    StepOutcomes,
+    Search,
     World,
     core_and_views,
-    explore,
     refuse_stacked_frames,
     time_limit_of,
 )
@@ -69,18 +67,11 @@ class Checker:
 
     What saves and restores a state may miss a part of it; then the tables and the environment
     differ sooner or later.
-
-    Parameters
-    ----------
-    world : World
-        Its environment is played, with all wrappers.
-    tables : Tables
-    n_actions : int
     """
 
-    def __init__(self, world: World, tables: Tables, n_actions: int):
+    def __init__(self, world: World, tables: Tables):
         self.env, self.act, self.name = world.env, world.act, world.name
-        self.tables, self.n_actions = tables, n_actions
+        self.tables, self.n_actions = tables, world.n_actions
         self.rng = np.random.default_rng(0)
         self.steps = 0
 
@@ -182,7 +173,8 @@ class Plan:
     state: Any
     outcomes: Listed | None
     samples: int | None
-    budget: Budget
+    max_states: int
+    max_seconds: float
     progress: bool | Callable[[Progress], Any] | None
     cache: Path | None = None
 
@@ -224,29 +216,30 @@ class Plan:
         self, env: Any, act: Callable[[int], Any], n_actions: int, name: str, how: Any
     ) -> tuple[Tables, TabulationRecord]:
         """Return an environment's tables, made anew."""
+
+        def world(access: Any) -> World:
+            return World(env, act, n_actions, self.seeds, self.samples, access, name)
+
         if self.state is None and isinstance(how, MiniGridState) and not how.copies:
             fast = MiniGridAccess(own_reward=False)
             try:
-                return self._tables(World(env, act, fast, name), n_actions, how)
+                return self._tables(world(fast), how)
             except TaskError:
                 if not fast.missed(env.unwrapped):
                     raise
                 fast.release()
                 how = MiniGridState(copies=True)
-        pair = isinstance(how, tuple)
-        access = SaveAndRestore(*how) if pair else how.open()
-        return self._tables(World(env, act, access, name), n_actions, how)
+        access = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
+        return self._tables(world(access), how)
 
-    def _tables(self, world: World, n_actions: int, how: Any) -> tuple[Tables, TabulationRecord]:
+    def _tables(self, world: World, how: Any) -> tuple[Tables, TabulationRecord]:
         """Return the tables of a world, and how they came about."""
-        access = world.access
-        source = self._source(world, n_actions)
+        source = self._source(world)
         found = self._explored(source)
-        by_steps = isinstance(source, StepOutcomes)
-        sampled = self.samples is not None
-        tables = assembled(found, n_actions, sampled=sampled, merge=access.copies and by_steps)
-        access.end()
-        checked = 0 if sampled else Checker(world, tables, n_actions).check(self.seeds)
+        sampled, merge = self.samples is not None, world.access.copies and source is world
+        tables = assembled(found, world.n_actions, sampled=sampled, merge=merge)
+        world.access.end()
+        checked = 0 if sampled else Checker(world, tables).check(self.seeds)
         record = TabulationRecord(
             environment=world.name,
             seeds=self.seeds,
@@ -269,27 +262,21 @@ class Plan:
         if self.state is not None:
             return self.state
         if is_minigrid(env):
-            core = core_and_views(env, views_apart=True).core
+            core, _, _ = core_and_views(env, views_apart=True)
             return fitting_state(env, core, self.seeds[0])
         return DeepCopy()
 
-    def _source(self, world: World, n_actions: int) -> StepOutcomes | ListedOutcomes:
+    def _source(self, world: World) -> World | ListedOutcomes:
         """Return what is explored: listed outcomes where there are any, else steps."""
         env, base = world.env, world.env.unwrapped
+        known = world.n_actions, self.seeds, world.name
         if self.outcomes is not None:
             save = self.state[0] if isinstance(self.state, tuple) else None
-            return ListedOutcomes(env, self.outcomes, n_actions, self.seeds, world.name, save)
+            return ListedOutcomes(env, self.outcomes, *known, save)
         if self.state is None and self.samples is None and has_table(env):
             table: Any = base
-            return ListedOutcomes(
-                env,
-                lambda s, a: table.P[s][a],
-                n_actions,
-                self.seeds,
-                world.name,
-                words=words_of(base),
-            )
-        return StepOutcomes(world, n_actions, self.seeds, self.samples)
+            return ListedOutcomes(env, lambda s, a: table.P[s][a], *known, words=words_of(base))
+        return world
 
     def _explored(self, source: Any) -> Explored:
         """Return all states, and show the progress if asked to."""
@@ -302,7 +289,7 @@ class Plan:
                 bars.at(source.name, now.expanded, now.states)
                 bars.tell(now)
 
-            return explore(source, self.budget._replace(show=show))
+            return Search(source, self.max_states, self.max_seconds, show).run()
 
 
 def words_of(world: Any) -> Callable[[Any], Words] | None:
@@ -426,10 +413,8 @@ def tabulate(
         state=state,
         outcomes=outcomes,
         samples=samples,
-        budget=Budget(
-            whole_number("max_states", max_states, 1, SettingError),
-            number("max_seconds", max_seconds, SettingError, low=0),
-        ),
+        max_states=whole_number("max_states", max_states, 1, SettingError),
+        max_seconds=number("max_seconds", max_seconds, SettingError, low=0),
         progress=progress,
         cache=None if cache is None else saved_path(cache),
     )

@@ -67,7 +67,7 @@ class ObservationTable(Frozen):
         In tuples and dicts where an observation has them, as vector environments stack them.
         """
         chosen = {name: a if states is None else a[states] for name, a in self.parts.items()}
-        return _assembled(chosen)
+        return assembled(chosen)
 
     def state(self, observation: Any) -> int:
         """Return the state that an observation shows; `UNMAPPED` if none or several do."""
@@ -158,13 +158,7 @@ def parts_of(observation: Any) -> dict[str, Any]:
 
 
 def same_observation(one: Any, other: Any) -> bool:
-    """Return whether two observations are equal, part by part; one that is unseen equals all.
-
-    Examples
-    --------
-    >>> same_observation({"a": np.zeros(2)}, {"a": np.zeros(2)}), same_observation((1, 2), (1, 3))
-    (True, False)
-    """
+    """Return whether two observations are equal, part by part; one that is unseen equals all."""
     if isinstance(one, Unseen) or isinstance(other, Unseen):
         return True
     mine, yours = parts_of(one), parts_of(other)
@@ -177,7 +171,7 @@ def _is_float(value: Any) -> bool:
     return bool(np.asarray(value).dtype.kind == "f")
 
 
-def _assembled(parts: Mapping[str, Leaf]) -> Any:
+def assembled(parts: Mapping[str, Leaf]) -> Any:
     """Return parts in the tuples and dicts that they were taken from."""
     if list(parts) == [""]:
         return parts[""]
@@ -186,8 +180,8 @@ def _assembled(parts: Mapping[str, Leaf]) -> Any:
         key, _, path = name.partition("/")
         inner.setdefault(key, {})[path] = part
     if all(key.startswith(POSITION) for key in inner):
-        return tuple(_assembled(part) for part in inner.values())
-    return {key: _assembled(part) for key, part in inner.items()}
+        return tuple(assembled(part) for part in inner.values())
+    return {key: assembled(part) for key, part in inner.items()}
 
 
 BATCH = 4096
@@ -240,12 +234,6 @@ class TabulationRecord:
     cached: bool = False
 
     __repr__ = brief_repr
-
-    @property
-    def transitions_per_second(self) -> float:
-        """Pairs a second: saved, restored and stepped, and each step repeated."""
-        seconds = self.seconds - self.observing
-        return self.transitions / seconds if seconds > 0 else float("inf")
 
 
 @dataclass(frozen=True, eq=False)
