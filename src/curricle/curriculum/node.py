@@ -39,28 +39,9 @@ _KINDS: dict[str, type] = {"shaping": Shaping, "evaluation": GreedyEvaluation, "
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A task of a curriculum and how it is trained; made by :meth:`Curriculum.node`.
+    """A task of a curriculum and how it is trained; made by :meth:`Curriculum.node`."""
 
-    Attributes
-    ----------
-    name : str
-        Also names the random stream, so that a result does not depend on which other tasks are
-        there.
-    task : Task
-    aggregate, unknown_value, learner, budget, shaping, eval_freq, evaluation, storage
-        As in :class:`Curriculum`, for this task.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld
-    >>> node = Curriculum({"maze": GridWorld("S.T")}, budget=1000).node("maze")
-    >>> node.eval_freq, node.most_steps
-    (10, 1000)
-    >>> node.train([0, 1]).steps_used
-    array([1000, 1000])
-    """
-
-    name: str
+    name: str  # of the random stream too: a result does not depend on which other tasks are there
     task: Any
     aggregate: Aggregate
     unknown_value: float
@@ -153,23 +134,9 @@ class Node:
         saves: Place | None = None,
         progress: Progress = None,
     ) -> LearningResult:
-        """Return the task learnt by K seeds.
+        """Return the task learnt by K seeds, with K potentials and warm-ups or none.
 
-        Parameters
-        ----------
-        seeds : sequence of K int
-        potentials : sequence of K potentials
-            What each seed's shaping takes. Or none.
-        warm_ups : sequence of K WarmUp
-            Episodes that count against the budget, as in :func:`learn`. Or none.
-        charged
-            As in :func:`learn`.
-        snapshots, workers
-            As in :func:`learn`; not for networks.
-        saves : path, optional
-            A folder from which the training of networks goes on, as in :func:`learn_deep`.
-        progress
-            As in :func:`learn`.
+        The other arguments are those of :func:`learn`, `saves` that of :func:`learn_deep`.
         """
         if self.takes_no_steps:
             return self._distilled(seeds, potentials, progress)

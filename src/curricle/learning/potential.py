@@ -270,13 +270,7 @@ Potential = StatePotential | StateActionPotential | MappedPotential
 
 
 def finite_scale(scale: float, shift: float) -> tuple[float, float]:
-    """Return the scale and shift of a potential as floats; PotentialError unless finite.
-
-    Examples
-    --------
-    >>> finite_scale(2, 0)
-    (2.0, 0.0)
-    """
+    """Return the scale and shift of a potential as floats; PotentialError unless finite."""
     return number("scale", scale, PotentialError), number("shift", shift, PotentialError)
 
 

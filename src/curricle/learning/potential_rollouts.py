@@ -60,39 +60,18 @@ def _greedy_looked_up(view, state, bits):
 
 @dataclass(frozen=True, eq=False)
 class GreedyRollouts(Frozen):
-    """E greedy episodes with n steps in all, and what the potential predicts at each step.
+    """E greedy episodes with n steps in all, and what the potential predicts at each step."""
 
-    Attributes
-    ----------
-    states, actions : (n,) int64
-    predicted : (n,) float64
-        phi(s_t, a_t).
-    return_to_go : (n,) float64
-        The discounted rewards from step t to the end of its episode.
-    bootstrap_discount : (n,) float64
-        gamma^(steps to the end) where the episode was truncated, 0 where it terminated.
-    bootstrapped_value : (n,) float64
-        max_a phi(s, a) of the state in which the episode was truncated, 0 where it terminated.
-    lengths : (E,) int64
-        Steps of each episode.
-    ended : (E,) bool
-        Whether it terminated.
-    returns : (E,) float64
-        Its sum of rewards, undiscounted.
-    one_reward : bool
-        Whether every step had the same reward.
-    """
-
-    states: IntArray
-    actions: IntArray
-    predicted: FloatArray
-    return_to_go: FloatArray
-    bootstrap_discount: FloatArray
-    bootstrapped_value: FloatArray
-    lengths: IntArray
-    ended: BoolArray
-    returns: FloatArray
-    one_reward: bool
+    states: IntArray  # (n,)
+    actions: IntArray  # (n,)
+    predicted: FloatArray  # (n,) phi(s_t, a_t)
+    return_to_go: FloatArray  # (n,) discounted rewards from step t to the end of its episode
+    bootstrap_discount: FloatArray  # (n,) gamma^(steps to the end) if truncated, 0 if terminated
+    bootstrapped_value: FloatArray  # (n,) max_a phi of the last state if truncated, else 0
+    lengths: IntArray  # (E,) steps of each episode
+    ended: BoolArray  # (E,) whether it terminated
+    returns: FloatArray  # (E,) its sum of rewards, undiscounted
+    one_reward: bool  # whether every step had the same reward
 
     __repr__ = brief_repr
 
@@ -107,21 +86,8 @@ def greedy_rollouts(
 ) -> GreedyRollouts:
     """Return episodes of the greedy policy of a potential in its task, ties broken at random.
 
-    Parameters
-    ----------
-    potential : StateActionPotential or MappedPotential
-    episodes : int
-        How many, E. Each is truncated at the task's time limit or, without one, where rewards are
-        discounted by a factor below 1e-9.
-    seed, stream : int, str
-        Of the random stream, as in :func:`learn`.
-    max_steps : int, optional
-        Steps after which the episodes stop, the last of them truncated.
-
-    Raises
-    ------
-    SettingError
-        When an episode has no bound, or the episodes may exceed 50 million steps.
+    Each is truncated at the task's time limit or, without one, where rewards are discounted by a
+    factor below 1e-9. All stop after `max_steps`, the last of them truncated there.
 
     Examples
     --------

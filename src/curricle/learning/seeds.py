@@ -20,13 +20,7 @@ MOST_SEEDS = 100_000
 
 
 def seed_tuple(seeds: Any) -> tuple[int, ...]:
-    """Return K as 0 .. K-1 and a sequence of seeds as a tuple, or raise SettingError.
-
-    Examples
-    --------
-    >>> seed_tuple(3), seed_tuple([7, 11])
-    ((0, 1, 2), (7, 11))
-    """
+    """Return K as 0 .. K-1 and a sequence of seeds as a tuple, or raise SettingError."""
     if isinstance(seeds, str) or not isinstance(seeds, Sequence | np.ndarray | range):
         seeds = range(whole_number("seeds", seeds, 1, SettingError))
     if len(seeds) > MOST_SEEDS:

@@ -278,37 +278,18 @@ def stops(rule, greedy, checkpoint, step):
 
 @dataclass(frozen=True)
 class Decision:
-    """What a stopping rule decided at one checkpoint, and why. Prints as a sentence.
-
-    Attributes
-    ----------
-    rule : StoppingRule
-    kernel : StoppingKernel
-    step : int
-    ends : bool
-        Whether the rule ended the run.
-    start : float
-        The first evaluation, return.
-    lowest, highest : float
-        The lowest and highest of the last evaluations, return; NaN if there were too few.
-    rise : float
-        Their mean less the mean of as many before, return; NaN if there were too few.
-    share : float
-        The rise over the last three tenths of the steps, as a share of the range; NaN if unknown.
-    evaluation_steps : int
-        Steps of the rollouts that a run's decisions read, given with its last one; they are free.
-    """
+    """What a stopping rule decided at one checkpoint, and why. Prints as a sentence."""
 
     rule: StoppingRule
     kernel: StoppingKernel
     step: int
-    ends: bool
-    start: float
-    lowest: float
+    ends: bool  # whether the rule ended the run
+    start: float  # the first evaluation, a return
+    lowest: float  # of the last evaluations; this and the next NaN if there were too few
     highest: float
-    rise: float
-    share: float
-    evaluation_steps: int = 0
+    rise: float  # their mean less the mean of as many before; NaN if there were too few
+    share: float  # the rise over the last three tenths of the steps, of the range; NaN if unknown
+    evaluation_steps: int = 0  # that all of a run's decisions read, given with its last one
 
     @property
     def dropped(self) -> bool:

@@ -36,14 +36,7 @@ Frame = npt.NDArray[np.uint8]
 
 
 class Drawn(Sequence[Drawing], Generic[Drawing]):
-    """Drawings that are made when they are asked for: those of a long episode fill the memory.
-
-    Parameters
-    ----------
-    draw : callable
-        From a state to its drawing.
-    states : (n,) int64
-    """
+    """Drawings that are made when they are asked for: those of a long episode fill the memory."""
 
     def __init__(self, draw: Callable[[int], Drawing], states: npt.NDArray[np.int64]):
         self._draw, self._states = draw, states
@@ -225,21 +218,10 @@ def played(
     picture: Callable[[Any], Frame],
     text: Callable[[Any], str] | None = None,
 ) -> Episode:
-    """Return one episode of a policy in an environment.
+    """Return one episode of a policy in an environment of Gymnasium's, reset with `seed`.
 
-    Parameters
-    ----------
-    env : gymnasium.Env
-    act : callable
-        From an observation to the environment's action.
-    seed : int
-        Of the reset.
-    limit : int
-        Steps after which it is cut off.
-    picture : callable
-        From an observation to a picture, (height, width, 3) uint8.
-    text : callable, optional
-        From an observation to a drawing made of characters.
+    `act`, `picture` and `text` return the action, the frame and a drawing made of characters for an
+    observation; after `limit` steps the episode is cut off.
     """
     seen, _ = env.reset(seed=seed)
     frames, actions, rewards = [picture(seen)], list[Any](), list[float]()

@@ -84,20 +84,6 @@ def interquartile_mean(values: npt.ArrayLike, axis: int = 0) -> float | FloatArr
 
     The floor(K / 4) smallest and the floor(K / 4) largest of K values are left out, as by
     ``scipy.stats.trim_mean(values, 0.25)``, which rliable takes. NaN where any value is NaN.
-
-    Raises
-    ------
-    SettingError
-        If there are no seeds.
-
-    References
-    ----------
-    Agarwal et al., NeurIPS 2021.
-
-    Examples
-    --------
-    >>> interquartile_mean([0.0, 2.0, 4.0, 100.0])
-    3.0
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape[axis] == 0:
@@ -319,13 +305,7 @@ def seed_line(
     dashed: bool = False,
     confidence: float = CONFIDENCE,
 ) -> Line:
-    """Return the mean over seeds of curves, (K, T) at steps (T,), with Student's interval.
-
-    Examples
-    --------
-    >>> seed_line("maze", np.array([0, 50]), np.array([[0.0, 1.0], [1.0, 3.0]])).values
-    array([0.5, 2. ])
-    """
+    """Return the mean over seeds of curves, (K, T) at steps (T,), with Student's interval."""
     found = mean_interval(np.asarray(values, np.float64), confidence=confidence)
     mean, low, high = (np.asarray(one) for one in (found.estimate, found.low, found.high))
     return Line(name, steps, mean, low, high, colour, dashed)

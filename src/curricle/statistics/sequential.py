@@ -141,11 +141,6 @@ class AddedSeeds(Frozen):
         A half-width of at most `precision`, a p-value below 1 - confidence, or neither after all
         seeds allowed.
     planned : Looks
-
-    Examples
-    --------
-    >>> print(add_seeds(lambda seeds: [3.0 + seed % 2 for seed in seeds], difference=True))
-    3.50 [2.99, 4.01], 10 seeds; stopped by difference at look 1 of 5
     """
 
     values: FloatArray
