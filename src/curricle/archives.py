@@ -107,10 +107,6 @@ def sealed_archive(content: bytes, directory: int) -> bytes:
     return content + digest_of(content).encode()
 
 
-def _is_sealed(content: bytes) -> bool:
-    return digest_of(content[:-DIGEST]).encode() == content[-DIGEST:]
-
-
 def _has_its_directory(archive: zipfile.ZipFile, file: IO[bytes]) -> bool:
     file.seek(archive.start_dir)
     directory = file.read()
@@ -164,42 +160,25 @@ class ArrayArchive:
 
 
 @contextmanager
-def opened_archive(path: Place) -> Iterator[ArrayArchive]:
-    """Open an archive to read some of it.
+def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive]:
+    """Open an archive to read some of it, or the `whole`, which is then in memory at once.
 
     Damaged, also while it is read; ValueError when it is not as Curricle writes it; OSError.
     """
     with opened_regular(path) as (file, size):
         source: IO[bytes] = file
-        if size <= READ_AT_ONCE:  # of a larger one, the members that are read have checksums too
+        if whole or size <= READ_AT_ONCE:  # the members of a larger one have checksums too
             content = file.read()
-            if not _is_sealed(content):
+            if digest_of(content[:-DIGEST]).encode() != content[-DIGEST:]:
                 raise Damaged
             source = io.BytesIO(content)
-        with _archive_in(source, size) as found:
-            yield found
-
-
-@contextmanager
-def opened_whole(path: Place) -> Iterator[ArrayArchive]:
-    """Open an archive, all of which is read once; it raises as :func:`opened_archive`."""
-    with opened_regular(path) as (file, size):
-        content = file.read()
-    if not _is_sealed(content):
-        raise Damaged
-    with _archive_in(io.BytesIO(content), size) as found:
-        yield found
-
-
-@contextmanager
-def _archive_in(source: IO[bytes], size: int) -> Iterator[ArrayArchive]:
-    try:
-        with zipfile.ZipFile(source) as archive:
-            if not _has_its_directory(archive, source):
-                raise Damaged
-            yield ArrayArchive(archive, size)
-    except BROKEN:
-        raise Damaged from None
+        try:
+            with zipfile.ZipFile(source) as archive:
+                if not _has_its_directory(archive, source):
+                    raise Damaged
+                yield ArrayArchive(archive, size)
+        except BROKEN:
+            raise Damaged from None
 
 
 def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
@@ -255,7 +234,7 @@ def read_saved(path: str | Path, kind: str) -> SavedFile:
     """Return what a file holds, arrays and JSON alone; StoreError unless `save` wrote it."""
     file = saved_path(path)
     try:
-        with opened_whole(file) as archive:
+        with opened_archive(file, whole=True) as archive:
             arrays = archive.read(*archive.names)
             about = parsed_json(archive.content(ABOUT, LARGEST_ABOUT))
     except Damaged:

@@ -139,14 +139,10 @@ def check_memory(name: str, needed: int, error: type[CurricleError]) -> None:
     """
     limit = physical_memory() // 2
     if needed > limit:
+        size = f"{needed / 1e9:.3g} GB" if needed < 2**64 else "more than 2^64 bytes"
         raise error(
-            f"{name} must fit half of the machine's memory, {limit / 1e9:.3g} GB: it takes "
-            f"{_size(needed)}"
+            f"{name} must fit half of the machine's memory, {limit / 1e9:.3g} GB: it takes {size}"
         )
-
-
-def _size(n_bytes: int) -> str:
-    return f"{n_bytes / 1e9:.3g} GB" if n_bytes < 2**64 else "more than 2^64 bytes"
 
 
 def _is_real(value: Any) -> bool:

@@ -139,7 +139,17 @@ class Node:
         The other arguments are those of :func:`learn`, `saves` that of :func:`learn_deep`.
         """
         if self.takes_no_steps:
-            return self._distilled(seeds, potentials, progress)
+            self.learner.algorithm_class()  # ImportError without Stable-Baselines3
+            from curricle.deep.miniature import learn_miniatures
+
+            return learn_miniatures(
+                self.task,
+                self.learner,
+                seeds,
+                potentials,
+                eval_freq=self.eval_freq,
+                progress=progress,
+            )
         each = [self.shaping.with_potential(phi) for phi in potentials]
         common: dict[str, Any] = {
             "seeds": seeds,
@@ -168,22 +178,6 @@ class Node:
             snapshots=snapshots,
             workers=workers,
             **common,
-        )
-
-    def _distilled(
-        self, seeds: Sequence[int], potentials: Sequence[AnyPotential], progress: Progress
-    ) -> LearningResult:
-        """Return networks distilled from exact answers; ImportError without Stable-Baselines3."""
-        self.learner.algorithm_class()
-        from curricle.deep.miniature import learn_miniatures
-
-        return learn_miniatures(
-            self.task,
-            self.learner,
-            seeds,
-            potentials,
-            eval_freq=self.eval_freq,
-            progress=progress,
         )
 
     def decisions(self, result: LearningResult) -> Decisions:

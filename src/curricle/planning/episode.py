@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Generic, TypeVar, overload
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -31,24 +31,19 @@ LINE, APART = 96, 3
 """Characters of a printed line at most, and between two moments in it."""
 MOST_MOMENTS = 60
 """Moments that are printed at most."""
-Drawing = TypeVar("Drawing")
 Frame = npt.NDArray[np.uint8]
 
 
-class Drawn(Sequence[Drawing], Generic[Drawing]):
-    """Drawings that are made when they are asked for: those of a long episode fill the memory."""
+class Drawn(Sequence[Any]):
+    """Drawings of states, made when they are asked for: those of a long episode fill the memory."""
 
-    def __init__(self, draw: Callable[[int], Drawing], states: npt.NDArray[np.int64]):
+    def __init__(self, draw: Callable[[int], Any], states: npt.NDArray[np.int64]):
         self._draw, self._states = draw, states
 
     def __len__(self) -> int:
         return len(self._states)
 
-    @overload
-    def __getitem__(self, place: int) -> Drawing: ...
-    @overload
-    def __getitem__(self, place: slice) -> Sequence[Drawing]: ...
-    def __getitem__(self, place: int | slice) -> Drawing | Sequence[Drawing]:
+    def __getitem__(self, place: Any) -> Any:
         if isinstance(place, slice):
             return Drawn(self._draw, self._states[place])
         return self._draw(int(self._states[place]))

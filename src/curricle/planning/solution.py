@@ -238,14 +238,6 @@ def right_choices(action_values: FloatTable, optimal: BoolArray) -> BoolArray:
     return np.asarray((optimal | ~greedy).all(axis=-1))
 
 
-def policy_table(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
-    """Return a policy as (S, A) probabilities, or raise SettingError naming the bad state."""
-    checked = checked_policy(policy, mdp.terminal, mdp.actions.size)
-    if checked.ndim == 1:
-        checked = np.eye(mdp.actions.size)[checked]
-    return checked.astype(np.float64, copy=False)
-
-
 def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -> Policy:
     """Return a policy as (S,) actions or (S, A) probabilities; SettingError names the bad state."""
     if not isinstance(policy, np.ndarray) or policy.dtype.kind not in "iuf":
@@ -409,7 +401,9 @@ def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> Float
     mdp = tables(task)
     if policy is None:
         policy = np.full(mdp.outcome_row.shape, 1 / mdp.actions.size)
-    chances = np.where(mdp.terminal[:, None], 0.0, policy_table(mdp, policy))
+    checked = checked_policy(policy, mdp.terminal, mdp.actions.size)
+    table = np.eye(mdp.actions.size)[checked] if checked.ndim == 1 else checked
+    chances = np.where(mdp.terminal[:, None], 0.0, table)
     step, now, visits = _transitions(mdp, chances), mdp.start, np.zeros(mdp.states.size)
     for _ in range(int(NO_LIMIT) if mdp.time_limit is None else mdp.time_limit):
         visits += now

@@ -7,7 +7,7 @@ reaching a threshold; everywhere else the seed's first measured value is used.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,18 +23,6 @@ SCRATCH = "scratch"
 """Name of the arm that learns the target from scratch; all others are compared with it."""
 ROUNDING = 1e-7
 """Relative difference of two mean returns that rounding can cause in exact evaluations."""
-
-
-class GreedyReturns(Protocol):
-    """What :meth:`Curve.of` reads of a :class:`LearningResult`: steps (T,), returns (K, T)."""
-
-    @property
-    def steps(self) -> IntArray:
-        """Checkpoints, in steps."""
-
-    @property
-    def greedy_return(self) -> FloatArray:
-        """Return of the greedy policy at each checkpoint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +98,7 @@ class Curve(Frozen):
             object.__setattr__(self, name, frozen(array))
 
     @classmethod
-    def of(cls, result: GreedyReturns, source_steps: npt.ArrayLike = 0) -> Curve:
+    def of(cls, result: Any, source_steps: npt.ArrayLike = 0) -> Curve:
         """Return the greedy returns of a :class:`LearningResult` as a curve.
 
         `source_steps` is an int or (K,), as :meth:`CurriculumResult.source_steps` gives them.

@@ -23,7 +23,6 @@ from curricle.archives import (
     as_json,
     digest_of,
     opened_archive,
-    opened_whole,
     parsed_json,
     sealed,
     unsealed,
@@ -229,7 +228,7 @@ def opened_unit(path: Place) -> Iterator[UnitFile]:
 
 def checked_unit(path: Place) -> UnitRecord:
     """Return what a whole file is of; all of it is read once. It raises as :func:`opened_unit`."""
-    with opened_whole(path) as archive:
+    with opened_archive(path, whole=True) as archive:
         return UnitFile(archive).about()
 
 
