@@ -158,11 +158,6 @@ class RemotePath:
         if not missing_ok or self.exists():
             self._tried(lambda: self.system.delete_file(str(self.key)))
 
-    def remove_folder(self) -> None:
-        """Delete the folder and all that is in it, as far as that can be done."""
-        with suppress(OSError):
-            self.system.delete_dir(str(self.key))
-
     @contextmanager
     def opened(self) -> Iterator[tuple[IO[bytes], int]]:
         """Open the file to read it, and tell its bytes; all but a large one is read at once."""
@@ -267,7 +262,8 @@ def local_file(path: str | Path) -> Path:
 def remove_folder(path: Place) -> None:
     """Delete a folder and all that is in it, as far as that can be done."""
     if isinstance(path, RemotePath):
-        path.remove_folder()
+        with suppress(OSError):
+            path.system.delete_dir(str(path.key))
     else:
         shutil.rmtree(path, ignore_errors=True)
 

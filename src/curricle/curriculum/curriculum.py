@@ -429,7 +429,6 @@ class Curriculum:
         sources: Mapping[str, Learnt],
         *,
         transfers: Sequence[Transfer] | None = None,
-        function: Aggregate | None = None,
     ) -> list[AnyPotential]:
         """Return the potential that each seed's sources give a task; none without sources.
 
@@ -441,8 +440,6 @@ class Curriculum:
             What its sources learnt, for the same K seeds.
         transfers : sequence of Transfer, optional
             To read; all into the task by default.
-        function : callable, optional
-            To aggregate with; the task's own by default.
 
         Raises
         ------
@@ -450,7 +447,7 @@ class Curriculum:
             When a source's values were not kept, or not in a dense table.
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
-        aggregate = self.setting("aggregate", name) if function is None else function
+        aggregate = self.setting("aggregate", name)
         values = {edge.source: handed_on(edge, sources[edge.source]) for edge in edges}
         unknown_value = self.setting("unknown_value", name)
         return source_potentials(self.tasks[name], edges, values, aggregate, unknown_value)

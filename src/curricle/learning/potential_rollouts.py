@@ -88,15 +88,6 @@ def greedy_rollouts(
 
     Each is truncated at the task's time limit or, without one, where rewards are discounted by a
     factor below 1e-9. All stop after `max_steps`, the last of them truncated there.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, solve
-    >>> maze = GridWorld("S.T", discount=0.5, time_limit=10)
-    >>> phi = StateActionPotential(maze, solve(maze).action_values)
-    >>> rollouts = greedy_rollouts(phi, episodes=2)
-    >>> rollouts.states, rollouts.predicted, rollouts.return_to_go
-    (array([0, 1, 0, 1]), array([ 98.5, 199. ,  98.5, 199. ]), array([ 98.5, 199. ,  98.5, 199. ]))
     """
     if not isinstance(potential, StateActionPotential | MappedPotential):
         raise SettingError(f"rollouts need a potential of state-action pairs: got {potential!r}")
@@ -155,15 +146,9 @@ def rollout_size(task: Any, episodes: int, max_steps: int | None = None) -> tupl
     return episodes, horizon
 
 
-def greedy_start(
-    potential: PairPotential, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
-) -> float:
-    """Return the expected return of a potential's greedy policy.
-
-    :func:`learn` records the same number at step 0 where Q starts at phi, for this seed and stream.
-    """
-    view = acting_view(potential)
-    return greedy_policy_return(potential.task, view, evaluation, seed=seed, stream=stream)
+def greedy_start(potential: PairPotential, evaluation: GreedyEvaluation, *, seed: int = 0) -> float:
+    """Return the greedy policy's return, which :func:`learn` records where Q starts at phi."""
+    return greedy_policy_return(potential.task, acting_view(potential), evaluation, seed=seed)
 
 
 def acting_view(potential: PairPotential) -> LookedUp | Values:

@@ -227,13 +227,7 @@ def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> Fl
 
 
 def right_choices(action_values: FloatTable, optimal: BoolArray) -> BoolArray:
-    """Return where every action that is greedy on Q, (..., S, A), is optimal, (S, A): (..., S).
-
-    Examples
-    --------
-    >>> right_choices(np.array([[1.0, 2.0], [3.0, 3.0]]), np.array([[False, True]] * 2))
-    array([ True, False])
-    """
+    """Return where every action that is greedy on Q, (..., S, A), is optimal, (S, A): (..., S)."""
     greedy = action_values == action_values.max(axis=-1, keepdims=True)
     return np.asarray((optimal | ~greedy).all(axis=-1))
 
