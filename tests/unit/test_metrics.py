@@ -101,12 +101,6 @@ def test_smooth_refuses_a_window_that_does_not_fit(window):
         smooth(np.zeros((2, 3)), window)
 
 
-@pytest.mark.parametrize("shape", [(3,), (0, 3), (3, 0)])
-def test_smooth_refuses_a_shape_that_is_no_curve(shape):
-    with pytest.raises(SettingError, match="values must have shape"):
-        smooth(np.zeros(shape), 1)
-
-
 # Thresholds
 
 

@@ -432,19 +432,8 @@ class Curriculum:
     ) -> list[AnyPotential]:
         """Return the potential that each seed's sources give a task; none without sources.
 
-        Parameters
-        ----------
-        name : str
-            The target.
-        sources : dict of str to SourceValues or LearningResult
-            What its sources learnt, for the same K seeds.
-        transfers : sequence of Transfer, optional
-            To read; all into the task by default.
-
-        Raises
-        ------
-        CurriculumError
-            When a source's values were not kept, or not in a dense table.
+        `transfers` are read, by default all into the task. CurriculumError when a source's values
+        were not kept, or not in a dense table.
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
         aggregate = self.setting("aggregate", name)

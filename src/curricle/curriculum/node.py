@@ -34,8 +34,6 @@ from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential
 
-_KINDS: dict[str, type] = {"shaping": Shaping, "evaluation": GreedyEvaluation, "storage": Storage}
-
 
 @dataclass(frozen=True, eq=False)
 class Node:
@@ -60,7 +58,8 @@ class Node:
         distilled = isinstance(task, Miniatures)
         eval_freq = 1 if distilled else spacing(eval_freq, settings["budget"])
         learner = DeepLearner if is_observation_task(task) else Learner
-        for which, kind in {"learner": learner, **_KINDS}.items():
+        kinds = {"learner": learner, "shaping": Shaping}
+        for which, kind in (kinds | {"evaluation": GreedyEvaluation, "storage": Storage}).items():
             instance(f"{which} of {name}", settings[which], kind, SettingError)
         if learner is DeepLearner:
             check_spaces(task, settings["learner"])
@@ -77,10 +76,6 @@ class Node:
             )
         number(f"unknown_value of {name}", settings["unknown_value"], CurriculumError)
         return cls(name, task, eval_freq=eval_freq, **settings)
-
-    def replace(self, **settings: Any) -> Self:
-        """Return the node with other settings."""
-        return replace(self, **settings)
 
     @property
     def most_steps(self) -> int:

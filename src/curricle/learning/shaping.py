@@ -118,12 +118,7 @@ class Shaping(ABC):
     def for_task(self, task: Task) -> Self:
         """Return the shaping with a potential of the library's own, made for this task.
 
-        Raises
-        ------
-        PotentialError
-            When an array has the wrong shape or a value that is not finite.
-        SettingError
-            When the potential is of another kind than the shaping takes, or of another task.
+        PotentialError for a malformed array, SettingError for a potential of another kind or task.
         """
         if self.potential is None:
             return self

@@ -124,10 +124,7 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
     smooth_t = mean(values_{t - window + 1}, ..., values_t), over fewer at the start. Leading NaN is
     left out and stays. A constant row stays exactly constant, so that rounding moves no threshold.
     """
-    mean = np.array(values, dtype=np.float64)
-    if mean.ndim != 2 or mean.size == 0:
-        raise SettingError(f"values must have shape (K, T), neither 0: got {mean.shape}")
-    _check_measured(mean)
+    mean = values.copy()
     if not 1 <= window <= mean.shape[1] or int(window) != window:
         raise SettingError(
             f"window must be a whole number of checkpoints from 1 to {mean.shape[1]}: got {window}"
