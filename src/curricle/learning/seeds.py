@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import repeat
 from typing import Any, NamedTuple, TypeVar
 
@@ -56,13 +57,7 @@ def seed_settings(
     returns a shaping as it fits the task.
     """
     numbers = seed_tuple(seeds)
-
-    def checked(one: Any) -> Shaping | None:
-        if one is None:
-            return None
-        _check_shaping(one, learner)
-        return fitted(one)
-
+    checked = partial(_checked_shaping, learner=learner, fitted=fitted)
     # One for all is fitted once, as each fitting may make an array of S x A.
     shapings: Iterable[Shaping | None]
     if _is_list(shaping):
@@ -97,7 +92,11 @@ def _one_a_seed(what: str, given: Any, n_seeds: int, default: Any) -> list[Any]:
     return each
 
 
-def _check_shaping(shaping: Any, learner: Any) -> None:
+def _checked_shaping(
+    shaping: Any, learner: Any, fitted: Callable[[Shaping], Shaping]
+) -> Shaping | None:
+    if shaping is None:
+        return None
     if not isinstance(shaping, Shaping):
         raise SettingError(
             "shaping must be a Shaping, such as QInitialisation(potential): got "
@@ -106,6 +105,7 @@ def _check_shaping(shaping: Any, learner: Any) -> None:
     shaping.check(learner)
     if shaping.guard is not None and shaping.potential is None:
         raise SettingError("a guard needs a potential: got a shaping without one")
+    return fitted(shaping)
 
 
 def _check_limits(limits: tuple[int, int], seed: int, warm_up: WarmUp, charged: int) -> None:

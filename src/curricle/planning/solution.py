@@ -185,23 +185,17 @@ def evaluate(
     """
     model = model_of(task)
     if callable(getattr(policy, "predict", None)):
-        policy = _policy_of(task, policy)
+        policy_of = getattr(task, "policy", None)
+        if not callable(policy_of):
+            raise SettingError(
+                "a model is evaluated in a task that knows what is observed in each state, as "
+                f"those of tabulate do: got {task!r}"
+            )
+        policy = policy_of(policy)
     followed = checked_policy(policy, model.terminal, model.n_actions)
     with shown(progress) as bars:
         values, error = _iterate(model, followed, tolerance, bars)
     return PolicyValues(frozen(values), model.start_value(values), error, model)
-
-
-def _policy_of(task: Any, model: Any) -> npt.ArrayLike:
-    """Return what a model does in each state of a task that knows what is observed there."""
-    asked = getattr(task, "policy", None)
-    if not callable(asked):
-        raise SettingError(
-            "a model is evaluated in a task that knows what is observed in each state, as those of "
-            f"tabulate do: got {task!r}"
-        )
-    found: npt.ArrayLike = asked(model)
-    return found
 
 
 def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> FloatArray:
