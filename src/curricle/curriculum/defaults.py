@@ -65,12 +65,9 @@ def default_shaping(
 ) -> Shaping:
     """Return how potentials enter learning: as the start of Q, guarded where that is possible.
 
-    An actor-critic whose one source is a network like its own, `distilled` from miniatures, starts
-    as that network and is kept near it, unless its budget is one of episodes, of which no half is
-    known.
-
-    A guard needs dense tables and a learner without a bonus. It does not depend on the machine's
-    memory.
+    An actor-critic whose one source is `distilled` from miniatures starts as that network and is
+    kept near it, unless its budget is in episodes, of which no half is known. A guard needs dense
+    tables, whatever the machine's memory, and a learner without a bonus.
     """
     if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
         return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)

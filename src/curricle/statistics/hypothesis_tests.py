@@ -43,17 +43,9 @@ def performance_profile(
     """Return the share of runs that score above each threshold, with Wilson's score interval.
 
     share_l = (number of seeds k with x_k > tau_l) / K. The bounds are the shares p for which
-    ``|share - p| = z sqrt(p (1 - p) / K)``.
-
-    Notes
-    -----
-    A share of K runs is discrete, so coverage depends on the true share: at a nominal 95 % it is 95
-    % on average over all shares, 84 % at worst with 5 seeds and 91 % with 20.
-
-    References
-    ----------
-    Agarwal et al., section 4.3; Wilson, Journal of the American Statistical Association 22, 1927;
-    Brown, Cai and DasGupta, Statistical Science 16, 2001.
+    ``|share - p| = z sqrt(p (1 - p) / K)`` (Agarwal et al., section 4.3; Wilson, Journal of the
+    American Statistical Association 22, 1927). A share of K runs is discrete, so at a nominal 95 %
+    coverage is 95 % on average over all shares, 84 % at worst with 5 seeds and 91 % with 20.
     """
     runs, tau = vector("scores", scores), vector("thresholds", thresholds, "L")
     if np.isnan(tau).any():
