@@ -31,13 +31,7 @@ def sealed(value: Mapping[str, Any]) -> bytes:
 
 
 def unsealed(content: bytes) -> dict[str, Any] | None:
-    """Return what ``sealed`` was called on; None if the content has changed since.
-
-    Examples
-    --------
-    >>> unsealed(sealed({"seeds": [0, 1]})), unsealed(sealed({"seeds": 1}).replace(b"1", b"2", 1))
-    ({'seeds': [0, 1]}, None)
-    """
+    """Return what ``sealed`` was called on; None if the content has changed since."""
     try:
         found = json.loads(content)
         digest = found.pop("digest")
@@ -48,13 +42,7 @@ def unsealed(content: bytes) -> dict[str, Any] | None:
 
 
 def parsed_json(content: bytes) -> Any:
-    """Return the value of JSON; ValueError if it is none, or nested deeply.
-
-    Examples
-    --------
-    >>> parsed_json(b"[1, 2]")
-    [1, 2]
-    """
+    """Return the value of JSON; ValueError if it is none, or nested deeply."""
     try:
         return json.loads(content)
     except RecursionError:
@@ -95,17 +83,7 @@ def archive_content(
     others: Mapping[str, bytes],
     compressed: Collection[str] = (),
 ) -> bytes:
-    """Return the content of an archive; equal members in one order have equal bytes.
-
-    Parameters
-    ----------
-    arrays : dict of str to array
-        Each becomes the member ``name.npy``.
-    others : dict of str to bytes
-        Further members, after the arrays.
-    compressed : collection of str
-        The arrays that are compressed.
-    """
+    """Return an archive of arrays, then other members; equal ones in one order have equal bytes."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, array in arrays.items():
@@ -129,10 +107,6 @@ def sealed_archive(content: bytes, directory: int) -> bytes:
     return content + digest_of(content).encode()
 
 
-def _is_sealed(content: bytes) -> bool:
-    return digest_of(content[:-DIGEST]).encode() == content[-DIGEST:]
-
-
 def _has_its_directory(archive: zipfile.ZipFile, file: IO[bytes]) -> bool:
     file.seek(archive.start_dir)
     directory = file.read()
@@ -140,14 +114,7 @@ def _has_its_directory(archive: zipfile.ZipFile, file: IO[bytes]) -> bool:
 
 
 class ArrayArchive:
-    """An archive that is open.
-
-    Parameters
-    ----------
-    archive : zipfile.ZipFile
-    size : int
-        Bytes of the file.
-    """
+    """An archive that is open, of a file of so many bytes."""
 
     def __init__(self, archive: zipfile.ZipFile, size: int):
         self.archive = archive
@@ -193,49 +160,25 @@ class ArrayArchive:
 
 
 @contextmanager
-def opened_archive(path: Place) -> Iterator[ArrayArchive]:
-    """Open an archive to read some of it.
+def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive]:
+    """Open an archive to read some of it, or the `whole`, which is then in memory at once.
 
-    Raises
-    ------
-    Damaged
-        Also while it is read.
-    ValueError
-        When it is not as Curricle writes it.
-    OSError
-        When it cannot be read.
+    Damaged, also while it is read; ValueError when it is not as Curricle writes it; OSError.
     """
     with opened_regular(path) as (file, size):
         source: IO[bytes] = file
-        if size <= READ_AT_ONCE:  # of a larger one, the members that are read have checksums too
+        if whole or size <= READ_AT_ONCE:  # the members of a larger one have checksums too
             content = file.read()
-            if not _is_sealed(content):
+            if digest_of(content[:-DIGEST]).encode() != content[-DIGEST:]:
                 raise Damaged
             source = io.BytesIO(content)
-        with _archive_in(source, size) as found:
-            yield found
-
-
-@contextmanager
-def opened_whole(path: Place) -> Iterator[ArrayArchive]:
-    """Open an archive, all of which is read once; it raises as :func:`opened_archive`."""
-    with opened_regular(path) as (file, size):
-        content = file.read()
-    if not _is_sealed(content):
-        raise Damaged
-    with _archive_in(io.BytesIO(content), size) as found:
-        yield found
-
-
-@contextmanager
-def _archive_in(source: IO[bytes], size: int) -> Iterator[ArrayArchive]:
-    try:
-        with zipfile.ZipFile(source) as archive:
-            if not _has_its_directory(archive, source):
-                raise Damaged
-            yield ArrayArchive(archive, size)
-    except BROKEN:
-        raise Damaged from None
+        try:
+            with zipfile.ZipFile(source) as archive:
+                if not _has_its_directory(archive, source):
+                    raise Damaged
+                yield ArrayArchive(archive, size)
+        except BROKEN:
+            raise Damaged from None
 
 
 def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
@@ -274,28 +217,7 @@ def write_saved(
 ) -> Path:
     """Write a file in one move, folders made if need be, and return its path, an ``.npz``.
 
-    Parameters
-    ----------
-    path : path
-        The ending is added where it is missing.
-    kind : str
-        The class whose ``load`` reads it.
-    arrays : dict of str to array
-    about : dict
-        What JSON can hold.
-
-    Raises
-    ------
-    StoreError
-        When it cannot be written, as at a URL; what was there before stays.
-
-    Examples
-    --------
-    >>> from tempfile import mkdtemp
-    >>> import numpy as np
-    >>> file = write_saved(f"{mkdtemp()}/two", "Numbers", {"n": np.arange(2)}, {"unit": "steps"})
-    >>> file.name, read_saved(file, "Numbers").arrays, read_saved(file, "Numbers").about["unit"]
-    ('two.npz', {'n': array([0, 1])}, 'steps')
+    `kind` is the class whose ``load`` reads it. StoreError when it cannot be written, as at a URL.
     """
     file = saved_path(path)
     others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
@@ -309,16 +231,10 @@ def write_saved(
 
 
 def read_saved(path: str | Path, kind: str) -> SavedFile:
-    """Return what a file holds; it may only hold arrays and JSON, and nothing in it is run.
-
-    Raises
-    ------
-    StoreError
-        When it cannot be read, is damaged, of another kind or no file that `save` wrote.
-    """
+    """Return what a file holds, arrays and JSON alone; StoreError unless `save` wrote it."""
     file = saved_path(path)
     try:
-        with opened_whole(file) as archive:
+        with opened_archive(file, whole=True) as archive:
             arrays = archive.read(*archive.names)
             about = parsed_json(archive.content(ABOUT, LARGEST_ABOUT))
     except Damaged:

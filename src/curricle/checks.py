@@ -23,12 +23,6 @@ def whole_number(name: str, value: Any, least: int, error: type[CurricleError]) 
     """Return `value` as an int, or raise `error` unless it is a whole number of at least `least`.
 
     Compiled loops count in 64 bits, so that larger numbers are refused too.
-
-    Examples
-    --------
-    >>> from curricle.errors import SettingError
-    >>> whole_number("budget", 1e4, 1, SettingError)
-    10000
     """
     if _is_real(value) and not -BEYOND_64_BITS < value < BEYOND_64_BITS and value == value:
         raise error(f"{name} must be a whole number below 2^63: got {_shown(value)}")
@@ -44,14 +38,7 @@ def number(
     low: float = -math.inf,
     high: float = math.inf,
 ) -> float:
-    """Return `value` as a float, or raise `error` unless it is finite and in [low, high].
-
-    Examples
-    --------
-    >>> from curricle.errors import TaskError
-    >>> number("discount", 1, TaskError, low=0, high=1)
-    1.0
-    """
+    """Return `value` as a float, or raise `error` unless it is finite and in [low, high]."""
     if not _is_real(value):
         raise error(f"{name} must be a number: got {value!r}")
     if not _is_finite(value):
@@ -63,14 +50,7 @@ def number(
 
 
 def numbers(name: str, values: Any, error: type[CurricleError]) -> FloatArray:
-    """Return a new float64 array of `values`, or raise `error` if they are no array of numbers.
-
-    Examples
-    --------
-    >>> from curricle.errors import PotentialError
-    >>> numbers("phi", [[1, 2]], PotentialError)
-    array([[1., 2.]])
-    """
+    """Return a new float64 array of `values`, or raise `error` if they are no array of numbers."""
     try:
         if values is None or np.iscomplexobj(values):  # NumPy would make nan and real parts of them
             raise TypeError
@@ -80,14 +60,7 @@ def numbers(name: str, values: Any, error: type[CurricleError]) -> FloatArray:
 
 
 def indices(name: str, values: Any, size: int, error: type[CurricleError]) -> IntArray:
-    """Return `values` as an array of whole numbers in 0..size-1, or raise `error`.
-
-    Examples
-    --------
-    >>> from curricle.errors import PotentialError
-    >>> indices("a state", [0, 2], 3, PotentialError)
-    array([0, 2])
-    """
+    """Return `values` as an array of whole numbers in 0..size-1, or raise `error`."""
     try:
         given = np.asarray(values)
     except ValueError:
@@ -105,28 +78,13 @@ def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleErro
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names one after the other, separated by semicolons where they contain commas.
-
-    Examples
-    --------
-    >>> listed(["scratch", "transfer, epsilon=0.1"])
-    'scratch; transfer, epsilon=0.1'
-    """
+    """Return names one after the other, separated by semicolons where they contain commas."""
     names = tuple(names)
     return ("; " if any("," in name for name in names) else ", ").join(names)
 
 
 def fit_name(what: str, value: Any, error: type[CurricleError]) -> None:
-    r"""Raise `error` unless `value` can be the name of a study, an arm or a task.
-
-    Examples
-    --------
-    >>> from curricle.errors import CurriculumError
-    >>> fit_name("an arm", "5 × 5", CurriculumError)
-    >>> fit_name("an arm", "a\nb", CurriculumError)
-    Traceback (most recent call last):
-    curricle.errors.CurriculumError: the name of an arm must be printable: got 'a\nb'
-    """
+    """Raise `error` unless `value` can be the name of a study, an arm or a task."""
     why = unfit_name(value) if isinstance(value, str) else f"must be text: got {value!r}"
     if why:
         raise error(f"the name of {what} {why}")
@@ -137,11 +95,6 @@ def unfit_name(text: str) -> str:
 
     Control and format characters are not seen, or change how the text around them is seen: some
     reverse it. :meth:`str.isprintable` knows them.
-
-    Examples
-    --------
-    >>> unfit_name("maze"), unfit_name("")
-    ('', "must have 1 to 100 characters: got ''")
     """
     if not 0 < len(text) <= LONGEST_NAME:
         much = f"{len(text)} of them, " if text else ""
@@ -150,15 +103,7 @@ def unfit_name(text: str) -> str:
 
 
 def instance(name: str, value: Any, kind: type, error: type[CurricleError]) -> None:
-    """Raise `error` unless `value` is an instance of `kind`.
-
-    Examples
-    --------
-    >>> from curricle.errors import SettingError
-    >>> instance("seed", "1", int, SettingError)
-    Traceback (most recent call last):
-    curricle.errors.SettingError: seed must be an int: got '1'
-    """
+    """Raise `error` unless `value` is an instance of `kind`."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOaeio" else "a"
         raise error(f"{name} must be {article} {kind.__name__}: got {brief(value)}")
@@ -171,13 +116,7 @@ def text(name: str, value: Any, error: type[CurricleError]) -> None:
 
 
 def brief(value: Any) -> str:
-    """Return a value as an error shows it: on one line, and cut where it is long.
-
-    Examples
-    --------
-    >>> brief(np.eye(2))
-    'array([[1., 0.], [0., 1.]])'
-    """
+    """Return a value as an error shows it: on one line, and cut where it is long."""
     try:
         words = " ".join(repr(value).split())
     except ValueError:  # an integer of thousands of digits has no text
@@ -200,14 +139,10 @@ def check_memory(name: str, needed: int, error: type[CurricleError]) -> None:
     """
     limit = physical_memory() // 2
     if needed > limit:
+        size = f"{needed / 1e9:.3g} GB" if needed < 2**64 else "more than 2^64 bytes"
         raise error(
-            f"{name} must fit half of the machine's memory, {limit / 1e9:.3g} GB: it takes "
-            f"{_size(needed)}"
+            f"{name} must fit half of the machine's memory, {limit / 1e9:.3g} GB: it takes {size}"
         )
-
-
-def _size(n_bytes: int) -> str:
-    return f"{n_bytes / 1e9:.3g} GB" if n_bytes < 2**64 else "more than 2^64 bytes"
 
 
 def _is_real(value: Any) -> bool:

@@ -72,11 +72,6 @@ def block(title: str, *parts: Any) -> str:
     """Return the HTML of a result: its title, and its parts below each other.
 
     Texts among the parts are paragraphs, escaped; empty ones are left out.
-
-    Examples
-    --------
-    >>> block("a <b>", "1 < 2", "").removeprefix(STYLE)
-    '<div class="curricle"><div><strong>a &lt;b&gt;</strong></div><div>1 &lt; 2</div></div>'
     """
     shown = [part if isinstance(part, Markup) else _paragraph(part) for part in parts if part]
     head = Markup("<div><strong>{}</strong></div>").format(title)
@@ -104,13 +99,7 @@ def printed(result: Any) -> str:
 def table(
     head: Sequence[str], rows: Iterable[Sequence[Any]], *, wide: Sequence[str] = ()
 ) -> Markup:
-    """Return a table; cells that are numbers are to the right, columns in `wide` wrap their text.
-
-    Examples
-    --------
-    >>> table(["task", "steps"], [["<maze>", 5000]])
-    Markup('...<tr><td>&lt;maze&gt;</td><td class="n">5,000</td></tr>...')
-    """
+    """Return a table; cells that are numbers are to the right, columns in `wide` wrap."""
     rows = [*rows]
     shown, left = rows[:MOST_ROWS], len(rows) - MOST_ROWS
     right = [
@@ -154,15 +143,7 @@ def _cell(value: Any) -> str:
 
 
 def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
-    """Return lines with their bands over steps, and the names of the lines below if several.
-
-    Examples
-    --------
-    >>> flat = np.zeros(2)
-    >>> picture = curves([Line("<a>", np.array([0, 9]), flat, flat, flat)], "steps", "return")
-    >>> picture.count("<polyline"), "<a>" in picture
-    (1, False)
-    """
+    """Return lines with their bands over steps, and the names of the lines below if several."""
     lines = [line for line in map(_thinned, lines) if len(line.steps)]
     if not lines:
         return Markup()
@@ -264,16 +245,6 @@ def brief_repr(result: Any) -> str:
     """Return a dataclass in a few words: arrays by their shape, long values by their type.
 
     To be a class's ``__repr__``.
-
-    Examples
-    --------
-    >>> @dataclass(frozen=True)
-    ... class Found:
-    ...     name: str
-    ...     values: FloatArray
-    ...     __repr__ = brief_repr
-    >>> Found("maze", np.zeros((30, 4)))
-    Found(name='maze', values=float64 (30, 4))
     """
     shown = [one for one in fields(result) if one.repr]
     parts = [f"{one.name}={brief_value(getattr(result, one.name))}" for one in shown]
@@ -281,13 +252,7 @@ def brief_repr(result: Any) -> str:
 
 
 def brief_value(value: Any) -> str:
-    """Return a value in at most `LONGEST_VALUE` characters, about.
-
-    Examples
-    --------
-    >>> brief_value(np.arange(3)), brief_value(["a"] * 99), brief_value({"chase": "x" * 99})
-    ('array([0, 1, 2])', 'list of 99', '{chase}')
-    """
+    """Return a value in at most `LONGEST_VALUE` characters, about."""
     if isinstance(value, np.ndarray):
         small = value.size <= MOST_ELEMENTS
         return " ".join(repr(value).split()) if small else f"{value.dtype} {value.shape}"

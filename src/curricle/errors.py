@@ -78,24 +78,12 @@ class ForeignError(RuntimeError):
 
 
 def reason(error: OSError) -> str:
-    r"""Return why a file cannot be used, in a line.
-
-    Examples
-    --------
-    >>> reason(PermissionError(13, "Permission denied")), reason(OSError("no\nbucket"))
-    ('Permission denied', 'no bucket')
-    """
+    """Return why a file cannot be used, in a line."""
     return error.strerror or " ".join(str(error).split())
 
 
 def in_words(error: BaseException) -> str:
-    """Return an error as words, with its type unless it is the library's own.
-
-    Examples
-    --------
-    >>> in_words(KeyError("phi")), in_words(StoreError("a rule: a value"))
-    ("KeyError: 'phi'", 'a rule: a value')
-    """
+    """Return an error as words, with its type unless it is the library's own."""
     if isinstance(error, CurricleError | ForeignError):
         return str(error)
     return f"{type(error).__name__}: {error}"

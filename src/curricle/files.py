@@ -40,29 +40,11 @@ class RemotePath:
 
     A file is written in one request or sealed by its content: there is no move of a whole file, and
     no lock.
-
-    Parameters
-    ----------
-    system : pyarrow.fs.FileSystem
-    key : str
-        The path in it.
-    root : str
-        What stands before the key when it is shown.
-    options : str
-        Those of the URL.
-
-    Examples
-    --------
-    >>> from tempfile import mkdtemp
-    >>> place = RemotePath.of("file://" + mkdtemp()) / "data" / "a.txt"
-    >>> place.write(b"whole")
-    >>> place.name, place.exists(), (place.parent / "b.txt").exists()
-    ('a.txt', True, False)
     """
 
     def __init__(self, system: "FileSystem", key: str, root: str, options: str = ""):
         self.system, self.key = system, PurePosixPath(key)
-        self._root, self._options = root, options
+        self._root, self._options = root, options  # what is shown before the key; of the URL
 
     @classmethod
     def of(cls, url: str) -> "RemotePath":
@@ -176,11 +158,6 @@ class RemotePath:
         if not missing_ok or self.exists():
             self._tried(lambda: self.system.delete_file(str(self.key)))
 
-    def remove_folder(self) -> None:
-        """Delete the folder and all that is in it, as far as that can be done."""
-        with suppress(OSError):
-            self.system.delete_dir(str(self.key))
-
     @contextmanager
     def opened(self) -> Iterator[tuple[IO[bytes], int]]:
         """Open the file to read it, and tell its bytes; all but a large one is read at once."""
@@ -226,13 +203,7 @@ Place = Path | RemotePath
 
 
 def place_at(path: Any) -> Place:
-    """Return a folder of this machine, or the one at a URL; StoreError where it is neither.
-
-    Examples
-    --------
-    >>> place_at("results").name, place_at("file:///tmp/results").name
-    ('results', 'results')
-    """
+    """Return a folder of this machine, or the one at a URL; StoreError where it is neither."""
     if isinstance(path, RemotePath):
         return path
     if not isinstance(path, str | PathLike):
@@ -250,13 +221,6 @@ def file_name(text: str) -> str:
     """Return a file name that no other text has, whatever characters there are in it.
 
     A long text is cut, and told apart from others by its checksum.
-
-    Examples
-    --------
-    >>> file_name("hunt 2"), file_name("../a")
-    ('hunt 2', '%2E%2E%2Fa')
-    >>> len(file_name("x" * 1000))
-    149
     """
     name = quote(text, safe=" ").replace(".", "%2E")
     if len(name) <= LONGEST_NAME:
@@ -275,12 +239,8 @@ def part_in(folder: Path) -> Path:
 def read_bounded(path: Place, most: int) -> bytes:
     """Return the content of a regular file of at most `most` bytes.
 
-    A pipe or a device in its place is not waited for.
-
-    Raises
-    ------
-    OSError
-        Whose ``strerror`` says what is wrong: it is no regular file, too large, or cannot be read.
+    A pipe or a device in its place is not waited for. The ``strerror`` of an OSError says what is
+    wrong.
     """
     with opened_regular(path) as (file, size):
         if size > most:
@@ -289,14 +249,7 @@ def read_bounded(path: Place, most: int) -> bytes:
 
 
 def local_file(path: str | Path) -> Path:
-    """Return the path of a file on this machine; StoreError where it is none.
-
-    Examples
-    --------
-    >>> local_file("s3://maze.npz")
-    Traceback (most recent call last):
-    curricle.errors.StoreError: a file is saved on this machine, not at a URL: got 's3://maze.npz'
-    """
+    """Return the path of a file on this machine; StoreError where it is none."""
     if not isinstance(path, str | os.PathLike):
         raise StoreError(f"a file must be a path: got {path!r}")
     if "://" in str(path):
@@ -309,7 +262,8 @@ def local_file(path: str | Path) -> Path:
 def remove_folder(path: Place) -> None:
     """Delete a folder and all that is in it, as far as that can be done."""
     if isinstance(path, RemotePath):
-        path.remove_folder()
+        with suppress(OSError):
+            path.system.delete_dir(str(path.key))
     else:
         shutil.rmtree(path, ignore_errors=True)
 
@@ -335,19 +289,7 @@ def _at_once(path: str, flags: int) -> int:
 def write_whole(path: Place, content: bytes) -> None:
     """Write a file beside its place and move it there when it is complete; at a URL, at once.
 
-    Raises
-    ------
-    OSError
-        When it cannot be written, or a device, a pipe or a folder is in its place: that would be
-        lost.
-
-    Examples
-    --------
-    >>> from tempfile import mkdtemp
-    >>> place = Path(mkdtemp()) / "a.txt"
-    >>> write_whole(place, b"whole")
-    >>> place.read_bytes()
-    b'whole'
+    OSError where a device, a pipe or a folder is in its place: that would be lost.
     """
     if isinstance(path, RemotePath):
         path.write(content)

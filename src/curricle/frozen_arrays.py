@@ -42,14 +42,7 @@ def frozen(array: Array) -> Array:
 
 
 def adopted(values: npt.ArrayLike, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return `values` as a frozen array of this type: itself if it is one, else a copy.
-
-    Examples
-    --------
-    >>> mine = frozen(np.arange(3.0))
-    >>> adopted(mine, np.float64) is mine
-    True
-    """
+    """Return `values` as a frozen array of this type: itself if it is one, else a copy."""
     given: Any = values
     right = type(given) is np.ndarray and given.dtype == dtype and given.flags.c_contiguous
     if right and _for_good(given):

@@ -112,31 +112,11 @@ class Screen(RichProgress):
 
 @dataclass(frozen=True)
 class Bars:
-    """Where a function shows how far it is: one bar for each part of its work.
+    """Where a function shows how far it is: one bar for each part of its work."""
 
-    Attributes
-    ----------
-    screen : Screen or None
-        What shows the bars; None where nothing does.
-    told : callable or None
-        The user's own function.
-    prefix : str
-        What the names of bars begin with.
-
-    Examples
-    --------
-    >>> parts = []
-    >>> with shown(parts.append) as bars:
-    ...     grow = bars.bar("maze", 2)
-    ...     grow()
-    ...     bars.tell("maze")
-    >>> parts
-    ['maze']
-    """
-
-    screen: Screen | None = None
-    told: Callable[[Any], Any] | None = None
-    prefix: str = ""
+    screen: Screen | None = None  # None where nothing shows the bars
+    told: Callable[[Any], Any] | None = None  # the user's own function
+    prefix: str = ""  # what the names of bars begin with
     rows: dict[str, TaskID] = field(default_factory=dict)
 
     def bar(self, name: str, total: int | None = None) -> Callable[[], None]:
@@ -193,26 +173,7 @@ SILENT = Bars()
 
 @contextmanager
 def shown(progress: Progress, line: Callable[[], str] | None = None) -> Iterator[Bars]:
-    """Yield the bars that ``progress`` asks for, which end with the block.
-
-    Parameters
-    ----------
-    progress : bool, callable, Bars or None
-    line : callable, optional
-        Returns what is to be read below the bars.
-
-    Raises
-    ------
-    SettingError
-        When it is none of these.
-
-    Examples
-    --------
-    >>> with shown(3):
-    ...     pass
-    Traceback (most recent call last):
-    curricle.errors.SettingError: progress must be True, False, None or a function: got 3
-    """
+    """Yield the bars that ``progress`` asks for, `line` below them; they end with the block."""
     check_progress(progress)
     if isinstance(progress, Bars):
         yield progress

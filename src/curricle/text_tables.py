@@ -13,36 +13,17 @@ UNBOUNDED = 10_000
 
 
 def counted(n: int, noun: str) -> str:
-    """Return a number and what is counted, in the singular for one.
-
-    Examples
-    --------
-    >>> counted(1, "seed"), counted(0, "seed"), counted(1200, "step")
-    ('1 seed', '0 seeds', '1,200 steps')
-    """
+    """Return a number and what is counted, in the singular for one."""
     return f"{n:,} {noun}{'s' * bool(n != 1)}"
 
 
 def or_dash(value: float, form: str = ".3g") -> str:
-    """Return a number in a format, and a dash where there is none.
-
-    Examples
-    --------
-    >>> or_dash(0.12345), or_dash(float("nan"), ".0%")
-    ('0.123', '-')
-    """
+    """Return a number in a format, and a dash where there is none."""
     return "-" if math.isnan(value) else format(value, form)
 
 
 def folded(text: str, width: int) -> str:
-    """Return a paragraph as lines, those after the first indented by two.
-
-    Examples
-    --------
-    >>> print(folded("sources charged, evaluations free", 20))
-    sources charged,
-      evaluations free
-    """
+    """Return a paragraph as lines, those after the first indented by two."""
     most = max(width, NARROWEST_NAME)
     return fill(text, most, subsequent_indent="  ", break_on_hyphens=False)
 
@@ -58,17 +39,6 @@ def text_table(
 
     Where the lines would be longer than `width`, names fold, and words. Where that is not enough
     each row becomes several lines: its name, then each number below the other.
-
-    Parameters
-    ----------
-    heads : sequence of str
-        Of the columns; the first may be empty.
-    rows : iterable of sequence of str
-        A cell for each column.
-    width : int
-        Characters of a line, at most.
-    words : bool
-        Whether the last column holds words, which are aligned to the left and fold.
 
     Examples
     --------

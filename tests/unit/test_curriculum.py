@@ -1,5 +1,7 @@
 """Curricula: which task is trained when, how often, and on what."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -294,7 +296,7 @@ def test_potentials_are_those_that_training_starts_from():
     ):
         np.testing.assert_array_equal(given.values, used.values)
     alone = plan.potentials("far", result.nodes, transfers=plan.in_edges("far")[:1])
-    doubled = plan.potentials("far", result.nodes, function=cr.total)
+    doubled = replace(plan, aggregate=cr.total).potentials("far", result.nodes)
     single = plan.in_edges("far")[0].potential(result["left"].values[0])
     single = np.where(MAZE.mdp.terminal[:, None], 0, np.nan_to_num(single))
     np.testing.assert_array_equal(alone[0].values, single)

@@ -354,7 +354,8 @@ class ComparisonPlan:
 
     def _from_scratch(self, curriculum: Curriculum, seeds: Sequence[int], bars: Bars) -> Arm:
         """Return the target of a curriculum learnt without its sources."""
-        node = curriculum.node(self.target).replace(budget=self.total, eval_freq=self.eval_freq)
+        node = curriculum.node(self.target)
+        node = replace(node, budget=self.total, eval_freq=self.eval_freq)
         train = partial(Node.train, seeds=seeds, workers=self.workers, progress=bars)
         result = self.alone.curves(node, seeds, train)
         return self._arm(result, np.zeros(len(seeds), np.int64), scratch=True)

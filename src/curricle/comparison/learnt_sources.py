@@ -222,7 +222,8 @@ def _fresh_values(
     node: Node, seeds: tuple[int, ...], steps: int, workers: int | None, bars: Bars
 ) -> Any:
     """Return the values, (K, S, A), of a learner without sources, on random streams of its own."""
-    alone = node.replace(
+    alone = replace(
+        node,
         name=f"{node.name}/fresh",
         budget=steps,
         eval_freq=steps,

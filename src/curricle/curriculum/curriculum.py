@@ -199,7 +199,9 @@ class Curriculum:
         return tuple(name for name in self.tasks if name not in sources)
 
     def __repr__(self) -> str:
-        return graph_in_brief(self)
+        edges = [f"{one.source} -> {one.target}" for one in self.transfers]
+        parts = [", ".join(self.order), *([", ".join(edges)] if edges else [])]
+        return shortened(f"{type(self).__name__}({'; '.join(parts)})")
 
     @cached_property
     def order(self) -> tuple[str, ...]:
@@ -298,7 +300,28 @@ class Curriculum:
         return Node.of(name, self.tasks[name], **settings)
 
     def _repr_html_(self) -> str:
-        return curriculum_html(self)
+        tasks = []
+        for name, task in ((name, self.tasks[name]) for name in self.order):
+            learner, budget = type(self.setting("learner", name)).__name__, self.node(name).budget
+            steps = counted(budget, "step") if isinstance(budget, int) else str(budget)
+            tasks.append((name, _task_in_words(task), learner, steps))
+        transfers = [
+            (
+                one.source,
+                one.target,
+                brief_value(one.mapping),
+                one.scale,
+                one.shift,
+                "yes" if one.calibrate else "no",
+            )
+            for one in self.transfers
+        ]
+        head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
+        return block(
+            f"Curriculum: {counted(len(tasks), 'task')}, {counted(len(transfers), 'transfer')}",
+            table(["task", "", "learner", "budget"], tasks, wide=["budget"]),
+            transfers and table(head, transfers, wide=["mapping"]),
+        )
 
     def replace(self, name: str, **settings: Any) -> "Curriculum":
         """Return the same curriculum with other settings, such as ``budget=``, for one task."""
@@ -406,28 +429,14 @@ class Curriculum:
         sources: Mapping[str, Learnt],
         *,
         transfers: Sequence[Transfer] | None = None,
-        function: Aggregate | None = None,
     ) -> list[AnyPotential]:
         """Return the potential that each seed's sources give a task; none without sources.
 
-        Parameters
-        ----------
-        name : str
-            The target.
-        sources : dict of str to SourceValues or LearningResult
-            What its sources learnt, for the same K seeds.
-        transfers : sequence of Transfer, optional
-            To read; all into the task by default.
-        function : callable, optional
-            To aggregate with; the task's own by default.
-
-        Raises
-        ------
-        CurriculumError
-            When a source's values were not kept, or not in a dense table.
+        `transfers` are read, by default all into the task. CurriculumError when a source's values
+        were not kept, or not in a dense table.
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
-        aggregate = self.setting("aggregate", name) if function is None else function
+        aggregate = self.setting("aggregate", name)
         values = {edge.source: handed_on(edge, sources[edge.source]) for edge in edges}
         unknown_value = self.setting("unknown_value", name)
         return source_potentials(self.tasks[name], edges, values, aggregate, unknown_value)
@@ -450,47 +459,9 @@ class Curriculum:
         return {name: SourceValues.of(result) for name, result in trained.items()}
 
 
-def graph_in_brief(graph: Any) -> str:
-    """Return the tasks of a curriculum and its transfers in a few words."""
-    edges = [f"{one.source} -> {one.target}" for one in graph.transfers]
-    parts = [", ".join(graph.order), *([", ".join(edges)] if edges else [])]
-    return shortened(f"{type(graph).__name__}({'; '.join(parts)})")
-
-
-def curriculum_html(curriculum: Any) -> str:
-    """Return a curriculum as a table of its tasks and one of its transfers."""
-    tasks = [
-        (
-            name,
-            _task_in_words(curriculum.tasks[name]),
-            type(curriculum.setting("learner", name)).__name__,
-            _budget_in_words(curriculum.node(name).budget),
-        )
-        for name in curriculum.order
-    ]
-    transfers = [
-        (one.source, one.target, brief_value(one.mapping), one.scale, one.shift, _calibrated(one))
-        for one in curriculum.transfers
-    ]
-    head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
-    return block(
-        f"Curriculum: {counted(len(tasks), 'task')}, {counted(len(transfers), 'transfer')}",
-        table(["task", "", "learner", "budget"], tasks, wide=["budget"]),
-        transfers and table(head, transfers, wide=["mapping"]),
-    )
-
-
 def _task_in_words(task: Any) -> str:
     if is_observation_task(task):
         return brief_value(task)
     model = generative_model(task)
     states, actions = counted(model.states.size, "state"), counted(model.actions.size, "action")
     return f"{type(task).__name__}, {states}, {actions}"
-
-
-def _budget_in_words(budget: Any) -> str:
-    return counted(budget, "step") if isinstance(budget, int) else str(budget)
-
-
-def _calibrated(transfer: Any) -> str:
-    return "yes" if transfer.calibrate else "no"

@@ -44,33 +44,14 @@ MOST_GUARDED = 10_000_000
 
 
 def capped(budget: Budget) -> Budget:
-    """Return the budget of a source: a number of steps is a cap, the rest is as it is.
-
-    Raises
-    ------
-    SettingError
-        When a number is not a whole one of at least 1.
-
-    Examples
-    --------
-    >>> print(capped(4_000))
-    4,000 steps, until the return has settled
-    >>> print(capped(StoppingRule(4_000)))
-    4,000 steps
-    """
+    """Return the budget of a source: a number of steps is a cap, the rest is as it is."""
     if isinstance(budget, Episodes | StoppingRule):
         return budget
     return StoppingRule(limits(budget)[0], settled=SETTLED)
 
 
 def source_budget(target_steps: int, sources: int) -> Budget:
-    """Return the budget of each of so many sources of a target, if they are given none.
-
-    Examples
-    --------
-    >>> print(source_budget(60_000, 2))
-    3,000 steps, until the return has settled
-    """
+    """Return the budget of each of so many sources of a target, if they are given none."""
     return capped(max(1, int(SOURCES_SHARE * target_steps) // sources))
 
 
@@ -84,18 +65,9 @@ def default_shaping(
 ) -> Shaping:
     """Return how potentials enter learning: as the start of Q, guarded where that is possible.
 
-    An actor-critic whose one source is a network like its own, `distilled` from miniatures, starts
-    as that network and is kept near it, unless its budget is one of episodes, of which no half is
-    known.
-
-    A guard needs dense tables and a learner without a bonus. It does not depend on the machine's
-    memory.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> default_shaping(GridWorld("S.T"), QLearning(), Storage()).guard
-    Guard(share_behind=0.05, share_ahead=0.8, memory=20)
+    An actor-critic whose one source is `distilled` from miniatures starts as that network and is
+    kept near it, unless its budget is in episodes, of which no half is known. A guard needs dense
+    tables, whatever the machine's memory, and a learner without a bonus.
     """
     if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
         return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)

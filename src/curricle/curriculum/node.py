@@ -34,33 +34,12 @@ from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential
 
-_KINDS: dict[str, type] = {"shaping": Shaping, "evaluation": GreedyEvaluation, "storage": Storage}
-
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A task of a curriculum and how it is trained; made by :meth:`Curriculum.node`.
+    """A task of a curriculum and how it is trained; made by :meth:`Curriculum.node`."""
 
-    Attributes
-    ----------
-    name : str
-        Also names the random stream, so that a result does not depend on which other tasks are
-        there.
-    task : Task
-    aggregate, unknown_value, learner, budget, shaping, eval_freq, evaluation, storage
-        As in :class:`Curriculum`, for this task.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld
-    >>> node = Curriculum({"maze": GridWorld("S.T")}, budget=1000).node("maze")
-    >>> node.eval_freq, node.most_steps
-    (10, 1000)
-    >>> node.train([0, 1]).steps_used
-    array([1000, 1000])
-    """
-
-    name: str
+    name: str  # of the random stream too: a result does not depend on which other tasks are there
     task: Any
     aggregate: Aggregate
     unknown_value: float
@@ -79,7 +58,8 @@ class Node:
         distilled = isinstance(task, Miniatures)
         eval_freq = 1 if distilled else spacing(eval_freq, settings["budget"])
         learner = DeepLearner if is_observation_task(task) else Learner
-        for which, kind in {"learner": learner, **_KINDS}.items():
+        kinds = {"learner": learner, "shaping": Shaping}
+        for which, kind in (kinds | {"evaluation": GreedyEvaluation, "storage": Storage}).items():
             instance(f"{which} of {name}", settings[which], kind, SettingError)
         if learner is DeepLearner:
             check_spaces(task, settings["learner"])
@@ -96,10 +76,6 @@ class Node:
             )
         number(f"unknown_value of {name}", settings["unknown_value"], CurriculumError)
         return cls(name, task, eval_freq=eval_freq, **settings)
-
-    def replace(self, **settings: Any) -> Self:
-        """Return the node with other settings."""
-        return replace(self, **settings)
 
     @property
     def most_steps(self) -> int:
@@ -153,26 +129,22 @@ class Node:
         saves: Place | None = None,
         progress: Progress = None,
     ) -> LearningResult:
-        """Return the task learnt by K seeds.
+        """Return the task learnt by K seeds, with K potentials and warm-ups or none.
 
-        Parameters
-        ----------
-        seeds : sequence of K int
-        potentials : sequence of K potentials
-            What each seed's shaping takes. Or none.
-        warm_ups : sequence of K WarmUp
-            Episodes that count against the budget, as in :func:`learn`. Or none.
-        charged
-            As in :func:`learn`.
-        snapshots, workers
-            As in :func:`learn`; not for networks.
-        saves : path, optional
-            A folder from which the training of networks goes on, as in :func:`learn_deep`.
-        progress
-            As in :func:`learn`.
+        The other arguments are those of :func:`learn`, `saves` that of :func:`learn_deep`.
         """
         if self.takes_no_steps:
-            return self._distilled(seeds, potentials, progress)
+            self.learner.algorithm_class()  # ImportError without Stable-Baselines3
+            from curricle.deep.miniature import learn_miniatures
+
+            return learn_miniatures(
+                self.task,
+                self.learner,
+                seeds,
+                potentials,
+                eval_freq=self.eval_freq,
+                progress=progress,
+            )
         each = [self.shaping.with_potential(phi) for phi in potentials]
         common: dict[str, Any] = {
             "seeds": seeds,
@@ -201,22 +173,6 @@ class Node:
             snapshots=snapshots,
             workers=workers,
             **common,
-        )
-
-    def _distilled(
-        self, seeds: Sequence[int], potentials: Sequence[AnyPotential], progress: Progress
-    ) -> LearningResult:
-        """Return networks distilled from exact answers; ImportError without Stable-Baselines3."""
-        self.learner.algorithm_class()
-        from curricle.deep.miniature import learn_miniatures
-
-        return learn_miniatures(
-            self.task,
-            self.learner,
-            seeds,
-            potentials,
-            eval_freq=self.eval_freq,
-            progress=progress,
         )
 
     def decisions(self, result: LearningResult) -> Decisions:

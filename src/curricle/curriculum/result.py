@@ -74,10 +74,30 @@ class CurriculumResult:
     given: Mapping[str, SourceValues] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return result_in_brief(self)
+        seeds = len(next(iter(self.nodes.values())).seeds) if self.nodes else 0
+        last = [f"{name} {one.greedy_return[:, -1].mean():.4g}" for name, one in self.nodes.items()]
+        returns = f"last greedy returns: {', '.join(last)}" if last else "nothing was trained"
+        return shortened(f"CurriculumResult({counted(seeds, 'seed')}; {returns})")
 
     def _repr_html_(self) -> str:
-        return result_html(self)
+        shown = dict([*self.nodes.items()][-MOST_CURVES:])
+        given = [name for name in self.given if name not in self.nodes]
+        return block(
+            f"Training of {' -> '.join(self.curriculum.order)}",
+            beside({name: learnt_curve(one) for name, one in shown.items()}),
+            learnt_table(self.nodes, {name: self._ended(name) for name in self.nodes}),
+            given and f"learnt before: {', '.join(given)}",
+            *(f"{name}: {_calibration(each)}" for name, each in self.calibrations.items()),
+        )
+
+    def _ended(self, name: str) -> str:
+        """Return what ended a task's training in words; nothing where no rule did."""
+        if name not in self.curriculum.tasks:
+            return ""
+        try:
+            return self.decisions(name).in_words
+        except CurricleError:  # a rule that cannot be judged any more
+            return ""
 
     def __getitem__(self, name: str) -> LearningResult:
         one_of("a task", name, self.nodes, CurriculumError)
@@ -176,38 +196,6 @@ class CurriculumResult:
             return cls(curriculum, *_from_words(saved, saved.about, curriculum))
 
 
-def result_in_brief(result: CurriculumResult) -> str:
-    """Return what training gave in a few words: seeds, and the last return of each task."""
-    seeds = len(next(iter(result.nodes.values())).seeds) if result.nodes else 0
-    last = [f"{name} {one.greedy_return[:, -1].mean():.4g}" for name, one in result.nodes.items()]
-    returns = f"last greedy returns: {', '.join(last)}" if last else "nothing was trained"
-    return shortened(f"CurriculumResult({counted(seeds, 'seed')}; {returns})")
-
-
-def result_html(result: CurriculumResult) -> str:
-    """Return what training gave: curves, a table of the tasks, and what calibration came to."""
-    shown = dict([*result.nodes.items()][-MOST_CURVES:])
-    ended = {name: _ended(result, name) for name in result.nodes}
-    given = [name for name in result.given if name not in result.nodes]
-    return block(
-        f"Training of {' -> '.join(result.curriculum.order)}",
-        beside({name: learnt_curve(one) for name, one in shown.items()}),
-        learnt_table(result.nodes, ended),
-        given and f"learnt before: {', '.join(given)}",
-        *(f"{name}: {_calibration(each)}" for name, each in result.calibrations.items()),
-    )
-
-
-def _ended(result: CurriculumResult, name: str) -> str:
-    """Return what ended a task's training in words; nothing where no rule did."""
-    if name not in result.curriculum.tasks:
-        return ""
-    try:
-        return str(result.decisions(name).in_words)
-    except CurricleError:  # a rule that cannot be judged any more
-        return ""
-
-
 def _calibration(each: list[Calibration]) -> str:
     refused = sum(bool(one.refusal) for one in each)
     scale = np.mean([one.scale for one in each])
@@ -289,7 +277,10 @@ def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> 
     calibrations = {}
     for name, each in fitted.items():
         pairs = zip(each, potentials[name], strict=True)
-        calibrations[name] = [_calibrated(one, phi) for one, phi in pairs]
+        calibrations[name] = [
+            replace(one, potential=phi if one.refusal else phi.rescaled(one.scale))
+            for one, phi in pairs
+        ]
         potentials[name] = [one.potential for one in calibrations[name]]
     return nodes, potentials, calibrations, given
 
@@ -349,8 +340,3 @@ def _calibrations(_: str, arrays: Arrays, about: Any) -> list[Calibration]:
         warm_up = WarmUp(frozen(arrays[f"lengths_{k}"]), frozen(arrays[f"returns_{k}"]))
         found.append(Calibration(None, warm_up=warm_up, **{name: one[name] for name in SCALARS}))
     return found
-
-
-def _calibrated(one: Calibration, potential: AnyPotential) -> Calibration:
-    phi = potential if one.refusal else potential.rescaled(one.scale)
-    return replace(one, potential=phi)

@@ -93,20 +93,7 @@ class OptimisticQLearning(Learner):
         return harmonic() if self.learning_rate is None else self.learning_rate
 
     def for_task(self, task: Task) -> Self:
-        """Return the learner with the settings that it takes from the task filled in.
-
-        Raises
-        ------
-        SettingError
-            When the task does not tell them.
-
-        Examples
-        --------
-        >>> from curricle import GridWorld
-        >>> learner = OptimisticQLearning().for_task(GridWorld("S.T", discount=0.9))
-        >>> [round(x) for x in learner.value_range], round(learner.learning_rate.span)
-        ([-10, 199], 11)
-        """
+        """Return the learner with its task's settings, or SettingError if the task tells none."""
         rate: Any = self.learning_rate
         if rate is None:
             rate = harmonic(half=_horizon("OptimisticQLearning without learning_rate", task) + 1.0)

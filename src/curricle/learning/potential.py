@@ -119,11 +119,17 @@ class StatePotential(Frozen):
         PotentialError
             When it is left out in another task.
         """
-        discount = generative_model(self.task).discount
+        generative = generative_model(self.task)
         here = self.at(step)[_states(self.task, state)]
-        after = self.at(step + 1)[_states(self.task, next_state)]
-        there = _ended(self.task, terminated, after)
-        return np.asarray(discount * there - here)
+        there = self.at(step + 1)[_states(self.task, next_state)]
+        if terminated is not None:
+            there = np.where(np.asarray(terminated, dtype=np.bool_), 0.0, there)
+        elif generative.terminal is None:
+            raise PotentialError(
+                "the potential is 0 where an episode has ended, which only the steps of this task "
+                f"tell: give terminated= for {self.task!r}"
+            )
+        return np.asarray(generative.discount * there - here)
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,26 +276,8 @@ Potential = StatePotential | StateActionPotential | MappedPotential
 
 
 def finite_scale(scale: float, shift: float) -> tuple[float, float]:
-    """Return the scale and shift of a potential as floats; PotentialError unless finite.
-
-    Examples
-    --------
-    >>> finite_scale(2, 0)
-    (2.0, 0.0)
-    """
+    """Return the scale and shift of a potential as floats; PotentialError unless finite."""
     return number("scale", scale, PotentialError), number("shift", shift, PotentialError)
-
-
-def _ended(task: Task, terminated: npt.ArrayLike | None, there: FloatArray) -> FloatArray:
-    """Return the potential of next states, 0 where the episode has terminated."""
-    if terminated is not None:
-        return np.where(np.asarray(terminated, dtype=np.bool_), 0.0, there)
-    if generative_model(task).terminal is None:
-        raise PotentialError(
-            "the potential is 0 where an episode has ended, which only the steps of this task "
-            f"tell: give terminated= for {task!r}"
-        )
-    return there
 
 
 def _states(task: Any, given: Any) -> IntArray:

@@ -60,39 +60,18 @@ def _greedy_looked_up(view, state, bits):
 
 @dataclass(frozen=True, eq=False)
 class GreedyRollouts(Frozen):
-    """E greedy episodes with n steps in all, and what the potential predicts at each step.
+    """E greedy episodes with n steps in all, and what the potential predicts at each step."""
 
-    Attributes
-    ----------
-    states, actions : (n,) int64
-    predicted : (n,) float64
-        phi(s_t, a_t).
-    return_to_go : (n,) float64
-        The discounted rewards from step t to the end of its episode.
-    bootstrap_discount : (n,) float64
-        gamma^(steps to the end) where the episode was truncated, 0 where it terminated.
-    bootstrapped_value : (n,) float64
-        max_a phi(s, a) of the state in which the episode was truncated, 0 where it terminated.
-    lengths : (E,) int64
-        Steps of each episode.
-    ended : (E,) bool
-        Whether it terminated.
-    returns : (E,) float64
-        Its sum of rewards, undiscounted.
-    one_reward : bool
-        Whether every step had the same reward.
-    """
-
-    states: IntArray
-    actions: IntArray
-    predicted: FloatArray
-    return_to_go: FloatArray
-    bootstrap_discount: FloatArray
-    bootstrapped_value: FloatArray
-    lengths: IntArray
-    ended: BoolArray
-    returns: FloatArray
-    one_reward: bool
+    states: IntArray  # (n,)
+    actions: IntArray  # (n,)
+    predicted: FloatArray  # (n,) phi(s_t, a_t)
+    return_to_go: FloatArray  # (n,) discounted rewards from step t to the end of its episode
+    bootstrap_discount: FloatArray  # (n,) gamma^(steps to the end) if truncated, 0 if terminated
+    bootstrapped_value: FloatArray  # (n,) max_a phi of the last state if truncated, else 0
+    lengths: IntArray  # (E,) steps of each episode
+    ended: BoolArray  # (E,) whether it terminated
+    returns: FloatArray  # (E,) its sum of rewards, undiscounted
+    one_reward: bool  # whether every step had the same reward
 
     __repr__ = brief_repr
 
@@ -107,30 +86,8 @@ def greedy_rollouts(
 ) -> GreedyRollouts:
     """Return episodes of the greedy policy of a potential in its task, ties broken at random.
 
-    Parameters
-    ----------
-    potential : StateActionPotential or MappedPotential
-    episodes : int
-        How many, E. Each is truncated at the task's time limit or, without one, where rewards are
-        discounted by a factor below 1e-9.
-    seed, stream : int, str
-        Of the random stream, as in :func:`learn`.
-    max_steps : int, optional
-        Steps after which the episodes stop, the last of them truncated.
-
-    Raises
-    ------
-    SettingError
-        When an episode has no bound, or the episodes may exceed 50 million steps.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, solve
-    >>> maze = GridWorld("S.T", discount=0.5, time_limit=10)
-    >>> phi = StateActionPotential(maze, solve(maze).action_values)
-    >>> rollouts = greedy_rollouts(phi, episodes=2)
-    >>> rollouts.states, rollouts.predicted, rollouts.return_to_go
-    (array([0, 1, 0, 1]), array([ 98.5, 199. ,  98.5, 199. ]), array([ 98.5, 199. ,  98.5, 199. ]))
+    Each is truncated at the task's time limit or, without one, where rewards are discounted by a
+    factor below 1e-9. All stop after `max_steps`, the last of them truncated there.
     """
     if not isinstance(potential, StateActionPotential | MappedPotential):
         raise SettingError(f"rollouts need a potential of state-action pairs: got {potential!r}")
@@ -189,15 +146,9 @@ def rollout_size(task: Any, episodes: int, max_steps: int | None = None) -> tupl
     return episodes, horizon
 
 
-def greedy_start(
-    potential: PairPotential, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
-) -> float:
-    """Return the expected return of a potential's greedy policy.
-
-    :func:`learn` records the same number at step 0 where Q starts at phi, for this seed and stream.
-    """
-    view = acting_view(potential)
-    return greedy_policy_return(potential.task, view, evaluation, seed=seed, stream=stream)
+def greedy_start(potential: PairPotential, evaluation: GreedyEvaluation, *, seed: int = 0) -> float:
+    """Return the greedy policy's return, which :func:`learn` records where Q starts at phi."""
+    return greedy_policy_return(potential.task, acting_view(potential), evaluation, seed=seed)
 
 
 def acting_view(potential: PairPotential) -> LookedUp | Values:

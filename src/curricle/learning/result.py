@@ -291,15 +291,7 @@ def _snapshots(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapsh
 
 
 def lengthened(name: str, curves: FloatArray, checkpoints: int) -> FloatArray:
-    """Return curves (K, T) of seeds that have ended at more checkpoints, as `name` is continued.
-
-    Examples
-    --------
-    >>> lengthened("greedy_return", np.array([[0.0, 1.0]]), 3)
-    array([[0., 1., 1.]])
-    >>> lengthened("training_return", np.array([[0.0, 1.0]]), 3)
-    array([[ 0.,  1., nan]])
-    """
+    """Return curves (K, T) of seeds that have ended at more checkpoints: held, or else NaN."""
     after = ((0, 0), (0, checkpoints - curves.shape[1]))
     if name in HELD:
         return np.pad(curves, after, mode="edge")
@@ -392,15 +384,13 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
 # -- as a table ------------------------------------------------------------------------------------
 
 
-HEAD = ("learner", "seeds", "steps a seed", "episodes a seed", "first return", "last return")
-
-
 def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
     """Return a row for each task's LearningResult, and in words what ended its learning."""
     rows = [(name, *_row(one), ended.get(name, "")) for name, one in results.items()]
     words = ["ended by"] * any(ended.values())
     shown = [row if words else row[:-1] for row in rows]
-    return table(["task", *HEAD, *words], shown, wide=words)
+    head = ["task", "learner", "seeds", "steps a seed", "episodes a seed"]
+    return table([*head, "first return", "last return", *words], shown, wide=words)
 
 
 def _row(result: Any) -> tuple[Any, ...]:

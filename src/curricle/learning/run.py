@@ -257,7 +257,7 @@ class Run:
     @property
     def _width(self) -> StaticInt:
         n_actions = self.task.actions.size
-        return static_int(n_actions if n_actions <= UNROLLED else 0)
+        return (None,) * (n_actions if n_actions <= UNROLLED else 0)
 
     def _filled(self, potential: Any, q: FloatTable | None = None) -> FloatTable:
         """Return a table, a new one unless given, of the initial value plus the potential."""
@@ -290,7 +290,7 @@ class Run:
         return np.asarray(ends[same])
 
     def _dense(self, q: FloatTable, key: np.uint64) -> DenseTable:
-        far = static_int(q.nbytes > NEAR)
+        far = (None,) * (q.nbytes > NEAR)
         best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
         return DenseTable(q, best, greedy, key, self._width, far)
 
@@ -314,7 +314,7 @@ class Run:
             lookup._replace(initial=float(self.learner.initial_value)),
             key,
             self._width,
-            static_int(1),
+            (None,),
         )
 
 
@@ -325,8 +325,3 @@ def _visited(table: SparseTable) -> SparseValues:
     states, q = table.states[rows][order].astype(np.int64), table.q[rows]
     reorder(q, order)
     return SparseValues(frozen(states), frozen(q))
-
-
-def static_int(n: int) -> StaticInt:
-    """Return a number as a type, so that loops are compiled for it."""
-    return (None,) * n

@@ -34,14 +34,7 @@ LEARNERS: dict[str, type[Learner]] = {
 
 
 def task_record(task: Any) -> dict[str, Any]:
-    """Return what tells whether a task fits values: its spaces in words, and their sizes.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> task_record(GridWorld("S.T"))["pairs"]
-    [3, 4]
-    """
+    """Return what tells whether a task fits values: its spaces in words, and their sizes."""
     if task is None:
         return {}
     if is_observation_task(task):
@@ -93,13 +86,7 @@ def as_saved(saved: SavedFile) -> Iterator[None]:
 
 
 def learner_record(learner: Any) -> dict[str, Any]:
-    """Return a learner as JSON holds it: its class, and the settings of Curricle's own.
-
-    Examples
-    --------
-    >>> learner_of(learner_record(QLearning(epsilon=0.2)))
-    QLearning(learning_rate=0.1, epsilon=0.2, inverse_temperature=None, initial_value=0.0)
-    """
+    """Return a learner as JSON holds it: its class, and the settings of Curricle's own."""
     kind = type(learner)
     if LEARNERS.get(kind.__name__) is not kind:
         return {"type": kind.__name__}
@@ -164,14 +151,8 @@ def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of a :class:`LearningResult` by name.
 
     ``values`` are there if they were saved, or for each seed k the ``states_k`` and ``values_k`` of
-    its sparse table, or the parameters of its network, ``values_k/name``; ``snapshot_steps`` and
-    ``snapshot_values`` if there are snapshots.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, learn
-    >>> sorted(arrays_of(learn(GridWorld("S.T"), budget=100)))[-2:]
-    ['training_return', 'values']
+    its sparse table, or the parameters of its network, ``values_k/name``;
+    ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
     """
     found = {name: getattr(result, name) for name in PLAIN}
     found["seeds"] = np.array(result.seeds, dtype=np.int64)
@@ -248,18 +229,7 @@ def check_result_arrays(
     pairs: tuple[int, int],
     counts: Sequence[str] = ("steps_used",),
 ) -> None:
-    """Raise ValueError unless arrays are those of a result.
-
-    Parameters
-    ----------
-    arrays : dict of str to array
-    seeds : sequence of int
-        Those that it must have, K of them.
-    pairs : (int, int)
-        States and actions of its task.
-    counts : sequence of str
-        Arrays (K,) of steps, from 0 to 2^53.
-    """
+    """Raise ValueError unless arrays are those of a result."""
     n, n_seeds = checkpoints_of(arrays), len(seeds)
     shapes: dict[str, tuple[int, ...]] = {"steps": (n,)}
     shapes |= dict.fromkeys(CURVES, (n_seeds, n))

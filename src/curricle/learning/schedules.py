@@ -48,17 +48,7 @@ class Schedule(NamedTuple):
 
 
 def constant(value: float) -> Schedule:
-    """Return the schedule whose value is always `value`.
-
-    Parameters
-    ----------
-    value : float
-
-    Examples
-    --------
-    >>> constant(0.1)(500)
-    0.1
-    """
+    """Return the schedule whose value is always `value`."""
     always = number("a schedule", value, SettingError)
     return Schedule(CONSTANT, always, always, 1.0)
 

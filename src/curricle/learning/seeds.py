@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import repeat
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,13 +21,7 @@ MOST_SEEDS = 100_000
 
 
 def seed_tuple(seeds: Any) -> tuple[int, ...]:
-    """Return K as 0 .. K-1 and a sequence of seeds as a tuple, or raise SettingError.
-
-    Examples
-    --------
-    >>> seed_tuple(3), seed_tuple([7, 11])
-    ((0, 1, 2), (7, 11))
-    """
+    """Return K as 0 .. K-1 and a sequence of seeds as a tuple, or raise SettingError."""
     if isinstance(seeds, str) or not isinstance(seeds, Sequence | np.ndarray | range):
         seeds = range(whole_number("seeds", seeds, 1, SettingError))
     if len(seeds) > MOST_SEEDS:
@@ -62,13 +57,7 @@ def seed_settings(
     returns a shaping as it fits the task.
     """
     numbers = seed_tuple(seeds)
-
-    def checked(one: Any) -> Shaping | None:
-        if one is None:
-            return None
-        _check_shaping(one, learner)
-        return fitted(one)
-
+    checked = partial(_checked_shaping, learner=learner, fitted=fitted)
     # One for all is fitted once, as each fitting may make an array of S x A.
     shapings: Iterable[Shaping | None]
     if _is_list(shaping):
@@ -103,7 +92,11 @@ def _one_a_seed(what: str, given: Any, n_seeds: int, default: Any) -> list[Any]:
     return each
 
 
-def _check_shaping(shaping: Any, learner: Any) -> None:
+def _checked_shaping(
+    shaping: Any, learner: Any, fitted: Callable[[Shaping], Shaping]
+) -> Shaping | None:
+    if shaping is None:
+        return None
     if not isinstance(shaping, Shaping):
         raise SettingError(
             "shaping must be a Shaping, such as QInitialisation(potential): got "
@@ -112,6 +105,7 @@ def _check_shaping(shaping: Any, learner: Any) -> None:
     shaping.check(learner)
     if shaping.guard is not None and shaping.potential is None:
         raise SettingError("a guard needs a potential: got a shaping without one")
+    return fitted(shaping)
 
 
 def _check_limits(limits: tuple[int, int], seed: int, warm_up: WarmUp, charged: int) -> None:

@@ -1,11 +1,6 @@
 """Shapings: how a potential enters learning, one class for each way.
 
-A class defines for which learners it is valid (:meth:`Shaping.check`), which kind of potential it
-takes (:meth:`Shaping.for_task`), whether Q starts at that potential, what compiled loops add to
-rewards or to the values acted on (:meth:`Shaping.kernel`), what has to be added to Q so that it is
-in the task's own rewards (:meth:`Shaping.offset`) if that is possible (``Shaping.own_rewards``),
-what the policy acts on besides (:meth:`Shaping.advice`), and what :func:`certify` checks
-(``Shaping.claim``).
+The methods and class variables of :class:`Shaping` are all that a class may define.
 """
 
 from abc import ABC, abstractmethod
@@ -118,12 +113,7 @@ class Shaping(ABC):
     def for_task(self, task: Task) -> Self:
         """Return the shaping with a potential of the library's own, made for this task.
 
-        Raises
-        ------
-        PotentialError
-            When an array has the wrong shape or a value that is not finite.
-        SettingError
-            When the potential is of another kind than the shaping takes, or of another task.
+        PotentialError for a malformed array, SettingError for a potential of another kind or task.
         """
         if self.potential is None:
             return self

@@ -118,13 +118,7 @@ class StoppingRule:
         return f"{least}{counted(self.max_steps, 'step')}{until}"
 
     def kernel(self, level: float | None = None) -> "StoppingKernel":
-        """Return the rule as compiled loops read it.
-
-        Parameters
-        ----------
-        level : float, optional
-            The return that a fraction stands for (:meth:`Target.level`).
-        """
+        """Return the rule for compiled loops, `level` what its fraction stands for."""
         value = self.threshold if self.fraction is None else level
         level, plateau, drop, settled = (
             math.nan if given is None else float(given)
@@ -278,37 +272,18 @@ def stops(rule, greedy, checkpoint, step):
 
 @dataclass(frozen=True)
 class Decision:
-    """What a stopping rule decided at one checkpoint, and why. Prints as a sentence.
-
-    Attributes
-    ----------
-    rule : StoppingRule
-    kernel : StoppingKernel
-    step : int
-    ends : bool
-        Whether the rule ended the run.
-    start : float
-        The first evaluation, return.
-    lowest, highest : float
-        The lowest and highest of the last evaluations, return; NaN if there were too few.
-    rise : float
-        Their mean less the mean of as many before, return; NaN if there were too few.
-    share : float
-        The rise over the last three tenths of the steps, as a share of the range; NaN if unknown.
-    evaluation_steps : int
-        Steps of the rollouts that a run's decisions read, given with its last one; they are free.
-    """
+    """What a stopping rule decided at one checkpoint, and why. Prints as a sentence."""
 
     rule: StoppingRule
     kernel: StoppingKernel
     step: int
-    ends: bool
-    start: float
-    lowest: float
+    ends: bool  # whether the rule ended the run
+    start: float  # the first evaluation, a return
+    lowest: float  # of the last evaluations; this and the next NaN if there were too few
     highest: float
-    rise: float
-    share: float
-    evaluation_steps: int = 0
+    rise: float  # their mean less the mean of as many before; NaN if there were too few
+    share: float  # the rise over the last three tenths of the steps, of the range; NaN if unknown
+    evaluation_steps: int = 0  # that all of a run's decisions read, given with its last one
 
     @property
     def dropped(self) -> bool:
@@ -339,29 +314,22 @@ class Decision:
     @property
     def reasons(self) -> list[str]:
         """Each condition with the numbers that it compared."""
-        found, n = list[str](), self.rule.patience
+        n, kernel, few = self.rule.patience, self.kernel, "too few evaluations"
         over = f"over {counted(n, 'evaluation')}"
-        if not math.isnan(self.kernel.level):
-            sign = ">=" if self.lowest >= self.kernel.level else "<"
-            found.append(
-                f"too few evaluations for a value over {n}"
-                if math.isnan(self.lowest)
-                else f"greedy {self.lowest:.4g} {sign} {self.kernel.level:.4g} {over}"
-            )
-        if not math.isnan(self.kernel.plateau):
-            sign = "<" if self.rise < self.kernel.plateau else ">="
-            found.append(
-                f"too few evaluations for a plateau over {n} and {n} before"
-                if math.isnan(self.rise)
-                else f"rise {self.rise:.3g} {sign} {self.kernel.plateau:.3g} {over}"
-            )
-        if not math.isnan(self.kernel.settled):
-            sign = "<" if self.share < self.kernel.settled else ">="
-            found.append(
-                "too few evaluations, or all equal, to tell whether the return has settled"
-                if math.isnan(self.share)
-                else f"rise {self.share:.2g} {sign} {self.kernel.settled:.2g} of its range"
-            )
+        level = f"{few} for a value over {n}"
+        plateau = f"{few} for a plateau over {n} and {n} before"
+        settled = f"{few}, or all equal, to tell whether the return has settled"
+        conditions = (
+            (kernel.level, self.lowest, "greedy", ".4g", over, level),
+            (kernel.plateau, self.rise, "rise", ".3g", over, plateau),
+            (kernel.settled, self.share, "rise", ".2g", "of its range", settled),
+        )
+        found = list[str]()
+        for bound, value, name, form, of, unknown in conditions:
+            if not math.isnan(bound):
+                sign = "<" if value < bound else ">="
+                compared = f"{name} {value:{form}} {sign} {bound:{form}} {of}"
+                found.append(unknown if math.isnan(value) else compared)
         if self.dropped:
             found.append(
                 f"dropped: greedy {self.highest:.4g} < {self.start:.4g} - {self.kernel.drop:.4g}, "

@@ -95,8 +95,8 @@ class TabularPolicy(Frozen):
         """
         if self.task is not None and is_live(self.task):
             live: Any = self.task
-            return live.act(self._first(numbering(live)(observation)))
-        return self._first(self._state(observation))
+            return live.act(int(np.argmax(self._row(numbering(live)(observation)))))
+        return int(np.argmax(self._row(self._state(observation))))
 
     def _state(self, observation: Any) -> int:
         if np.ndim(observation) == 0:
@@ -117,9 +117,6 @@ class TabularPolicy(Frozen):
         if state < 0:
             raise SettingError(f"a state must be one of {space}: got {observation!r}")
         return state
-
-    def _first(self, state: int) -> int:
-        return int(np.argmax(self._row(state)))
 
     def _row(self, state: int) -> FloatTable:
         """Return the values of a state's actions, (A,)."""
@@ -164,14 +161,10 @@ class TabularPolicy(Frozen):
         seed = whole_number("seed", seed, 0, SettingError)
         if isinstance(task, LiveMDP):
             return self._live_episode(task, seed, limit)
-        return Episode.of(task, greedy_rollout(task, self._view, seed=seed, steps=limit))
-
-    @property
-    def _view(self) -> Values | VisitedValues:
-        """The values as compiled loops read them."""
+        view: Any = Values(self.values)
         if isinstance(self.values, SparseValues):
-            return VisitedValues(self.values.states, self.values.values)
-        return Values(self.values)
+            view = VisitedValues(self.values.states, self.values.values)
+        return Episode.of(task, greedy_rollout(task, view, seed=seed, steps=limit))
 
     def _live_episode(self, task: LiveMDP, seed: int, limit: int) -> Episode:
         from curricle.tasks.scene import draws_pictures, frame_of, scene_of, with_pictures

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Generic, TypeVar, overload
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -31,31 +31,19 @@ LINE, APART = 96, 3
 """Characters of a printed line at most, and between two moments in it."""
 MOST_MOMENTS = 60
 """Moments that are printed at most."""
-Drawing = TypeVar("Drawing")
 Frame = npt.NDArray[np.uint8]
 
 
-class Drawn(Sequence[Drawing], Generic[Drawing]):
-    """Drawings that are made when they are asked for: those of a long episode fill the memory.
+class Drawn(Sequence[Any]):
+    """Drawings of states, made when they are asked for: those of a long episode fill the memory."""
 
-    Parameters
-    ----------
-    draw : callable
-        From a state to its drawing.
-    states : (n,) int64
-    """
-
-    def __init__(self, draw: Callable[[int], Drawing], states: npt.NDArray[np.int64]):
+    def __init__(self, draw: Callable[[int], Any], states: npt.NDArray[np.int64]):
         self._draw, self._states = draw, states
 
     def __len__(self) -> int:
         return len(self._states)
 
-    @overload
-    def __getitem__(self, place: int) -> Drawing: ...
-    @overload
-    def __getitem__(self, place: slice) -> Sequence[Drawing]: ...
-    def __getitem__(self, place: int | slice) -> Drawing | Sequence[Drawing]:
+    def __getitem__(self, place: Any) -> Any:
         if isinstance(place, slice):
             return Drawn(self._draw, self._states[place])
         return self._draw(int(self._states[place]))
@@ -225,21 +213,10 @@ def played(
     picture: Callable[[Any], Frame],
     text: Callable[[Any], str] | None = None,
 ) -> Episode:
-    """Return one episode of a policy in an environment.
+    """Return one episode of a policy in an environment of Gymnasium's, reset with `seed`.
 
-    Parameters
-    ----------
-    env : gymnasium.Env
-    act : callable
-        From an observation to the environment's action.
-    seed : int
-        Of the reset.
-    limit : int
-        Steps after which it is cut off.
-    picture : callable
-        From an observation to a picture, (height, width, 3) uint8.
-    text : callable, optional
-        From an observation to a drawing made of characters.
+    `act`, `picture` and `text` return the action, the frame and a drawing made of characters for an
+    observation; after `limit` steps the episode is cut off.
     """
     seen, _ = env.reset(seed=seed)
     frames, actions, rewards = [picture(seen)], list[Any](), list[float]()

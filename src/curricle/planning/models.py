@@ -24,14 +24,7 @@ Policy = npt.NDArray[np.integer[Any]] | FloatArray
 
 @dataclass(frozen=True, eq=False)
 class TabularPlanningModel(Frozen):
-    """A model read from the tables of a FiniteMDP.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> TabularPlanningModel.of(GridWorld("S.T").mdp).largest_reward
-    199.0
-    """
+    """A model read from the tables of a FiniteMDP."""
 
     terminal: BoolArray  # (S,)
     mean_reward: FloatArray  # (Y,) of each outcome row
@@ -124,14 +117,7 @@ class TabularPlanningModel(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class FactoredPlanningModel(Frozen):
-    """A model computed from a factored model; its discount is below 1.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> FactoredPlanningModel.of(Pursuit(size=2, predators=1).factored_model).largest_reward
-    1.0
-    """
+    """A model computed from a factored model; its discount is below 1."""
 
     terminal: BoolArray  # (S,)
     mean_reward: FloatArray  # (S,) of steps from the prey's cell to the predators' cells
@@ -247,12 +233,6 @@ def model_of(task: Task) -> PlanningModel:
     """Return the model to plan with: the task's factored model if it has one, else its tables.
 
     At discount 1 it is the tables, which can be searched for policies that never end.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Pursuit
-    >>> type(model_of(Pursuit(size=2))).__name__, type(model_of(GridWorld("ST"))).__name__
-    ('FactoredPlanningModel', 'TabularPlanningModel')
     """
     factored_model = getattr(task, "factored_model", None)
     if isinstance(factored_model, FactoredModel) and factored_model.discount < 1:

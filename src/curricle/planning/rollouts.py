@@ -118,25 +118,7 @@ def rollout(
 
 
 def greedy_rollout(task: Task, view: Any, *, seed: int = 0, steps: int | None = None) -> Trajectory:
-    """Return one episode of the policy that is greedy on a view of values, ties drawn uniformly.
-
-    Parameters
-    ----------
-    task : Task
-        As in :func:`rollout`.
-    view : NamedTuple
-        What compiled loops read values of, such as :class:`Values`.
-    seed, steps : int
-        As in :func:`rollout`.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, solve
-    >>> from curricle.planning.greedy import Values
-    >>> maze = GridWorld("S.T")
-    >>> greedy_rollout(maze, Values(solve(maze).action_values)).states
-    array([0, 1, 2])
-    """
+    """Return one episode of the policy that is greedy on a view of values, ties drawn uniformly."""
     return _trajectory(generative_model(task), GreedyPolicy(view), seed=seed, steps=steps)
 
 
@@ -186,32 +168,12 @@ def _starts(task: GenerativeModel, starts: Sequence[int] | IntArray) -> IntArray
 
 @dataclass(frozen=True, eq=False)
 class RandomRollouts(Frozen):
-    """E episodes of the uniformly random policy, of up to L steps.
+    """E episodes of the uniformly random policy, of up to L steps."""
 
-    Attributes
-    ----------
-    states : (E, L + 1) int64
-        From where each starts; after its end the state reached last, repeated.
-    actions : (E, L) int64
-        0 after the end.
-    length : (E,) int64
-        Steps taken.
-    terminated : (E,) bool
-        Whether the episode terminated; the others were cut off.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> rollouts = random_rollouts(GridWorld("S.T"), episodes=2, length=3)
-    >>> rollouts.states, rollouts.terminated
-    (array([[0, 0, 0, 0],
-           [0, 1, 1, 2]]), array([False,  True]))
-    """
-
-    states: IntArray
-    actions: IntArray
-    length: IntArray
-    terminated: BoolArray
+    states: IntArray  # (E, L + 1) from where each starts; after its end the last one, repeated
+    actions: IntArray  # (E, L) 0 after the end
+    length: IntArray  # (E,) steps taken
+    terminated: BoolArray  # (E,) the others were cut off
 
     @property
     def taken(self) -> BoolArray:
@@ -237,13 +199,6 @@ def random_rollouts(
 
     One that is shorter than `length` terminated, or the task truncated it. Episodes start as the
     task draws them, or in `starts`, (E,), as many states as `episodes`.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> rollouts = random_rollouts(Pursuit(size=10, predators=3), episodes=5, length=100)
-    >>> rollouts.states.shape, bool(rollouts.terminated.any())
-    ((5, 101), False)
     """
     n = whole_number("episodes of random rollouts", episodes, 1, SettingError)
     length = whole_number("the length of a random rollout in steps", length, 1, SettingError)

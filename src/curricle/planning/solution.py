@@ -185,23 +185,17 @@ def evaluate(
     """
     model = model_of(task)
     if callable(getattr(policy, "predict", None)):
-        policy = _policy_of(task, policy)
+        policy_of = getattr(task, "policy", None)
+        if not callable(policy_of):
+            raise SettingError(
+                "a model is evaluated in a task that knows what is observed in each state, as "
+                f"those of tabulate do: got {task!r}"
+            )
+        policy = policy_of(policy)
     followed = checked_policy(policy, model.terminal, model.n_actions)
     with shown(progress) as bars:
         values, error = _iterate(model, followed, tolerance, bars)
     return PolicyValues(frozen(values), model.start_value(values), error, model)
-
-
-def _policy_of(task: Any, model: Any) -> npt.ArrayLike:
-    """Return what a model does in each state of a task that knows what is observed there."""
-    asked = getattr(task, "policy", None)
-    if not callable(asked):
-        raise SettingError(
-            "a model is evaluated in a task that knows what is observed in each state, as those of "
-            f"tabulate do: got {task!r}"
-        )
-    found: npt.ArrayLike = asked(model)
-    return found
 
 
 def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> FloatArray:
@@ -227,23 +221,9 @@ def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> Fl
 
 
 def right_choices(action_values: FloatTable, optimal: BoolArray) -> BoolArray:
-    """Return where every action that is greedy on Q, (..., S, A), is optimal, (S, A): (..., S).
-
-    Examples
-    --------
-    >>> right_choices(np.array([[1.0, 2.0], [3.0, 3.0]]), np.array([[False, True]] * 2))
-    array([ True, False])
-    """
+    """Return where every action that is greedy on Q, (..., S, A), is optimal, (S, A): (..., S)."""
     greedy = action_values == action_values.max(axis=-1, keepdims=True)
     return np.asarray((optimal | ~greedy).all(axis=-1))
-
-
-def policy_table(mdp: FiniteMDP, policy: npt.ArrayLike) -> FloatArray:
-    """Return a policy as (S, A) probabilities, or raise SettingError naming the bad state."""
-    checked = checked_policy(policy, mdp.terminal, mdp.actions.size)
-    if checked.ndim == 1:
-        checked = np.eye(mdp.actions.size)[checked]
-    return checked.astype(np.float64, copy=False)
 
 
 def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -> Policy:
@@ -409,7 +389,9 @@ def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> Float
     mdp = tables(task)
     if policy is None:
         policy = np.full(mdp.outcome_row.shape, 1 / mdp.actions.size)
-    chances = np.where(mdp.terminal[:, None], 0.0, policy_table(mdp, policy))
+    checked = checked_policy(policy, mdp.terminal, mdp.actions.size)
+    table = np.eye(mdp.actions.size)[checked] if checked.ndim == 1 else checked
+    chances = np.where(mdp.terminal[:, None], 0.0, table)
     step, now, visits = _transitions(mdp, chances), mdp.start, np.zeros(mdp.states.size)
     for _ in range(int(NO_LIMIT) if mdp.time_limit is None else mdp.time_limit):
         visits += now

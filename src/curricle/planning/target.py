@@ -92,10 +92,7 @@ class Target:
     def level(self, fraction: float) -> float:
         """Return worst + fraction (optimum - worst), worst being the random policy's return.
 
-        Raises
-        ------
-        SettingError
-            When the target is not solved.
+        SettingError when the target is not solved.
         """
         if self.solution is None:
             raise not_solved(fraction, self.task)

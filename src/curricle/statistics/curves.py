@@ -7,7 +7,7 @@ reaching a threshold; everywhere else the seed's first measured value is used.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,18 +23,6 @@ SCRATCH = "scratch"
 """Name of the arm that learns the target from scratch; all others are compared with it."""
 ROUNDING = 1e-7
 """Relative difference of two mean returns that rounding can cause in exact evaluations."""
-
-
-class GreedyReturns(Protocol):
-    """What :meth:`Curve.of` reads of a :class:`LearningResult`: steps (T,), returns (K, T)."""
-
-    @property
-    def steps(self) -> IntArray:
-        """Checkpoints, in steps."""
-
-    @property
-    def greedy_return(self) -> FloatArray:
-        """Return of the greedy policy at each checkpoint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +98,7 @@ class Curve(Frozen):
             object.__setattr__(self, name, frozen(array))
 
     @classmethod
-    def of(cls, result: GreedyReturns, source_steps: npt.ArrayLike = 0) -> Curve:
+    def of(cls, result: Any, source_steps: npt.ArrayLike = 0) -> Curve:
         """Return the greedy returns of a :class:`LearningResult` as a curve.
 
         `source_steps` is an int or (K,), as :meth:`CurriculumResult.source_steps` gives them.
@@ -133,34 +121,10 @@ class Curve(Frozen):
 def smooth(values: FloatArray, window: int) -> FloatArray:
     """Return the trailing mean of each row over the last `window` checkpoints.
 
-    smooth_t = mean(values_{t - window + 1}, ..., values_t), over fewer at the start.
-
-    Parameters
-    ----------
-    values : (K, T) float64
-        Return. NaN is allowed only in leading places; it is left out of the means and stays NaN.
-    window : int
-        Checkpoints, from 1 (no smoothing) to T. The paper uses 10.
-
-    Returns
-    -------
-    (K, T) float64
-        A constant row stays exactly constant, so that rounding moves no threshold.
-
-    Raises
-    ------
-    SettingError
-        If `window` is not a whole number from 1 to T, or `values` is malformed.
-
-    Examples
-    --------
-    >>> smooth(np.array([[0.0, 2.0, 4.0]]), window=2)
-    array([[0., 1., 3.]])
+    smooth_t = mean(values_{t - window + 1}, ..., values_t), over fewer at the start. Leading NaN is
+    left out and stays. A constant row stays exactly constant, so that rounding moves no threshold.
     """
-    mean = np.array(values, dtype=np.float64)
-    if mean.ndim != 2 or mean.size == 0:
-        raise SettingError(f"values must have shape (K, T), neither 0: got {mean.shape}")
-    _check_measured(mean)
+    mean = values.copy()
     if not 1 <= window <= mean.shape[1] or int(window) != window:
         raise SettingError(
             f"window must be a whole number of checkpoints from 1 to {mean.shape[1]}: got {window}"
@@ -177,36 +141,8 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
 
     At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, and
     from there on its own value at x - source_steps_k target steps. Any measure of the result is
-    that measure under strong transfer, at the same total budget. Its source steps are 0.
-
-    Parameters
-    ----------
-    baseline : Curve
-        The learner from scratch, without source steps.
-    transfer : Curve
-        The same K seeds and T checkpoints.
-
-    Raises
-    ------
-    SettingError
-        If the curves do not pair or `baseline` has source steps.
-
-    Notes
-    -----
-    Values between checkpoints are linearly interpolated, so the start of learning is exact to
-    one checkpoint.
-
-    References
-    ----------
-    Narvekar et al., "Curriculum learning for reinforcement learning domains", JMLR 21(181), 2020.
-
-    Examples
-    --------
-    >>> steps = np.array([0, 100, 200, 300])
-    >>> scratch = Curve(steps, np.array([[0.0, 1.0, 2.0, 3.0]]))
-    >>> helped = Curve(steps, np.array([[5.0, 6.0, 7.0, 8.0]]), np.array([150]))
-    >>> charge_source(scratch, helped).values
-    array([[0. , 0. , 5.5, 6.5]])
+    that measure under strong transfer, at the same total budget (Narvekar et al. 2020). Values
+    between checkpoints are interpolated, so the start of learning is exact to one checkpoint.
     """
     require_pair(baseline, transfer)
     require_no_source(baseline)

@@ -79,33 +79,19 @@ class Interval(Frozen):
         return f"{counted(len(triples), 'value')}, first {first}, last {last}, {seeds}"
 
 
-def interquartile_mean(values: npt.ArrayLike, axis: int = 0) -> float | FloatArray:
-    """Return the mean of the middle half of the values over an axis, that of the seeds.
+def interquartile_mean(values: npt.ArrayLike) -> float | FloatArray:
+    """Return the mean of the middle half of the values of the seeds, (K,) or (K, T).
 
     The floor(K / 4) smallest and the floor(K / 4) largest of K values are left out, as by
     ``scipy.stats.trim_mean(values, 0.25)``, which rliable takes. NaN where any value is NaN.
-
-    Raises
-    ------
-    SettingError
-        If there are no seeds.
-
-    References
-    ----------
-    Agarwal et al., NeurIPS 2021.
-
-    Examples
-    --------
-    >>> interquartile_mean([0.0, 2.0, 4.0, 100.0])
-    3.0
     """
     array = np.asarray(values, dtype=np.float64)
-    if array.shape[axis] == 0:
+    if len(array) == 0:
         raise SettingError(f"an interquartile mean needs at least 1 seed: got shape {array.shape}")
-    cut = array.shape[axis] // 4
-    middle = np.partition(array, (cut, array.shape[axis] - cut - 1), axis=axis)
-    mean = np.take(middle, np.arange(cut, array.shape[axis] - cut), axis=axis).mean(axis=axis)
-    mean = np.where(np.isnan(array).any(axis=axis), np.nan, mean)  # sorted last, and left out
+    cut = len(array) // 4
+    middle = np.partition(array, (cut, len(array) - cut - 1), axis=0)[cut : len(array) - cut]
+    # NaN is sorted last, and left out.
+    mean = np.where(np.isnan(array).any(axis=0), np.nan, middle.mean(axis=0))
     return float(mean) if mean.ndim == 0 else mean
 
 
@@ -319,13 +305,7 @@ def seed_line(
     dashed: bool = False,
     confidence: float = CONFIDENCE,
 ) -> Line:
-    """Return the mean over seeds of curves, (K, T) at steps (T,), with Student's interval.
-
-    Examples
-    --------
-    >>> seed_line("maze", np.array([0, 50]), np.array([[0.0, 1.0], [1.0, 3.0]])).values
-    array([0.5, 2. ])
-    """
+    """Return the mean over seeds of curves, (K, T) at steps (T,), with Student's interval."""
     found = mean_interval(np.asarray(values, np.float64), confidence=confidence)
     mean, low, high = (np.asarray(one) for one in (found.estimate, found.low, found.high))
     return Line(name, steps, mean, low, high, colour, dashed)

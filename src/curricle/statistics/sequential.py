@@ -126,32 +126,12 @@ def _within(seeds: Sequence[int], bound: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class AddedSeeds(Frozen):
-    """The values that :func:`add_seeds` measured, and why it stopped.
+    """The values that :func:`add_seeds` measured, and why it stopped."""
 
-    Attributes
-    ----------
-    values : (K,) float64
-        Of seeds 0 .. K-1, in the unit of the measure.
-    interval : Interval
-        The mean of `values`. Its confidence is that of the whole procedure: it is wider because
-        of the planned looks.
-    p : float
-        Of no difference from 0 (:func:`sign_flip_test`), adjusted for the planned looks.
-    stopped_by : {"precision", "difference", "most"}
-        A half-width of at most `precision`, a p-value below 1 - confidence, or neither after all
-        seeds allowed.
-    planned : Looks
-
-    Examples
-    --------
-    >>> print(add_seeds(lambda seeds: [3.0 + seed % 2 for seed in seeds], difference=True))
-    3.50 [2.99, 4.01], 10 seeds; stopped by difference at look 1 of 5
-    """
-
-    values: FloatArray
-    interval: Interval
-    p: float
-    stopped_by: Literal["precision", "difference", "most"]
+    values: FloatArray  # (K,) of seeds 0 .. K-1, in the unit of the measure
+    interval: Interval  # of their mean, with the confidence of the whole procedure, so wider
+    p: float  # of no difference from 0, adjusted for the planned looks
+    stopped_by: Literal["precision", "difference", "most"]  # "most": after all seeds allowed
     planned: Looks
 
     __repr__ = brief_repr

@@ -242,16 +242,6 @@ def fraction_of_optimum(optimum: float, worst: float, fraction: float) -> float:
 
     worst + fraction (optimum - worst), for positive and negative returns alike. A fraction of 1
     gives the optimum exactly.
-
-    Raises
-    ------
-    SettingError
-        If an argument is not finite, `worst` exceeds `optimum` or `fraction` is not in [0, 1].
-
-    Examples
-    --------
-    >>> fraction_of_optimum(optimum=-10.0, worst=-50.0, fraction=0.75)
-    -20.0
     """
     if not (np.isfinite(optimum) and np.isfinite(worst) and worst <= optimum):
         raise SettingError(f"worst must be finite and at most optimum: got {worst} and {optimum}")

@@ -23,7 +23,6 @@ from curricle.archives import (
     as_json,
     digest_of,
     opened_archive,
-    opened_whole,
     parsed_json,
     sealed,
     unsealed,
@@ -273,7 +272,7 @@ class StoredUnit:
         A file system that does not answer damages nothing: what is damaged is deleted.
         """
         try:
-            with read_errors(self.path), opened_whole(self.path) as archive:
+            with read_errors(self.path), opened_archive(self.path, whole=True) as archive:
                 return self._is_place_of(about_in(archive))
         except (Damaged, ValueError):
             return False
