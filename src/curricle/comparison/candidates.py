@@ -58,17 +58,6 @@ def candidates_of(
 
     The aggregates are the library's four, the curriculum's own and the given ones, each once; those
     that are not the curriculum's own are not calibrated.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, same_position
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))])
-    >>> [(one.name, one.used) for one in candidates_of(plan, "maze")]
-    [('mean', True)]
     """
     edges = curriculum.in_edges(target)
     own, settings = curriculum.setting("aggregate", target), curriculum.calibration(target)
@@ -99,18 +88,7 @@ def part_of(
     transfers: Sequence[Transfer],
     rename: Callable[[str], str] = str,
 ) -> Curriculum:
-    """Return the part of a curriculum that a target is learnt by, its tasks renamed.
-
-    Parameters
-    ----------
-    curriculum : Curriculum
-    target : str
-    transfers : sequence of Transfer
-        Those into the target, in place of the curriculum's own.
-    rename : callable
-        From a task's name to its new one, different for different tasks. Random streams are named
-        after tasks, so that a renamed curriculum draws other numbers for the same seeds.
-    """
+    """Return the part of a curriculum that a target is learnt by, its tasks renamed."""
     before = {edge.source for edge in transfers}
     kept = before.union(*(curriculum.ancestors(name) for name in before), {target})
     edges = [edge for edge in curriculum.transfers if edge.target in kept - {target}]

@@ -195,19 +195,7 @@ _SETTINGS = ("name", "learner", "budget", "shaping", "eval_freq", "evaluation", 
 
 @dataclass(frozen=True)
 class LearntAlone:
-    """What was learnt without sources so far.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> plan = Curriculum(tasks={"maze": GridWorld("S.T")}, budget=100)
-    >>> known = LearntAlone()
-    >>> first, second = (
-    ...     known.curves(plan.node("maze"), (0, 1), lambda node: node.train((0, 1)))
-    ...     for _ in range(2))
-    >>> first is second, first.values
-    (True, None)
-    """
+    """What was learnt without sources so far."""
 
     _found: list[tuple[Node, tuple[int, ...], LearningResult]] = field(default_factory=list)
 
@@ -255,15 +243,7 @@ def _alike(one: Node, other: Node) -> bool:
 
 @dataclass(frozen=True)
 class ComparisonPlan:
-    """The checked arms of a comparison and the settings that they share.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> plan = Curriculum(tasks={"maze": GridWorld("S.T")}, budget=100)
-    >>> ComparisonPlan.of(plan).total
-    100
-    """
+    """The checked arms of a comparison and the settings that they share."""
 
     arms: Mapping[str, Curriculum]
     controls: Sequence[Control]
@@ -526,13 +506,6 @@ def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
     """Return a curriculum's target without its sources, with another learner if one is given.
 
     What applies to targets alone, such as the shaping, is left out.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, SARSA
-    >>> plan = from_scratch(Curriculum({"maze": GridWorld("S.T")}, budget=70), SARSA())
-    >>> plan.setting("budget", "maze"), type(plan.setting("learner", "maze")).__name__
-    (70, 'SARSA')
     """
     target = curriculum.target
     settings: dict[str, Any] = {
@@ -546,28 +519,7 @@ def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
 
 
 def scratch_curricula(given: GivenScratch, first: Curriculum) -> dict[str, Curriculum]:
-    """Return the arms of further learners from scratch by name, ``scratch, NAME``.
-
-    Parameters
-    ----------
-    given : sequence of learners, or dict of str to learner
-        In a sequence each is named after its settings.
-    first : Curriculum
-        Whose target they learn.
-
-    Raises
-    ------
-    SettingError
-        If two have one name, a name is not fit for an arm, or a learner does not fit the target or
-        is its own.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, QLearning
-    >>> first = Curriculum({"maze": GridWorld("S.T")})
-    >>> list(scratch_curricula([QLearning(initial_value=50.0)], first))
-    ['scratch, QLearning(initial_value=50.0)']
-    """
+    """Return the arms of further learners from scratch by name, ``scratch, NAME``."""
     if not isinstance(given, Mapping):
         instance("scratch, unless it names learners in a dict,", given, Sequence, SettingError)
     named = given.items() if isinstance(given, Mapping) else [(_name(one), one) for one in given]

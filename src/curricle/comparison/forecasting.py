@@ -144,15 +144,7 @@ class Judgement(NamedTuple):
 
 @dataclass(frozen=True)
 class JudgedPotentials:
-    """Targets, judgements of their potentials and what trials learn alone, computed once.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> judged, maze = JudgedPotentials(), GridWorld("S.T")
-    >>> judged.target(maze, GreedyEvaluation()) is judged.target(maze, GreedyEvaluation())
-    True
-    """
+    """Targets, judgements of their potentials and what trials learn alone, computed once."""
 
     alone: LearntAlone = field(default_factory=LearntAlone)
     _targets: list[tuple[Any, Any, Target | ObservationTarget]] = field(default_factory=list)

@@ -47,11 +47,6 @@ class Level:
         same as another initial value.
     constant : bool
         Whether every pair has this value.
-
-    Examples
-    --------
-    >>> Level(np.array([2.0, 3.0]), base=1.0, constant=True).initial_value
-    3.5
     """
 
     values: FloatArray
@@ -89,14 +84,6 @@ class VisitedPairs:
     task : Task or ObservationTask
     dense : bool
         Whether all that can be reached is counted, rather than what rollouts visit.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, StateActionPotential
-    >>> maze = GridWorld(["S#.", ".#T"])  # the east lies behind a wall
-    >>> pairs = VisitedPairs(maze, dense=True)
-    >>> pairs.states, pairs.values(StateActionPotential(maze, np.arange(16.0).reshape(4, 4))).max()
-    (array([0, 2]), np.float64(11.0))
     """
 
     task: Any

@@ -182,13 +182,6 @@ class TaskSummary:
         for a set of probability 0. Empty for a task whose tables are too large, or that has none.
     parameters : dict of str to str
         Of its type, with a digest of what is too long.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Rewards
-    >>> one, other = (task_summary(GridWorld("S.T", rewards=Rewards(treasure=t))) for t in (9, 8))
-    >>> summary_differences(one, other)[0]
-    'reward'
     """
 
     kind: str

@@ -171,27 +171,7 @@ def run_trial(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of candidates for one target.
-
-    Parameters
-    ----------
-    candidates : sequence of Candidate
-    seeds : int
-        Of random streams that no other training has.
-    threshold : float, optional
-        As in :func:`compare`.
-    alone : LearntAlone, optional
-        What other trials with as many seeds have learnt without sources.
-    workers : int, optional
-        Threads over seeds.
-    progress : bool or callable, optional
-        As in :func:`compare`.
-
-    Raises
-    ------
-    CurriculumError, SettingError
-        Where there is nothing to try them in (:func:`hindrance`), or all of them fail.
-    """
+    """Return a trial of candidates for one target."""
     for one in candidates:
         if why := hindrance(one.curriculum):
             raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
@@ -214,13 +194,7 @@ def rehearse(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of a smaller relative of a curriculum, which stands for a candidate.
-
-    Raises
-    ------
-    CurriculumError, SettingError
-        Where the relative cannot be tried either.
-    """
+    """Return a trial of a smaller relative of a curriculum, which stands for a candidate."""
     if why := hindrance(relative):
         raise CurriculumError(f"a smaller relative needs models and a budget in steps: {why}")
     comparison = _compared({candidate.name: apart(relative)}, alone, seeds, None, workers, progress)
@@ -255,15 +229,7 @@ def _compared(
 
 
 def apart(curriculum: Curriculum) -> Curriculum:
-    """Return the same curriculum with random streams of its own.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> plan = Curriculum(tasks={"maze": GridWorld("S.T")}, budget=100)
-    >>> apart(plan).target
-    'maze/trial'
-    """
+    """Return the same curriculum with random streams of its own."""
     target = curriculum.target
     return part_of(curriculum, target, curriculum.in_edges(target), lambda name: name + STREAM)
 

@@ -184,13 +184,7 @@ def seeds_needed(questions: int = 1, *, looks: Looks = ONE_LOOK) -> int:
 
 
 def too_few_seeds(seeds: int, needed: int) -> str:
-    """Return that there are too few seeds for a verdict, in words; empty if there are enough.
-
-    Examples
-    --------
-    >>> too_few_seeds(5, seeds_needed(1)), too_few_seeds(6, seeds_needed(1))
-    ('too few seeds for a verdict (5; 6 or more)', '')
-    """
+    """Return that there are too few seeds for a verdict, in words; empty if there are enough."""
     return f"too few seeds for a verdict ({seeds}; {needed} or more)" if seeds < needed else ""
 
 
@@ -268,17 +262,6 @@ class Reason:
         Whether it gains more than each of its controls that know nothing; None if it has none.
     level : float
         What the strongest of these controls adds to every value, on average.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from curricle.comparison.verdicts import verdicts_of
-    >>> noise = np.arange(8.0) % 3
-    >>> returns = {"scratch": noise, "mean": 9 + noise[::-1], "mean, constant": 9 + noise}
-    >>> pays, = verdicts_of(returns, {"mean": ["scratch"]}).values()
-    >>> over, = verdicts_of(returns, {"mean": ["mean, constant"]}).values()
-    >>> Reason(pays, over, 20.0).words, Reason(pays, None).words
-    ('by optimism alone', '')
     """
 
     pays: Verdict = field(repr=False)

@@ -256,12 +256,6 @@ def shared_limits(task: Task, *several: npt.ArrayLike, at: At | None = None) -> 
     """Return the lowest and the highest value that :func:`draw_potential` would draw of `several`.
 
     States in which the episode is over are left out; their values are 0 by rule.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> shared_limits(GridWorld("S.T"), [1.0, 2.0, 0.0], [5.0, 3.0, 0.0])
-    (1.0, 5.0)
     """
     view = GridView.of(task, at)
     alive = view.states[~view.ended]

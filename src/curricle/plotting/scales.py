@@ -17,13 +17,7 @@ SMALLEST = 1e-3
 
 
 def minus(number: str) -> str:
-    """Return a printed number with a minus sign in place of the hyphen.
-
-    Examples
-    --------
-    >>> minus("-1.5")
-    '−1.5'
-    """
+    """Return a printed number with a minus sign in place of the hyphen."""
     return number.replace("-", "−")
 
 
@@ -87,16 +81,7 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
 
 
 def steps_scale(axes: Axes, last: int, label: str = "steps") -> None:
-    """Scale and label the horizontal axis from step 0 to the `last`, in a round unit.
-
-    Examples
-    --------
-    >>> from matplotlib.figure import Figure
-    >>> axes = Figure().subplots()
-    >>> steps_scale(axes, 250_000)
-    >>> axes.get_xlabel()
-    'steps (thousands)'
-    """
+    """Scale and label the horizontal axis from step 0 to the `last`, in a round unit."""
     units = ((10**6, " (millions)"), (1000, " (thousands)"), (1, ""))
     unit, words = next(one for one in units if last >= 5 * one[0] or one[0] == 1)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / unit:,g}"))

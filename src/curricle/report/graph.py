@@ -53,32 +53,13 @@ class Arrow:
 
 
 def card_height(name: str, texts: Sequence[str], *, curve: bool = True) -> int:
-    """Return the height at which a card holds its name and its texts whole, in CSS pixels.
-
-    Examples
-    --------
-    >>> card_height("maze", ["GridWorld"]), card_height("maze", ["25 states x 4 actions"])
-    (106, 123)
-    """
+    """Return the height at which a card holds its name and its texts whole, in CSS pixels."""
     lines = len(wrap(name, NAME_LETTERS)) + sum(len(wrap(text, LETTERS)) for text in texts)
     return PLAIN + CURVE_SPACE * curve + LINE * lines
 
 
 def layout(heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]) -> Layout:
-    """Return where cards are: sources above their targets.
-
-    Parameters
-    ----------
-    heights : dict of str to int
-        Of each card, sources before their targets.
-    pairs : sequence of (str, str)
-        Source and target of each transfer; those that are equal have one arrow.
-
-    Examples
-    --------
-    >>> layout({"corner": 100, "maze": 100}, [("corner", "maze")]).corners
-    {'corner': (0, 0), 'maze': (0, 164)}
-    """
+    """Return where cards are: sources above their targets."""
     depth = dict[str, int]()
     for name in heights:
         depth[name] = max((depth[source] + 1 for source, to in pairs if to == name), default=0)
@@ -98,13 +79,7 @@ def layout(heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]) -> Layo
 
 
 def arrows(placed: Layout) -> Iterator[Arrow]:
-    """Yield an arrow for each pair of cards; none on another, and no number on another.
-
-    Examples
-    --------
-    >>> [one.path for one in arrows(layout({"a": 10, "b": 10}, [("a", "b")]))]
-    ['M78 10C78 38.5 78 38.5 78 67']
-    """
+    """Yield an arrow for each pair of cards; none on another, and no number on another."""
     places, around = list[tuple[float, float]](), 0
     for source, target in placed.pairs:
         left, top = placed.corners[source]
@@ -203,32 +178,7 @@ class Graph:
 
 
 def graphs(curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons) -> tuple[Graph, ...]:
-    """Return the graphs of a study; arms whose tasks and transfers are alike share one.
-
-    Parameters
-    ----------
-    curricula : CurriculaRecord
-        The scratch baseline among its arms has no graph.
-    learnt : dict of str to dict of str to LearningResult
-        Arm -> task -> its training.
-    reasons : dict of (str, str) to sequence of str
-        (arm, task) -> for each seed why its training ended.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld, Transfer, same_position
-    >>> from curricle.study.recording import curricula_record
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
-    >>> learnt = {"corner first": plan.train().nodes}
-    >>> reasons = {("corner first", name): ["settled return reached"] for name in plan.order}
-    >>> graph, = graphs(curricula_record({"corner first": plan}, {}), learnt, reasons)
-    >>> [card.name for card in graph.cards], graph.cards[0].steps, graph.cards[0].reason
-    (['corner', 'maze'], '360 steps', 'settled return reached')
-    """
+    """Return the graphs of a study; arms whose tasks and transfers are alike share one."""
     return tuple(_graph(arms, curricula, learnt, reasons) for arms in curricula.groups())
 
 
@@ -324,13 +274,7 @@ def card_curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
 
 
 def points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> str:
-    """Return the points of a polyline.
-
-    Examples
-    --------
-    >>> points([0, 1], [2, 3.5])
-    '0.0,2.0 1.0,3.5'
-    """
+    """Return the points of a polyline."""
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 

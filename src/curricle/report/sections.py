@@ -125,20 +125,7 @@ def _why(comparison: Comparison) -> str:
 
 
 def findings(comparison: Comparison) -> tuple[Finding, ...]:
-    """Return the finding about each arm besides those from scratch, in their order.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from curricle.comparison.arms import Arm
-    >>> from curricle.statistics.curves import Curve
-    >>> steps, low = np.array([0, 50, 100]), np.zeros((8, 3))
-    >>> arms = {"scratch": Arm(Curve(steps, low), low, low, False),
-    ...         "mean": Arm(Curve(steps, low + 2, np.full(8, 50)), low, low, False)}
-    >>> found, = findings(Comparison("hunt", arms, 50, 100, 1.0, 1))
-    >>> found.verdict, found.sentences[0]
-    ('pays', '+1.50 mean return over all 100 steps, its 50 source steps counted (p...')
-    """
+    """Return the finding about each arm besides those from scratch, in their order."""
     rows = {row["arm"]: row for row in comparison.rows()}
     return tuple(_finding(comparison, name, rows) for name in comparison.contrasts)
 
@@ -233,17 +220,6 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
     """Return the metrics of :meth:`Comparison.rows` as text: arm -> column -> entry.
 
     Columns are those of `MEASURES`, and ``time``, ``p`` and ``source_steps``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from curricle.comparison.arms import Arm
-    >>> from curricle.statistics.curves import Curve
-    >>> flat = np.zeros((2, 3))
-    >>> arm = Arm(Curve(np.array([0, 50, 100]), flat), flat, flat, False)
-    >>> found = table(Comparison("hunt", {"scratch": arm, "mean": arm}, 50, 100, 1.0, 1))
-    >>> found["mean"]["time"], found["scratch"]["strong_gain"].text
-    (Cell(text='> 100', below='2 of 2 never'), '')
     """
     found = {}
     for row in comparison.rows():
@@ -341,15 +317,7 @@ def forecast_sections(
     curricula: CurriculaRecord,
     learnt: Mapping[str, Mapping[str, LearningResult]],
 ) -> tuple[ForecastSection, ...]:
-    """Return the sections of an analysis, with what was measured.
-
-    Parameters
-    ----------
-    analysis : Analysis
-    curricula : CurriculaRecord
-    learnt : dict of str to dict of str to LearningResult
-        Arm -> task -> its training.
-    """
+    """Return the sections of an analysis, with what was measured."""
     known = [one for one in analysis.sections if set(one.arms) <= curricula.arms.keys()]
     return tuple(_section(one, curricula, learnt) for one in known)
 

@@ -372,11 +372,5 @@ def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> 
 
 
 def _one_line(error: BaseException) -> str:
-    r"""Return an error as one line.
-
-    Examples
-    --------
-    >>> _one_line(ValueError("a rule:\n a value"))
-    'ValueError: a rule: a value'
-    """
+    r"""Return an error as one line."""
     return " ".join(in_words(error).split())
