@@ -19,24 +19,13 @@ AGGREGATES = (minimum, mean, maximum, total)
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One way of using the sources of a target.
+    """One way of using the sources of a target."""
 
-    Attributes
-    ----------
-    name : str
-        The aggregate's, or the transfer's as ``source -> target [n]``.
-    curriculum : Curriculum
-        The target, its transfers as this candidate uses them, and what these build on; no more.
-    aggregate : bool
-        Whether it is an aggregate of all transfers.
-    used : bool
-        Whether it is what the curriculum would do.
-    """
-
-    name: str
+    name: str  # the aggregate's, or the transfer's as "source -> target [n]"
+    # The target, its transfers as this candidate uses them, and what these build on; no more.
     curriculum: Curriculum
-    aggregate: bool
-    used: bool
+    aggregate: bool  # whether it is an aggregate of all transfers
+    used: bool  # whether it is what the curriculum would do
 
     def potentials(
         self, sources: Mapping[str, Learnt], seeds: Sequence[int]
@@ -88,7 +77,11 @@ def part_of(
     transfers: Sequence[Transfer],
     rename: Callable[[str], str] = str,
 ) -> Curriculum:
-    """Return the part of a curriculum that a target is learnt by, its tasks renamed."""
+    """Return the part of a curriculum that a target is learnt by, its tasks renamed.
+
+    `transfers` are those into the target, in place of the curriculum's own. Random streams are
+    named after tasks, so that a renamed curriculum draws other numbers for the same seeds.
+    """
     before = {edge.source for edge in transfers}
     kept = before.union(*(curriculum.ancestors(name) for name in before), {target})
     edges = [edge for edge in curriculum.transfers if edge.target in kept - {target}]

@@ -356,8 +356,7 @@ class ComparisonPlan:
         spent = result.source_steps(self.target)
         pairs = VisitedPairs.of(curriculum)
         for label, change in value_controls(self.controls, pairs):
-            train = partial(self._value_control, result, change, spent, label, pairs)
-            yield label, train
+            yield label, partial(self._value_control, result, change, label, pairs)
         if PLACEBO in self.controls and is_observation_task(pairs.task):
             yield PLACEBO, partial(self._placebo, curriculum, seeds)
         for control in ("random_start", "pretraining"):
@@ -366,19 +365,13 @@ class ComparisonPlan:
                 yield control.replace("_", " "), train
 
     def _value_control(
-        self,
-        result: CurriculumResult,
-        change: Change,
-        spent: IntArray,
-        label: str,
-        pairs: VisitedPairs,
-        bars: Bars,
+        self, result: CurriculumResult, change: Change, label: str, pairs: VisitedPairs, bars: Bars
     ) -> Arm:
         """Return a control whose potential is changed; its level over `pairs` if it has one."""
         changed = changed_potentials(result, change)
         level = level_of(label, changed, pairs, result.curriculum)
         found = learn_changed(result, changed, self.workers, bars)
-        return self._arm(found, spent, control=True, level=level)
+        return self._arm(found, result.source_steps(self.target), control=True, level=level)
 
     def _placebo(self, curriculum: Curriculum, seeds: Sequence[int], bars: Bars) -> Arm:
         """Return the control of a curriculum with miniatures: their answers, shuffled."""

@@ -36,22 +36,13 @@ SAME_AS_INITIAL_VALUE = (QInitialisation, LookAheadAdvice, StateShaping)
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """What a control that knows nothing adds to every value, for K seeds.
+    """What a control that knows nothing adds to every value, for K seeds."""
 
-    Attributes
-    ----------
-    values : (K,) float64
-        The mean of the control's potential over the pairs that learning can visit, in return.
-    base : float or None
-        The learner's own initial value, to which it is added; None where the control is not the
-        same as another initial value.
-    constant : bool
-        Whether every pair has this value.
-    """
-
-    values: FloatArray
+    values: FloatArray  # (K,): mean of its potential over the pairs that learning can visit
+    # The learner's own initial value, to which it is added; None where the control is not the same
+    # as another initial value.
     base: float | None
-    constant: bool
+    constant: bool  # whether every pair has this value
 
     __repr__ = brief_repr
 
@@ -77,17 +68,10 @@ def concatenated_levels(levels: Sequence[Level]) -> Level:
 
 @dataclass(frozen=True, eq=False)
 class VisitedPairs:
-    """The pairs of a task that learning can visit.
-
-    Attributes
-    ----------
-    task : Task or ObservationTask
-    dense : bool
-        Whether all that can be reached is counted, rather than what rollouts visit.
-    """
+    """The pairs of a task that learning can visit."""
 
     task: Any
-    dense: bool
+    dense: bool  # whether all that can be reached is counted, rather than what rollouts visit
 
     @classmethod
     def of(cls, curriculum: Curriculum) -> Self:

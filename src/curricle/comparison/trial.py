@@ -19,11 +19,11 @@ from curricle.comparison.comparing import (
     default_threshold,
     most_source_steps,
 )
-from curricle.comparison.comparison import Comparison, as_html
+from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.display import block, brief_repr
-from curricle.errors import CurriculumError, in_words
+from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
 from curricle.planning.policy_evaluation import ExactEvaluation, RolloutEvaluation
@@ -70,7 +70,7 @@ class Trial:
     __repr__ = brief_repr
 
     def _repr_html_(self) -> str:
-        return block("Trial", self.assumes) + as_html(self.comparison)
+        return block("Trial", self.assumes) + self.comparison._repr_html_()
 
     def gain(self, name: str) -> Interval | None:
         """Return the strong gain of a candidate in mean return; None if it could not be trained."""
@@ -172,9 +172,6 @@ def run_trial(
     progress: Progress = None,
 ) -> Trial:
     """Return a trial of candidates for one target."""
-    for one in candidates:
-        if why := hindrance(one.curriculum):
-            raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
     arms = {one.name: apart(one.curriculum) for one in candidates}
     comparison = _compared(arms, alone, seeds, threshold, workers, progress)
     assumes = (
@@ -195,8 +192,6 @@ def rehearse(
     progress: Progress = None,
 ) -> Trial:
     """Return a trial of a smaller relative of a curriculum, which stands for a candidate."""
-    if why := hindrance(relative):
-        raise CurriculumError(f"a smaller relative needs models and a budget in steps: {why}")
     comparison = _compared({candidate.name: apart(relative)}, alone, seeds, None, workers, progress)
     assumes = (
         f"a rehearsal on the smaller relative {relative.target!r}, {counted(seeds, 'seed')}; its "

@@ -314,8 +314,8 @@ def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult
         progress(f"maze {name}, source of size 3, run on")
         results[step] = arms
     figure, axes = new_figure(2, 2, width=10, height=7.6)
-    for panel, (step, arms) in zip(axes[0], results.items(), strict=True):
-        _draw_saved(panel, arms, seeds, f"step reward {step:g} ({STEP_REWARDS[step]})")
+    for panel, (step, shown) in zip(axes[0], results.items(), strict=True):
+        _draw_saved(panel, shown, seeds, f"step reward {step:g} ({STEP_REWARDS[step]})")
     arena, best = maze(-5), results[-5.0][3].best
     path = arena.cells[rollout(arena, solve(arena).policy).states]
     source, title = corner(arena, 3), "the 3x3 source, and the target's optimal path"

@@ -89,15 +89,8 @@ def frame_cells(axes: Axes, maze: GridWorld, marked: BoolArray) -> None:
 def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = True) -> None:
     """Draw the grid of a view, its walls and what stands on it.
 
-    Parameters
-    ----------
-    axes : Axes
-    view : GridView
-    heat : bool
-        Whether it is drawn over a heat map. The objects of a maze are then letters only, in the
-        corners of cells whose numbers are written.
-    legend : bool
-        Whether to write what the letters mean below the grid.
+    Over a heat map the objects of a maze are letters only, in the corners of cells whose numbers
+    are written. The legend, below the grid, says what the letters mean.
     """
     _draw_lines(axes, view)
     for row, column in view.walls:

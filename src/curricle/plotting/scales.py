@@ -49,17 +49,6 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
     """Scale and label an axis of returns, with a ``symlog`` scale where they span decades.
 
     A ``symlog`` axis is linear up to the smaller absolute end, then logarithmic.
-
-    Examples
-    --------
-    >>> from matplotlib.figure import Figure
-    >>> axes = Figure().subplots()
-    >>> return_scale(axes.yaxis, -900.0, -5.0)
-    >>> axes.get_yscale(), axes.get_yticks().tolist()
-    ('symlog', [-500.0, -200.0, -100.0, -50.0, -20.0, -10.0, -5.0])
-    >>> return_scale(axes.xaxis, -60.0, -5.0)
-    >>> axes.get_xscale()
-    'linear'
     """
     small, axes = _linear_up_to(low, high), axis.axes
     axis.set_label_text(label + " (symlog scale)" * (not math.isnan(small)))

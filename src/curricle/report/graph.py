@@ -37,29 +37,22 @@ class Layout:
 
     corners: Mapping[str, tuple[int, int]]  # left and top of each card
     heights: Mapping[str, int]
-    pairs: tuple[tuple[str, str], ...]  # source and target of each arrow
     width: int
     height: int
 
 
-@dataclass(frozen=True)
-class Arrow:
-    """An arrow from one card to another."""
-
-    source: str
-    target: str
-    path: str
-    place: tuple[float, float]  # middle of its number
-
-
-def card_height(name: str, texts: Sequence[str], *, curve: bool = True) -> int:
+def card_height(name: str, texts: Sequence[str], *, curve: bool) -> int:
     """Return the height at which a card holds its name and its texts whole, in CSS pixels."""
     lines = len(wrap(name, NAME_LETTERS)) + sum(len(wrap(text, LETTERS)) for text in texts)
     return PLAIN + CURVE_SPACE * curve + LINE * lines
 
 
 def layout(heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]) -> Layout:
-    """Return where cards are: sources above their targets."""
+    """Return where cards are, sources above their targets.
+
+    `heights` holds the height of each card, sources before their targets, `pairs` the source and
+    the target of each transfer.
+    """
     depth = dict[str, int]()
     for name in heights:
         depth[name] = max((depth[source] + 1 for source, to in pairs if to == name), default=0)
@@ -75,22 +68,7 @@ def layout(heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]) -> Layo
         for place, name in enumerate(names):
             corners[name] = (left + place * (CARD + GAP), top)
         top += max(heights[name] for name in names) + FALL
-    return Layout(corners, dict(heights), tuple(dict.fromkeys(pairs)), width, top - FALL)
-
-
-def arrows(placed: Layout) -> Iterator[Arrow]:
-    """Yield an arrow for each pair of cards; none on another, and no number on another."""
-    places, around = list[tuple[float, float]](), 0
-    for source, target in placed.pairs:
-        left, top = placed.corners[source]
-        start, end = (left, top + placed.heights[source]), placed.corners[target]
-        between = [x + CARD for x, y in placed.corners.values() if start[1] < y < end[1]]
-        curve = _arrow(start, end, max(between) + SIDE / 2 + around * LANE if between else None)
-        around += bool(between)
-        places.append(_free(curve, places))
-        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = curve.tolist()
-        path = f"M{x0:g} {y0:g}C{x1:g} {y1:g} {x2:g} {y2:g} {x3:g} {y3:g}"
-        yield Arrow(source, target, path, places[-1])
+    return Layout(corners, heights, width, top - FALL)
 
 
 def _arrow(start: tuple[int, int], end: tuple[int, int], beside: float | None) -> FloatArray:
@@ -221,10 +199,21 @@ def _graph(
 
 
 def _edges(arm: ArmRecord, placed: Layout) -> Iterator[Edge]:
-    """Yield an arrow for each pair of tasks, with the words of its transfers."""
-    for one in arrows(placed):
-        words = tuple(t.words for t in arm.in_edges(one.target) if t.source == one.source)
-        yield Edge(one.source, one.target, one.path, one.place, words)
+    """Yield an arrow for each pair of tasks: none on a card, and no number on another."""
+    pairs: dict[tuple[str, str], list[str]] = {}
+    for transfer in arm.transfers:
+        pairs.setdefault((transfer.source, transfer.target), []).append(transfer.words)
+    taken, around = list[tuple[float, float]](), 0
+    for (source, target), words in pairs.items():
+        left, top = placed.corners[source]
+        start, end = (left, top + placed.heights[source]), placed.corners[target]
+        between = [x + CARD for x, y in placed.corners.values() if start[1] < y < end[1]]
+        curve = _arrow(start, end, max(between) + SIDE / 2 + around * LANE if between else None)
+        around += bool(between)
+        taken.append(_free(curve, taken))
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = curve.tolist()
+        path = f"M{x0:g} {y0:g}C{x1:g} {y1:g} {x2:g} {y2:g} {x3:g} {y3:g}"
+        yield Edge(source, target, path, taken[-1], tuple(words))
 
 
 def _notes(arms: Mapping[str, ArmRecord]) -> tuple[str, ...]:

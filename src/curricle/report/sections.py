@@ -14,8 +14,8 @@ from curricle.plotting.scales import minus, rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
 from curricle.study.config.sweeps import value_text
-from curricle.study.effects import Effects, Level, short
-from curricle.study.record import Analysis, CurriculaRecord, ForecastRecord, SectionRecord
+from curricle.study.effects import Effects, short
+from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.tuning import TuningRecord
 from curricle.study.units import numbered_seeds
 from curricle.text_tables import counted
@@ -96,18 +96,14 @@ def headline(comparison: Comparison) -> str:
     )
     gain = signed(comparison.contrasts[most].strong_gain)
     leading = f"{most} most, " * (len(paid or harmed) > 1) or f"{most}, " * (len(own) > 1)
-    return (
-        f"{summary[0].upper()}{summary[1:]}: {leading}{gain} mean return against "
-        f"{_baseline(comparison)}, source steps counted, over "
-        f"{counted(comparison.seeds, 'seed')}.{_why(comparison)}"
-    )
-
-
-def _baseline(comparison: Comparison) -> str:
-    """Return what curricula are compared with, in words."""
     several = len(comparison.scratches) > 1
-    return (
+    rival = (
         f"the best learner from {comparison.best_scratch}" if several else "learning from scratch"
+    )
+    return (
+        f"{summary[0].upper()}{summary[1:]}: {leading}{gain} mean return against {rival}, source "
+        "steps counted, over "
+        f"{counted(comparison.seeds, 'seed')}.{_why(comparison)}"
     )
 
 
@@ -197,14 +193,7 @@ def too_few(comparison: Comparison) -> str:
 
 
 def forest(found: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, float, float]]]:
-    """Return the places of 0 and of each gain's low, estimate and high on one axis, in percent.
-
-    Examples
-    --------
-    >>> gains = Interval(1.0, 0.0, 3.0, 0.95, 9), Interval(-1.0, -1.0, -1.0, 0.95, 9)
-    >>> forest([Finding(name, False, "open", "", (), gain) for name, gain in zip("ab", gains)])
-    (25.0, {'a': (25.0, 50.0, 100.0), 'b': (0.0, 0.0, 0.0)})
-    """
+    """Return the places of 0 and of each gain's low, estimate and high on one axis, in percent."""
     ends: dict[str, list[float]] = {}
     for one in found:
         middle = float(one.gain.estimate)
@@ -289,14 +278,9 @@ class ForecastSection:
     """Arms that train their sources differently: the forecast does not apply to them."""
 
     @property
-    def arms(self) -> tuple[str, ...]:
-        """The arms, which have the same graph."""
-        return self.record.arms
-
-    @property
     def same_sources(self) -> tuple[str, ...]:
         """The arms that train their sources as the forecast assumes."""
-        return tuple(arm for arm in self.arms if arm not in self.other_sources)
+        return tuple(arm for arm in self.record.arms if arm not in self.other_sources)
 
     def starts(self, potential: str) -> str:
         """Return the measured starts of the arms with a potential, in words."""
@@ -305,11 +289,6 @@ class ForecastSection:
             "guarded" if (start := self.measured[arm]) is None else rounded(start) for arm in arms
         ]
         return ", ".join(dict.fromkeys(words) if {*words} == {"guarded"} else words)
-
-    @property
-    def forecast(self) -> ForecastRecord | None:
-        """The forecast; None where it was left out."""
-        return self.record.forecast
 
 
 def forecast_sections(
@@ -388,7 +367,10 @@ def effects_sections(
         EffectsSection(
             one,
             tuple(
-                (arm, key, minus(level.text), f"{level.number}", *_mean(level))
+                (
+                    *(arm, key, minus(level.text), f"{level.number}", minus(short(level.mean))),
+                    f"[{minus(short(level.low))}, {minus(short(level.high))}]",
+                )
                 for arm, key, level in one.rows
             ),
             () if one.kind == "sweep" or tuning is None else _best(tuning),
@@ -412,11 +394,6 @@ def _best(tuning: TuningRecord) -> tuple[BestRow, ...]:
             )
         )
     return tuple(rows)
-
-
-def _mean(level: Level) -> tuple[str, str]:
-    low, mean, high = (minus(short(number)) for number in (level.low, level.mean, level.high))
-    return mean, f"[{low}, {high}]"
 
 
 def _value(value: object) -> str:

@@ -115,28 +115,11 @@ def _environment(study: StudyResults) -> dict[str, str]:
 class InterimReport:
     """The report of a folder in which units are being stored, written anew as they end.
 
-    Nothing that goes wrong is raised, so that a run goes on without its page.
-
-    Parameters
-    ----------
-    folder : path or str
-        Or a URL.
-    path : path
-        Of the page.
-    line : callable
-        Units that are stored and units in all, as the folder has them -> how far the study is, in
-        words.
-    say : callable
-        Called with a sentence when the page cannot be written; once with the same.
-    opened : callable
-        Called with the path when the page is there.
-    elsewhere : bool
-        Whether others run the study, so that the folder must tell whether they still do.
-
-    Attributes
-    ----------
-    over : bool
-        Whether a run elsewhere is over.
+    Nothing that goes wrong is raised, so that a run goes on without its page. `line` says in words
+    how far a study is, from the units that are stored and all units; `say` is called with a
+    sentence when the page cannot be written, once with the same; `opened` with the path when the
+    page is there. With `elsewhere` others run the study: the folder tells whether they still do,
+    and `over` whether their run is over.
     """
 
     def __init__(

@@ -18,7 +18,6 @@ from pydantic import (
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.checks import listed
-from curricle.comparison.comparison import as_html
 from curricle.comparison.task_differences import TaskSummary
 from curricle.display import block, shortened, table
 from curricle.errors import CurricleError
@@ -191,10 +190,6 @@ class ArmRecord(Plain):
     scratch: bool = False
     """Whether it learns the target from scratch with a learner of its own."""
     variant: VariantRecord | None = None
-
-    def in_edges(self, task: str) -> list[TransferRecord]:
-        """Return the transfers into a task."""
-        return [one for one in self.transfers if one.target == task]
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -436,7 +431,7 @@ class ShownStudy:
         failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
         title = f"Study {self.record.name!r}: {_so_far(self)}"
         try:
-            compared = as_html(self.comparison)
+            compared: str = self.comparison._repr_html_()
         except CurricleError as error:
             return block(title, str(error), *failed)
         return block(title, *failed) + compared
