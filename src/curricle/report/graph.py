@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from textwrap import wrap
 
@@ -31,24 +31,14 @@ BADGE = 24
 """Space between the middles of two arrows' numbers, which are circles 20 wide."""
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Where the cards of a graph are, in CSS pixels."""
-
-    corners: Mapping[str, tuple[int, int]]  # left and top of each card
-    heights: Mapping[str, int]
-    width: int
-    height: int
+Corners = dict[str, tuple[int, int]]
+"""Left and top of each card, in CSS pixels."""
 
 
-def card_height(name: str, texts: Sequence[str], *, curve: bool) -> int:
-    """Return the height at which a card holds its name and its texts whole, in CSS pixels."""
-    lines = len(wrap(name, NAME_LETTERS)) + sum(len(wrap(text, LETTERS)) for text in texts)
-    return PLAIN + CURVE_SPACE * curve + LINE * lines
-
-
-def layout(heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]) -> Layout:
-    """Return where cards are, sources above their targets.
+def layout(
+    heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]
+) -> tuple[Corners, int, int]:
+    """Return where cards are, sources above their targets, and width and height of all.
 
     `heights` holds the height of each card, sources before their targets, `pairs` the source and
     the target of each transfer.
@@ -62,13 +52,13 @@ def layout(heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]) -> Layo
     around = {(source, target) for source, target in pairs if depth[target] - depth[source] > 1}
     side = SIDE + (len(around) - 1) * LANE if around else 0
     width = max(len(names) for names in rows.values()) * (CARD + GAP) - GAP + 2 * side
-    corners, top = dict[str, tuple[int, int]](), 0
+    corners, top = Corners(), 0
     for names in rows.values():
         left = (width - len(names) * (CARD + GAP) + GAP) // 2
         for place, name in enumerate(names):
             corners[name] = (left + place * (CARD + GAP), top)
         top += max(heights[name] for name in names) + FALL
-    return Layout(corners, heights, width, top - FALL)
+    return corners, width, top - FALL
 
 
 def _arrow(start: tuple[int, int], end: tuple[int, int], beside: float | None) -> FloatArray:
@@ -120,16 +110,23 @@ class CardCurve:
 
 @dataclass(frozen=True)
 class Card:
-    """A task of the graph, as a card; its place is in CSS pixels."""
+    """A task of the graph, as a card."""
 
     name: str
     kind: str
-    left: int
-    top: int
-    height: int
     curves: tuple[CardCurve, ...]  # of the arms, and of scratch where it is the target
     steps: str  # how many steps the arms trained it
     reason: str  # why that ended
+    left: int = 0  # in CSS pixels
+    top: int = 0
+
+    @property
+    def height(self) -> int:
+        """The height at which it holds its name and its texts whole, in CSS pixels."""
+        returns = (SWATCH + curve.words for curve in self.curves)
+        texts = self.kind, *returns, self.steps, self.reason
+        lines = len(wrap(self.name, NAME_LETTERS)) + sum(len(wrap(x, LETTERS)) for x in texts)
+        return PLAIN + CURVE_SPACE * bool(self.curves) + LINE * lines
 
 
 @dataclass(frozen=True)
@@ -165,49 +162,35 @@ def _graph(
 ) -> Graph:
     arm = curricula.arms[arms[0]]
     compared = {name: learnt[name] for name in (*arms, SCRATCH) if name in learnt}
-    curves = {
-        name: card_curves({one: nodes[name] for one, nodes in compared.items() if name in nodes})
-        for name in arm.nodes
-    }
-    steps = {name: _steps([learnt[one][name] for one in arms]) for name in arm.nodes}
-    ended = {name: _ended([reasons[one, name] for one in arms]) for name in arm.nodes}
-    kinds = {name: curricula.task(arms[0], name).kind for name in arm.nodes}
-    heights = {
-        name: card_height(
+    cards = {
+        name: Card(
             name,
-            [kinds[name], *(SWATCH + one.words for one in found), steps[name], ended[name]],
-            curve=bool(found),
-        )
-        for name, found in curves.items()
-    }
-    placed = layout(heights, [(t.source, t.target) for t in arm.transfers])
-    cards = tuple(
-        Card(
-            name,
-            kinds[name],
-            *placed.corners[name],
-            heights[name],
-            curves[name],
-            steps[name],
-            ended[name],
+            curricula.task(arms[0], name).kind,
+            card_curves({one: nodes[name] for one, nodes in compared.items() if name in nodes}),
+            _steps([learnt[one][name] for one in arms]),
+            _ended([reasons[one, name] for one in arms]),
         )
         for name in arm.nodes
-    )
+    }
+    heights = {name: card.height for name, card in cards.items()}
+    corners, width, height = layout(heights, [(t.source, t.target) for t in arm.transfers])
+    for name, (left, top) in corners.items():
+        cards[name] = replace(cards[name], left=left, top=top)
     notes = _notes({one: curricula.arms[one] for one in arms})
-    edges = tuple(_edges(arm, placed))
-    return Graph(tuple(arms), cards, edges, notes, placed.width, placed.height)
+    edges = tuple(_edges(arm, cards))
+    return Graph(tuple(arms), tuple(cards.values()), edges, notes, width, height)
 
 
-def _edges(arm: ArmRecord, placed: Layout) -> Iterator[Edge]:
+def _edges(arm: ArmRecord, cards: Mapping[str, Card]) -> Iterator[Edge]:
     """Yield an arrow for each pair of tasks: none on a card, and no number on another."""
     pairs: dict[tuple[str, str], list[str]] = {}
     for transfer in arm.transfers:
         pairs.setdefault((transfer.source, transfer.target), []).append(transfer.words)
     taken, around = list[tuple[float, float]](), 0
     for (source, target), words in pairs.items():
-        left, top = placed.corners[source]
-        start, end = (left, top + placed.heights[source]), placed.corners[target]
-        between = [x + CARD for x, y in placed.corners.values() if start[1] < y < end[1]]
+        above, below = cards[source], cards[target]
+        start, end = (above.left, above.top + above.height), (below.left, below.top)
+        between = [one.left + CARD for one in cards.values() if start[1] < one.top < end[1]]
         curve = _arrow(start, end, max(between) + SIDE / 2 + around * LANE if between else None)
         around += bool(between)
         taken.append(_free(curve, taken))

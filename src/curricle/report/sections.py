@@ -338,24 +338,14 @@ NONE = "–"
 
 
 @dataclass(frozen=True)
-class BestRow:
-    """The best settings that were found for an arm."""
-
-    arm: str
-    trials: int
-    steps: str
-    score: str
-    values: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class EffectsSection:
     """What a sweep or a tuning shows."""
 
     effects: Effects
     rows: tuple[tuple[str, ...], ...]
     """Main effects: arm, setting, value, number of trials or arms, mean return, and its bounds."""
-    best: tuple[BestRow, ...]  # of a tuning
+    # Of a tuning, the best of each arm: arm, trials, steps, mean return, and the settings.
+    best: tuple[tuple[str, ...], ...]
     words: str  # on the tuning's seeds and steps
 
 
@@ -380,20 +370,15 @@ def effects_sections(
     )
 
 
-def _best(tuning: TuningRecord) -> tuple[BestRow, ...]:
-    rows = []
-    for name, arm in tuning.arms.items():
-        values = (arm.best.values.get(key) for key in tuning.space)
-        rows.append(
-            BestRow(
-                name,
-                len(arm.trials),
-                f"{tuning.steps(name):,}",
-                NONE if arm.best.score is None else minus(short(arm.best.score)),
-                tuple(_value(value) for value in values),
-            )
+def _best(tuning: TuningRecord) -> tuple[tuple[str, ...], ...]:
+    return tuple(
+        (
+            *(name, f"{len(arm.trials)}", f"{tuning.steps(name):,}"),
+            NONE if arm.best.score is None else minus(short(arm.best.score)),
+            *(_value(arm.best.values.get(key)) for key in tuning.space),
         )
-    return tuple(rows)
+        for name, arm in tuning.arms.items()
+    )
 
 
 def _value(value: object) -> str:
