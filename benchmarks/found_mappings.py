@@ -32,7 +32,7 @@ from benchmarks.family_mappings import families
 from benchmarks.pairs import pairs
 from benchmarks.unseen_pairs import unseen
 from curricle.errors import MappingError
-from curricle.paper import maze_runs
+from curricle.paper import mazes
 from curricle.paper.settings import LEARNER, SUMMED, maze
 from curricle.tasks.task import same_task, tables
 from curricle.transfer import (
@@ -182,7 +182,7 @@ def edge(mapping: Any, **settings: Any) -> cr.Transfer:
 def maze_settings() -> dict[str, Any]:
     return {
         "learner": LEARNER,
-        "budget": {"source": maze_runs.SOURCE_BUDGET, "target": 60_000},
+        "budget": {"source": mazes.SOURCE_BUDGET, "target": 60_000},
         "eval_freq": {"source": 1000, "target": 100},
         "evaluation": SUMMED,
     }
@@ -191,7 +191,7 @@ def maze_settings() -> dict[str, Any]:
 def auto_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
     """Yield pairs of tasks with mappings made by hand, and how they are learnt."""
     arena = maze(-5)
-    corner = maze_runs.corner(arena, SIDE)
+    corner = mazes.corner(arena, SIDE)
     yield (
         "maze, corner of 5x5", arena, corner, [edge(cr.same_position(arena, corner))],
         of(arena, corner, **maze_settings()),
@@ -299,7 +299,7 @@ def nameless_case(
 def renumbered_crops() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
     """Yield the maze and its corner, each renumbered."""
     arena = maze(-5)
-    corner = maze_runs.corner(arena, SIDE)
+    corner = mazes.corner(arena, SIDE)
     for seed in range(2):
         rng = np.random.default_rng(seed)
         target, new, actions = renumbered(arena.mdp, rng)

@@ -9,7 +9,7 @@ import curricle as cr
 from curricle.certificate import Certificate, ShapingReward, certify
 from curricle.certificate.shaped_task import Reachable, look_ahead_sweep
 from curricle.errors import SettingError
-from curricle.paper import hacking
+from curricle.paper import mazes
 from tests.certificates import END, ENDED, MAZE, PAIRS, PHI, away, difference
 
 
@@ -180,30 +180,30 @@ def test_the_worst_state_is_the_one_named():
 
 
 def test_a_hint_paid_outright_is_refused_and_as_a_potential_accepted():
-    hint = hacking.nearness()
-    paid = certify(hacking.MAZE, cr.RewardBonus(hint))
+    hint = mazes.nearness()
+    paid = certify(mazes.GRID, cr.RewardBonus(hint))
     assert paid.holds is False
     worst = paid.counterexample
     assert worst.components == dict(
-        zip(("row", "column"), hacking.MAZE.cells[worst.state].tolist(), strict=True)
+        zip(("row", "column"), mazes.GRID.cells[worst.state].tolist(), strict=True)
     )
     # A policy of the shaped optimum goes on for ever: -1 a step, instead of the way to 20.
     shaped = cr.FiniteMDP(**{
-        **{f.name: getattr(hacking.MAZE.mdp, f.name) for f in dataclasses.fields(cr.FiniteMDP)},
-        "reward": hacking.MAZE.mdp.reward[hacking.MAZE.mdp.outcome_row.ravel()]
+        **{f.name: getattr(mazes.GRID.mdp, f.name) for f in dataclasses.fields(cr.FiniteMDP)},
+        "reward": mazes.GRID.mdp.reward[mazes.GRID.mdp.outcome_row.ravel()]
         + hint.values.ravel()[:, None],
         "outcome_row": np.arange(hint.values.size).reshape(hint.values.shape),
         "probability": np.ones((hint.values.size, 1)),
-        "next_state": hacking.MAZE.mdp.next_state[hacking.MAZE.mdp.outcome_row.ravel()],
+        "next_state": mazes.GRID.mdp.next_state[mazes.GRID.mdp.outcome_row.ravel()],
     })  # fmt: skip
-    followed = cr.evaluate(hacking.MAZE, cr.solve(shaped).policy)
-    best = cr.solve(hacking.MAZE)
-    states = Reachable.of(hacking.MAZE.mdp).states
+    followed = cr.evaluate(mazes.GRID, cr.solve(shaped).policy)
+    best = cr.solve(mazes.GRID)
+    states = Reachable.of(mazes.GRID.mdp).states
     assert followed.values[states] == pytest.approx(-20.0)
     assert paid.total_loss == pytest.approx((best.values - followed.values)[states].max())
     assert paid.loss == pytest.approx(worst.lost)
-    assert certify(hacking.MAZE, cr.StateShaping(hint.to_state()))
-    assert certify(hacking.MAZE, cr.LookAheadAdvice(hint))
+    assert certify(mazes.GRID, cr.StateShaping(hint.to_state()))
+    assert certify(mazes.GRID, cr.LookAheadAdvice(hint))
 
 
 def test_at_discount_1_every_policy_must_end():

@@ -5,13 +5,13 @@ import pytest
 
 import curricle as cr
 from curricle.errors import MappingError
-from curricle.paper import maze_runs
+from curricle.paper import mazes
 from curricle.paper.settings import maze
 from curricle.transfer import TaskPair, auto_mapping, by_common_part, score_mapping
 from tests.renumbering import renumbered
 
 MAZE = maze(-5)
-CROP = maze_runs.corner(MAZE, 5)
+CROP = mazes.corner(MAZE, 5)
 
 
 def renumbered_crop(seed):

@@ -19,24 +19,13 @@ AGGREGATES = (minimum, mean, maximum, total)
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One way of using the sources of a target.
+    """One way of using the sources of a target."""
 
-    Attributes
-    ----------
-    name : str
-        The aggregate's, or the transfer's as ``source -> target [n]``.
-    curriculum : Curriculum
-        The target, its transfers as this candidate uses them, and what these build on; no more.
-    aggregate : bool
-        Whether it is an aggregate of all transfers.
-    used : bool
-        Whether it is what the curriculum would do.
-    """
-
-    name: str
+    name: str  # the aggregate's, or the transfer's as "source -> target [n]"
+    # The target, its transfers as this candidate uses them, and what these build on; no more.
     curriculum: Curriculum
-    aggregate: bool
-    used: bool
+    aggregate: bool  # whether it is an aggregate of all transfers
+    used: bool  # whether it is what the curriculum would do
 
     def potentials(
         self, sources: Mapping[str, Learnt], seeds: Sequence[int]
@@ -58,17 +47,6 @@ def candidates_of(
 
     The aggregates are the library's four, the curriculum's own and the given ones, each once; those
     that are not the curriculum's own are not calibrated.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, same_position
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))])
-    >>> [(one.name, one.used) for one in candidates_of(plan, "maze")]
-    [('mean', True)]
     """
     edges = curriculum.in_edges(target)
     own, settings = curriculum.setting("aggregate", target), curriculum.calibration(target)
@@ -101,15 +79,8 @@ def part_of(
 ) -> Curriculum:
     """Return the part of a curriculum that a target is learnt by, its tasks renamed.
 
-    Parameters
-    ----------
-    curriculum : Curriculum
-    target : str
-    transfers : sequence of Transfer
-        Those into the target, in place of the curriculum's own.
-    rename : callable
-        From a task's name to its new one, different for different tasks. Random streams are named
-        after tasks, so that a renamed curriculum draws other numbers for the same seeds.
+    `transfers` are those into the target, in place of the curriculum's own. Random streams are
+    named after tasks, so that a renamed curriculum draws other numbers for the same seeds.
     """
     before = {edge.source for edge in transfers}
     kept = before.union(*(curriculum.ancestors(name) for name in before), {target})

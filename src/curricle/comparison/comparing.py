@@ -195,19 +195,7 @@ _SETTINGS = ("name", "learner", "budget", "shaping", "eval_freq", "evaluation", 
 
 @dataclass(frozen=True)
 class LearntAlone:
-    """What was learnt without sources so far.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> plan = Curriculum(tasks={"maze": GridWorld("S.T")}, budget=100)
-    >>> known = LearntAlone()
-    >>> first, second = (
-    ...     known.curves(plan.node("maze"), (0, 1), lambda node: node.train((0, 1)))
-    ...     for _ in range(2))
-    >>> first is second, first.values
-    (True, None)
-    """
+    """What was learnt without sources so far."""
 
     _found: list[tuple[Node, tuple[int, ...], LearningResult]] = field(default_factory=list)
 
@@ -255,15 +243,7 @@ def _alike(one: Node, other: Node) -> bool:
 
 @dataclass(frozen=True)
 class ComparisonPlan:
-    """The checked arms of a comparison and the settings that they share.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> plan = Curriculum(tasks={"maze": GridWorld("S.T")}, budget=100)
-    >>> ComparisonPlan.of(plan).total
-    100
-    """
+    """The checked arms of a comparison and the settings that they share."""
 
     arms: Mapping[str, Curriculum]
     controls: Sequence[Control]
@@ -377,8 +357,7 @@ class ComparisonPlan:
         spent = result.source_steps(self.target)
         pairs = VisitedPairs.of(curriculum)
         for label, change in value_controls(self.controls, pairs):
-            train = partial(self._value_control, result, change, spent, label, pairs)
-            yield label, train
+            yield label, partial(self._value_control, result, change, label, pairs)
         if PLACEBO in self.controls and is_observation_task(pairs.task):
             yield PLACEBO, partial(self._placebo, curriculum, seeds)
         for control in ("random_start", "pretraining"):
@@ -387,19 +366,13 @@ class ComparisonPlan:
                 yield control.replace("_", " "), train
 
     def _value_control(
-        self,
-        result: CurriculumResult,
-        change: Change,
-        spent: IntArray,
-        label: str,
-        pairs: VisitedPairs,
-        bars: Bars,
+        self, result: CurriculumResult, change: Change, label: str, pairs: VisitedPairs, bars: Bars
     ) -> Arm:
         """Return a control whose potential is changed; its level over `pairs` if it has one."""
         changed = changed_potentials(result, change)
         level = level_of(label, changed, pairs, result.curriculum)
         found = learn_changed(result, changed, self.workers, bars)
-        return self._arm(found, spent, control=True, level=level)
+        return self._arm(found, result.source_steps(self.target), control=True, level=level)
 
     def _placebo(self, curriculum: Curriculum, seeds: Sequence[int], bars: Bars) -> Arm:
         """Return the control of a curriculum with miniatures: their answers, shuffled."""
@@ -527,13 +500,6 @@ def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
     """Return a curriculum's target without its sources, with another learner if one is given.
 
     What applies to targets alone, such as the shaping, is left out.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, SARSA
-    >>> plan = from_scratch(Curriculum({"maze": GridWorld("S.T")}, budget=70), SARSA())
-    >>> plan.setting("budget", "maze"), type(plan.setting("learner", "maze")).__name__
-    (70, 'SARSA')
     """
     target = curriculum.target
     settings: dict[str, Any] = {
@@ -547,28 +513,7 @@ def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
 
 
 def scratch_curricula(given: GivenScratch, first: Curriculum) -> dict[str, Curriculum]:
-    """Return the arms of further learners from scratch by name, ``scratch, NAME``.
-
-    Parameters
-    ----------
-    given : sequence of learners, or dict of str to learner
-        In a sequence each is named after its settings.
-    first : Curriculum
-        Whose target they learn.
-
-    Raises
-    ------
-    SettingError
-        If two have one name, a name is not fit for an arm, or a learner does not fit the target or
-        is its own.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, QLearning
-    >>> first = Curriculum({"maze": GridWorld("S.T")})
-    >>> list(scratch_curricula([QLearning(initial_value=50.0)], first))
-    ['scratch, QLearning(initial_value=50.0)']
-    """
+    """Return the arms of further learners from scratch by name, ``scratch, NAME``."""
     if not isinstance(given, Mapping):
         instance("scratch, unless it names learners in a dict,", given, Sequence, SettingError)
     named = given.items() if isinstance(given, Mapping) else [(_name(one), one) for one in given]

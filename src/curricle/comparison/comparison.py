@@ -320,13 +320,63 @@ class Comparison:
 
     def text(self, width: int = UNBOUNDED) -> str:
         """Return the table, and sentences on it, in lines of so many characters at most."""
-        return comparison_text(self, width)
+        return "\n".join(
+            [
+                folded(self._title, width),
+                *text_table(HEADS, [self._cells(name) for name in self.arms], width, words=True),
+                *(folded(one, width) for one in self._below),
+            ]
+        )
 
     def __repr__(self) -> str:
-        return in_brief(self)
+        verdicts = [f"{name}: {one.against_scratch}" for name, one in self.verdicts.items()]
+        return shortened(
+            f"Comparison({self.target!r}, {counted(len(self.arms), 'arm')}, "
+            f"{counted(self.seeds, 'seed')}; {'; '.join(verdicts)})"
+        )
 
     def _repr_html_(self) -> str:
-        return as_html(self)
+        """Return the charged curves, the table, and sentences below it."""
+        return block(
+            self._title,
+            curves(_lines(self), "target and source steps", "greedy return"),
+            table(HEADS, [self._cells(name) for name in self.arms], wide=[HEADS[-1]]),
+            *self._below,
+        )
+
+    @property
+    def _below(self) -> list[str]:
+        """The sentences below the table."""
+        failed = [f"{name} failed: {in_words(error)}" for name, error in self.failed.items()]
+        return [*self.sentences, *failed]
+
+    @property
+    def _title(self) -> str:
+        """What was compared, and how."""
+        return (
+            f"{self.target!r} in {self.total:,} steps, sources charged, evaluations free; "
+            f"{counted(self.seeds, 'seed')}"
+            f"{self.stopped and f' ({self.stopped})'}; "
+            f"threshold {or_dash(self.threshold, '.4g')}"
+        )
+
+    def _cells(self, name: str) -> tuple[str, ...]:
+        """Return an arm's row of the printed table: as many texts as `HEADS` has."""
+        times = self.times(name)
+        missed = int((~times.reached).sum())
+        steps = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
+        steps = "> " * (missed > 0) + steps
+        strong, weak, words = "", "", ""
+        if name in self.contrasts:
+            contrast = self.contrasts[name]
+            strong, weak = short(contrast.strong_gain), short(contrast.weak_gain)
+            words = contrast.verdict
+            if name in self.verdicts and not self.verdicts[name].too_few:
+                words += f" (p = {contrast.adjusted_p:.2g})"
+            words += f", {contrast.reason}" if contrast.reason else ""
+        elif name == self.best_scratch and len(self.scratches) > 1:
+            words = "the best from scratch: gains are over it"
+        return name, steps, short(self.mean_return(name)), strong, weak, words
 
     @property
     def sentences(self) -> list[str]:
@@ -385,67 +435,6 @@ def _signed(interval: Interval) -> str:
 HEADS = ("", "steps to threshold", "mean return (IQM)", "strong gain", "weak gain", "verdict")
 
 
-def in_brief(comparison: Comparison) -> str:
-    """Return a comparison in a few words: its target, its arms and what they came to."""
-    verdicts = [f"{name}: {one.against_scratch}" for name, one in comparison.verdicts.items()]
-    return shortened(
-        f"Comparison({comparison.target!r}, {counted(len(comparison.arms), 'arm')}, "
-        f"{counted(comparison.seeds, 'seed')}; {'; '.join(verdicts)})"
-    )
-
-
-def comparison_text(comparison: Comparison, width: int) -> str:
-    """Return a comparison as text in lines of so many characters at most."""
-    rows = [cells(comparison, name) for name in comparison.arms]
-    return "\n".join(
-        [
-            folded(title(comparison), width),
-            *text_table(HEADS, rows, width, words=True),
-            *(folded(one, width) for one in _below(comparison)),
-        ]
-    )
-
-
-def as_html(comparison: Comparison) -> str:
-    """Return a comparison as its charged curves, the table, and sentences below it."""
-    rows = [cells(comparison, name) for name in comparison.arms]
-    return block(
-        title(comparison),
-        curves(_lines(comparison), "target and source steps", "greedy return"),
-        table(HEADS, rows, wide=[HEADS[-1]]),
-        *_below(comparison),
-    )
-
-
-def title(comparison: Comparison) -> str:
-    """Return what was compared, and how."""
-    return (
-        f"{comparison.target!r} in {comparison.total:,} steps, sources charged, evaluations free; "
-        f"{counted(comparison.seeds, 'seed')}"
-        f"{comparison.stopped and f' ({comparison.stopped})'}; "
-        f"threshold {or_dash(comparison.threshold, '.4g')}"
-    )
-
-
-def cells(comparison: Comparison, name: str) -> tuple[str, ...]:
-    """Return an arm's row of the table: as many texts as `HEADS` has."""
-    times = comparison.times(name)
-    missed = int((~times.reached).sum())
-    steps = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
-    steps = "> " * (missed > 0) + steps
-    strong, weak, words = "", "", ""
-    if name in comparison.contrasts:
-        contrast = comparison.contrasts[name]
-        strong, weak = short(contrast.strong_gain), short(contrast.weak_gain)
-        words = contrast.verdict
-        if name in comparison.verdicts and not comparison.verdicts[name].too_few:
-            words += f" (p = {contrast.adjusted_p:.2g})"
-        words += f", {contrast.reason}" if contrast.reason else ""
-    elif name == comparison.best_scratch and len(comparison.scratches) > 1:
-        words = "the best from scratch: gains are over it"
-    return name, steps, short(comparison.mean_return(name)), strong, weak, words
-
-
 def short(interval: Interval) -> str:
     """Return an interval without its number of seeds; a dash if there is none.
 
@@ -457,12 +446,6 @@ def short(interval: Interval) -> str:
     '-'
     """
     return "-" if np.isnan(interval.estimate) else str(interval).rsplit(",", 1)[0]
-
-
-def _below(comparison: Comparison) -> list[str]:
-    """Return the sentences below the table."""
-    failed = [f"{name} failed: {in_words(error)}" for name, error in comparison.failed.items()]
-    return [*comparison.sentences, *failed]
 
 
 def _lines(comparison: Comparison) -> list[Any]:

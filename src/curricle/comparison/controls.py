@@ -132,13 +132,6 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
     """Return a curriculum whose only source is its target, trained for `steps`.
 
     The source starts uniformly for ``random_start``, as the target for ``pretraining``.
-
-    Examples
-    --------
-    >>> maze = GridWorld("S..T")
-    >>> plan = source_control(Curriculum({"maze": maze}), "random_start", 500)
-    >>> plan.order, plan.tasks[SOURCE].mdp.start.round(2)
-    (('control source', 'maze'), array([0.33, 0.33, 0.33, 0.  ]))
     """
     name = curriculum.target
     task = curriculum.tasks[name]

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import blake2b
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -135,24 +135,13 @@ def forecast(
     )
 
 
-class Judgement(NamedTuple):
-    """How good the potential of each of K seeds is, and the scale that a calibration finds."""
-
-    seeds: tuple[PotentialQuality, ...]
-    calibrations: tuple[Calibration, ...]
+Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]
+"""How good the potential of each of K seeds is, and the scales that calibrations find."""
 
 
 @dataclass(frozen=True)
 class JudgedPotentials:
-    """Targets, judgements of their potentials and what trials learn alone, computed once.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> judged, maze = JudgedPotentials(), GridWorld("S.T")
-    >>> judged.target(maze, GreedyEvaluation()) is judged.target(maze, GreedyEvaluation())
-    True
-    """
+    """Targets, judgements of their potentials and what trials learn alone, computed once."""
 
     alone: LearntAlone = field(default_factory=LearntAlone)
     _targets: list[tuple[Any, Any, Target | ObservationTarget]] = field(default_factory=list)
@@ -245,16 +234,18 @@ def forecast_once(
             found, no_trial = _trial(each, trial, threshold, any_target, how)
             if found is not None:
                 bars.tell("trial")
-            learnt = _judged_sources(curriculum, sources, workers, bars.within())
-    optimum, random_return = any_target.optimum, any_target.random_return
+            learnt = {
+                **source_learning(curriculum, sources, workers=workers, progress=bars.within()),
+                **distilled_sources(curriculum.tasks, sources),
+            }
     rows = _judged(rows, found, any_target, reads_values=reads_values)
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     return Forecast(
         target=name,
         coverage=_coverage(labels, any_target, curriculum.potentials(name, sources)[0]),
         rows=tuple(rows),
-        optimum=optimum,
-        random_return=random_return,
+        optimum=any_target.optimum,
+        random_return=any_target.random_return,
         solved=any_target.solution is not None,
         exact=any_target.evaluation.method == "exact",
         trained=sources,
@@ -269,29 +260,18 @@ def _judged(
     rows: Sequence[ForecastRow], found: Trial | None, any_target: AnyTarget, *, reads_values: bool
 ) -> list[ForecastRow]:
     """Return rows with the gain of a trial and with words, aggregates and the best first."""
-    optimum, random_return = any_target.optimum, any_target.random_return
     judged = [
         replace(
             row,
             gain=None if found is None or found.relative else found.gain(row.name),
-            verdict=start_words(row, any_target, optimum, random_return)
-            if reads_values
-            else network_words(row),
-            anti_knowledge=anti_knowledge(row, random_return),
+            verdict=start_words(row, any_target) if reads_values else network_words(row),
+            anti_knowledge=anti_knowledge(row, any_target.random_return),
         )
         for row in rows
     ]
     return sorted(
         judged, key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf))
     )
-
-
-def _judged_sources(
-    curriculum: Curriculum, sources: Mapping[str, SourceValues], workers: int | None, bars: Bars
-) -> dict[str, Any]:
-    """Return how much of its own task each source knows."""
-    learnt = source_learning(curriculum, sources, workers=workers, progress=bars)
-    return {**learnt, **distilled_sources(curriculum.tasks, sources)}
 
 
 def _sources(
@@ -424,7 +404,7 @@ def _judgement(
         lambda k: potential_quality(potentials[k], any_target, seed=k), len(potentials), threads
     )
     calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
-    return Judgement(tuple(seeds), calibrations)
+    return tuple(seeds), calibrations
 
 
 def _judgement_of_networks(
@@ -433,7 +413,7 @@ def _judgement_of_networks(
     """Return the same of networks whose values are not read: the returns of their policies."""
     nan = float("nan")
     starts = [policy_return(one, target, seed=k) for k, one in enumerate(potentials)]
-    return Judgement(tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ())
+    return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
 
 
 def _transfers_into(curriculum: Curriculum, target: str | None) -> tuple[str, tuple[Transfer, ...]]:

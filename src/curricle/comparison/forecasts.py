@@ -174,14 +174,49 @@ class Forecast:
         return self.text()
 
     def text(self, width: int = 80) -> str:
-        """Return it in lines of so many characters at most."""
-        return forecast_text(self, width)
+        """Return sentences and a table, in lines of so many characters at most."""
+        above = [*self._head, *(f"{name}: {cover}" for name, cover in self.coverage.items())]
+        words = [f"{one.name}: {one.verdict}" for one in self.rows if one.aggregate]
+        return "\n".join(
+            [
+                *(folded(line, width) for line in above),
+                *text_table(["", *columns(self)], _rows(self), width),
+                *(folded(line, width) for line in words),
+            ]
+        )
 
     def __repr__(self) -> str:
-        return in_brief(self)
+        names = ", ".join(one.name for one in self.rows)
+        return shortened(f"Forecast({self.target!r}: {self.answer}; potentials: {names})")
 
     def _repr_html_(self) -> str:
-        return as_html(self)
+        """Return the answer, what that rests on, the table and coverage."""
+        words = [one.verdict if one.aggregate else "" for one in self.rows]
+        rows = [(*row, text) for row, text in zip(_rows(self), words, strict=True)]
+        last = "start, in words"
+        return block(
+            *self._head,
+            table(["potential", *columns(self), last], rows, wide=[last]),
+            "* the one that the curriculum uses",
+            self.coverage and coverage_table(self.coverage),
+        )
+
+    @property
+    def _head(self) -> list[str]:
+        """The sentences above the table: the answer, what it rests on, and the start."""
+        lines = [f"Forecast for {self.target!r}: {self.answer}", self.basis]
+        if self.trial is not None and not self.trial.relative and not self.best.used:
+            lines.append(f"the highest gain in the trial: {self.best.name}")
+        lines += map(str, self.sources.values())
+        # The transfers that may be anti-knowledge; a single one is its aggregate's row.
+        alone = [one for one in self.rows if not one.aggregate] or self.rows[:1]
+        lines += [f"{one.name} {one.anti_knowledge}" for one in alone if one.anti_knowledge]
+        how = "exact" if self.exact else "returns by rollouts"
+        if not self.solved and _values_are_read(self):
+            how += "; Q* estimated by the values of phi's own policy"
+        optimum = "" if np.isnan(self.optimum) else f"optimum {self.optimum:.4g}, "
+        start = f"The start with phi, {self.computed_from}: {optimum}random policy "
+        return [*lines, f"{start}{self.random_return:.4g} ({how})"]
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -207,40 +242,6 @@ COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
 """What each column shows of a row."""
 
 
-def in_brief(forecast: Forecast) -> str:
-    """Return a forecast in a few words: its target, its answer, its potentials."""
-    names = ", ".join(one.name for one in forecast.rows)
-    return shortened(f"Forecast({forecast.target!r}: {forecast.answer}; potentials: {names})")
-
-
-def forecast_text(forecast: Forecast, width: int) -> str:
-    """Return a forecast as sentences and a table, in lines of so many characters at most."""
-    above = [_title(forecast), *_reasons(forecast), _start(forecast)]
-    above += [f"{name}: {cover}" for name, cover in forecast.coverage.items()]
-    words = [f"{one.name}: {one.verdict}" for one in forecast.rows if one.aggregate]
-    return "\n".join(
-        [
-            *(folded(line, width) for line in above),
-            *text_table(["", *columns(forecast)], _rows(forecast), width),
-            *(folded(line, width) for line in words),
-        ]
-    )
-
-
-def as_html(forecast: Forecast) -> str:
-    """Return a forecast as its answer, what that rests on, its table and coverage."""
-    words = [one.verdict if one.aggregate else "" for one in forecast.rows]
-    rows = [(*row, text) for row, text in zip(_rows(forecast), words, strict=True)]
-    return block(
-        _title(forecast),
-        *_reasons(forecast),
-        _start(forecast),
-        table(["potential", *columns(forecast), "start, in words"], rows, wide=["start, in words"]),
-        "* the one that the curriculum uses",
-        forecast.coverage and coverage_table(forecast.coverage),
-    )
-
-
 def columns(forecast: Forecast) -> list[str]:
     """Return those it has: gains where there was a trial, and values where potentials have them."""
     left_out = set[str]()
@@ -255,32 +256,6 @@ def _rows(forecast: Forecast) -> list[tuple[str, ...]]:
     """Return the name of each potential, with a star if it is used, and its columns."""
     shown = [COLUMNS[name] for name in columns(forecast)]
     return [(one.name + " *" * one.used, *(cell(one) for cell in shown)) for one in forecast.rows]
-
-
-def _title(forecast: Forecast) -> str:
-    return f"Forecast for {forecast.target!r}: {forecast.answer}"
-
-
-def _reasons(forecast: Forecast) -> list[str]:
-    """Return what the answer rests on, and what speaks against it."""
-    lines = [forecast.basis]
-    if forecast.trial is not None and not forecast.trial.relative and not forecast.best.used:
-        lines.append(f"the highest gain in the trial: {forecast.best.name}")
-    lines += map(str, forecast.sources.values())
-    # The transfers that may be anti-knowledge; a single one is its aggregate's row.
-    alone = [one for one in forecast.rows if not one.aggregate] or forecast.rows[:1]
-    return [*lines, *(f"{one.name} {one.anti_knowledge}" for one in alone if one.anti_knowledge)]
-
-
-def _start(forecast: Forecast) -> str:
-    how = "exact" if forecast.exact else "returns by rollouts"
-    if not forecast.solved and _values_are_read(forecast):
-        how += "; Q* estimated by the values of phi's own policy"
-    optimum = "" if np.isnan(forecast.optimum) else f"optimum {forecast.optimum:.4g}, "
-    return (
-        f"The start with phi, {forecast.computed_from}: {optimum}random policy "
-        f"{forecast.random_return:.4g} ({how})"
-    )
 
 
 def _values_are_read(forecast: Forecast) -> bool:
@@ -305,7 +280,7 @@ RAISED = 1.15
 """Scale above which a calibration is worth its steps."""
 
 
-def start_words(row: ForecastRow, target: AnyTarget, optimum: float, random_return: float) -> str:
+def start_words(row: ForecastRow, target: AnyTarget) -> str:
     """Return what the start with a potential is, whether it lasts, and what to do, in words."""
     if np.isnan(row.mean("start")):
         return "is the same for all actions, so it has no greedy policy: use StateShaping"
@@ -313,7 +288,8 @@ def start_words(row: ForecastRow, target: AnyTarget, optimum: float, random_retu
     excess = row.mean("excess") / max(row.mean("mean_absolute_value"), 1e-12)
     words = [f"starts at {start:.3g}"]
     # If the optimum is unknown, any better start is a good one.
-    gain, whole = start - random_return, np.nan_to_num(optimum - random_return)
+    gain = start - target.random_return
+    whole = np.nan_to_num(target.optimum - target.random_return)
     good = gain > GOOD * whole
     if not good:
         weak = gain > GAIN * whole

@@ -7,7 +7,7 @@ simulation, and is said to have done so. Networks distilled from miniatures are 
 levels.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -144,7 +144,6 @@ def _percent(share: float) -> str:
 def source_learning(
     curriculum: Curriculum,
     sources: Mapping[str, SourceValues],
-    names: Sequence[str] | None = None,
     *,
     fresh: bool = True,
     workers: int | None = None,
@@ -156,10 +155,8 @@ def source_learning(
     ----------
     curriculum : Curriculum
     sources : dict of str to SourceValues
-        What was learnt, such as ``CurriculumResult.sources``.
-    names : sequence of str, optional
-        Of the sources to judge; by default all of `sources` that others build on. Those whose
-        values were not kept in dense tables, such as networks, are left out.
+        What was learnt, such as ``CurriculumResult.sources``. Left out are tasks that no other
+        builds on, and those whose values were not kept in dense tables, such as networks.
     fresh : bool
         Whether a source that cannot be solved is measured by a fresh learner of twice its steps,
         which takes twice as long as the source did. Tasks that are played live never are.
@@ -169,13 +166,10 @@ def source_learning(
         True shows a bar for each fresh learner; a function is called with the name of each source
         when it has been judged.
     """
-    if names is None:
-        read = {edge.source for edge in curriculum.transfers}
-        names = [name for name in sources if name in read]
-    found = {}
+    found, read = {}, {edge.source for edge in curriculum.transfers}
     with shown(progress) as bars:
-        for name in names:
-            if _judgeable(curriculum.tasks[name], sources[name]):
+        for name in sources:
+            if name in read and _judgeable(curriculum.tasks[name], sources[name]):
                 node = curriculum.node(name)
                 found[name] = _learning(node, sources[name], fresh, workers, bars.within())
                 bars.tell(name)
@@ -257,22 +251,12 @@ class DistilledSource(Frozen):
     """What networks of K seeds regain of the way from the random policy to the optimum.
 
     Exact, by the miniatures' tables. Prints as a sentence.
-
-    Attributes
-    ----------
-    name : str
-    members : tuple of str
-        The miniatures, then those that are only tested on.
-    levels : tuple of int
-        How many levels each was examined on.
-    shares : (K, M) float64
-        What each seed regains in each.
     """
 
     name: str
-    members: tuple[str, ...]
-    levels: tuple[int, ...]
-    shares: FloatArray
+    members: tuple[str, ...]  # M: the miniatures, then those that are only tested on
+    levels: tuple[int, ...]  # how many levels each was examined on
+    shares: FloatArray  # (K, M): what each seed regains in each
 
     @property
     def expected(self) -> float:

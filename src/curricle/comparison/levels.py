@@ -36,27 +36,13 @@ SAME_AS_INITIAL_VALUE = (QInitialisation, LookAheadAdvice, StateShaping)
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """What a control that knows nothing adds to every value, for K seeds.
+    """What a control that knows nothing adds to every value, for K seeds."""
 
-    Attributes
-    ----------
-    values : (K,) float64
-        The mean of the control's potential over the pairs that learning can visit, in return.
-    base : float or None
-        The learner's own initial value, to which it is added; None where the control is not the
-        same as another initial value.
-    constant : bool
-        Whether every pair has this value.
-
-    Examples
-    --------
-    >>> Level(np.array([2.0, 3.0]), base=1.0, constant=True).initial_value
-    3.5
-    """
-
-    values: FloatArray
+    values: FloatArray  # (K,): mean of its potential over the pairs that learning can visit
+    # The learner's own initial value, to which it is added; None where the control is not the same
+    # as another initial value.
     base: float | None
-    constant: bool
+    constant: bool  # whether every pair has this value
 
     __repr__ = brief_repr
 
@@ -82,25 +68,10 @@ def concatenated_levels(levels: Sequence[Level]) -> Level:
 
 @dataclass(frozen=True, eq=False)
 class VisitedPairs:
-    """The pairs of a task that learning can visit.
-
-    Attributes
-    ----------
-    task : Task or ObservationTask
-    dense : bool
-        Whether all that can be reached is counted, rather than what rollouts visit.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, StateActionPotential
-    >>> maze = GridWorld(["S#.", ".#T"])  # the east lies behind a wall
-    >>> pairs = VisitedPairs(maze, dense=True)
-    >>> pairs.states, pairs.values(StateActionPotential(maze, np.arange(16.0).reshape(4, 4))).max()
-    (array([0, 2]), np.float64(11.0))
-    """
+    """The pairs of a task that learning can visit."""
 
     task: Any
-    dense: bool
+    dense: bool  # whether all that can be reached is counted, rather than what rollouts visit
 
     @classmethod
     def of(cls, curriculum: Curriculum) -> Self:

@@ -168,33 +168,15 @@ DIGEST_BYTES = 8
 
 @dataclass(frozen=True)
 class TaskSummary:
-    """What a task is, in plain data.
+    """What a task is, in plain data."""
 
-    Attributes
-    ----------
-    kind : str
-        Its type.
-    spaces : dict of str to str
-        Its spaces, discount and time limit.
-    projections : dict of str to (float, float)
-        Each part of its tables, projected onto a random direction that is the same for all tasks of
-        one size, and the sum of the absolute terms: two tables with equal projections are equal but
-        for a set of probability 0. Empty for a task whose tables are too large, or that has none.
-    parameters : dict of str to str
-        Of its type, with a digest of what is too long.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Rewards
-    >>> one, other = (task_summary(GridWorld("S.T", rewards=Rewards(treasure=t))) for t in (9, 8))
-    >>> summary_differences(one, other)[0]
-    'reward'
-    """
-
-    kind: str
-    spaces: dict[str, str]
+    kind: str  # its type
+    spaces: dict[str, str]  # its spaces, discount and time limit
+    # Each part of its tables, projected onto a random direction that is the same for all tasks of
+    # one size, and the sum of the absolute terms: two tables with equal projections are equal but
+    # for a set of probability 0. Empty for a task whose tables are too large, or that has none.
     projections: dict[str, tuple[float, float]]
-    parameters: dict[str, str]
+    parameters: dict[str, str]  # of its type, with a digest of what is too long
 
 
 def task_summary(task: Any) -> TaskSummary:

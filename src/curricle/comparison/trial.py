@@ -19,11 +19,11 @@ from curricle.comparison.comparing import (
     default_threshold,
     most_source_steps,
 )
-from curricle.comparison.comparison import Comparison, as_html
+from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.display import block, brief_repr
-from curricle.errors import CurriculumError, in_words
+from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
 from curricle.planning.policy_evaluation import ExactEvaluation, RolloutEvaluation
@@ -70,7 +70,7 @@ class Trial:
     __repr__ = brief_repr
 
     def _repr_html_(self) -> str:
-        return block("Trial", self.assumes) + as_html(self.comparison)
+        return block("Trial", self.assumes) + self.comparison._repr_html_()
 
     def gain(self, name: str) -> Interval | None:
         """Return the strong gain of a candidate in mean return; None if it could not be trained."""
@@ -171,30 +171,7 @@ def run_trial(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of candidates for one target.
-
-    Parameters
-    ----------
-    candidates : sequence of Candidate
-    seeds : int
-        Of random streams that no other training has.
-    threshold : float, optional
-        As in :func:`compare`.
-    alone : LearntAlone, optional
-        What other trials with as many seeds have learnt without sources.
-    workers : int, optional
-        Threads over seeds.
-    progress : bool or callable, optional
-        As in :func:`compare`.
-
-    Raises
-    ------
-    CurriculumError, SettingError
-        Where there is nothing to try them in (:func:`hindrance`), or all of them fail.
-    """
-    for one in candidates:
-        if why := hindrance(one.curriculum):
-            raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
+    """Return a trial of candidates for one target."""
     arms = {one.name: apart(one.curriculum) for one in candidates}
     comparison = _compared(arms, alone, seeds, threshold, workers, progress)
     assumes = (
@@ -214,15 +191,7 @@ def rehearse(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of a smaller relative of a curriculum, which stands for a candidate.
-
-    Raises
-    ------
-    CurriculumError, SettingError
-        Where the relative cannot be tried either.
-    """
-    if why := hindrance(relative):
-        raise CurriculumError(f"a smaller relative needs models and a budget in steps: {why}")
+    """Return a trial of a smaller relative of a curriculum, which stands for a candidate."""
     comparison = _compared({candidate.name: apart(relative)}, alone, seeds, None, workers, progress)
     assumes = (
         f"a rehearsal on the smaller relative {relative.target!r}, {counted(seeds, 'seed')}; its "
@@ -255,15 +224,7 @@ def _compared(
 
 
 def apart(curriculum: Curriculum) -> Curriculum:
-    """Return the same curriculum with random streams of its own.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> plan = Curriculum(tasks={"maze": GridWorld("S.T")}, budget=100)
-    >>> apart(plan).target
-    'maze/trial'
-    """
+    """Return the same curriculum with random streams of its own."""
     target = curriculum.target
     return part_of(curriculum, target, curriculum.in_edges(target), lambda name: name + STREAM)
 

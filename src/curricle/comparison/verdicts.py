@@ -149,10 +149,11 @@ def verdicts_of(
     if not rivals:
         return {}
     arrays = {name: vector(f"returns of {name!r}", values) for name, values in returns.items()}
+    for name, those in rivals.items():
+        _check(name, those, arrays)
     apart = {
-        name: np.stack([paired_difference(name, rival, arrays) for rival in those])
+        name: np.stack([difference(arrays[name], arrays[rival]) for rival in those])
         for name, those in rivals.items()
-        if _checked(name, those, arrays)
     }
     draws = _draws(looks, sum(map(len, apart.values())))
     p = [_p_value(rows, draws, looks) for rows in apart.values()]
@@ -184,13 +185,7 @@ def seeds_needed(questions: int = 1, *, looks: Looks = ONE_LOOK) -> int:
 
 
 def too_few_seeds(seeds: int, needed: int) -> str:
-    """Return that there are too few seeds for a verdict, in words; empty if there are enough.
-
-    Examples
-    --------
-    >>> too_few_seeds(5, seeds_needed(1)), too_few_seeds(6, seeds_needed(1))
-    ('too few seeds for a verdict (5; 6 or more)', '')
-    """
+    """Return that there are too few seeds for a verdict, in words; empty if there are enough."""
     return f"too few seeds for a verdict ({seeds}; {needed} or more)" if seeds < needed else ""
 
 
@@ -201,24 +196,18 @@ def difference(mine: FloatArray, yours: FloatArray) -> FloatArray:
     return np.where(np.abs(apart) < noise, 0.0, apart)
 
 
-def paired_difference(name: str, rival: str, returns: Mapping[str, FloatArray]) -> FloatArray:
-    """Return the differences of two arms' returns (K,), or raise SettingError."""
-    mine, yours = returns[name], returns[rival]
-    if mine.shape != yours.shape:
-        raise SettingError(
-            f"returns must be of the same seeds: {name!r} has {mine.size}, {rival!r} {yours.size}"
-        )
-    return difference(mine, yours)
-
-
-def _checked(name: str, rivals: Sequence[str], returns: Mapping[str, FloatArray]) -> bool:
-    """Raise SettingError unless an arm and its rivals, at least one, have returns."""
+def _check(name: str, rivals: Sequence[str], returns: Mapping[str, FloatArray]) -> None:
+    """Raise SettingError unless an arm and its rivals, at least one, have as many returns."""
     if not rivals:
         raise SettingError(f"an arm to be compared needs a rival: {name!r} has none")
     for one in (name, *rivals):
         if one not in returns:
             raise SettingError(f"an arm to be compared needs returns: {one!r} has none")
-    return True
+        if returns[one].shape != returns[name].shape:
+            raise SettingError(
+                f"returns must be of the same seeds: {name!r} has {returns[name].size}, {one!r} "
+                f"{returns[one].size}"
+            )
 
 
 def _draws(looks: Looks, tests: int) -> int:
@@ -258,32 +247,12 @@ Why = Literal["", "not asked", "knowledge", "mostly level", "level", "not shown"
 
 @dataclass(frozen=True)
 class Reason:
-    """Why a curriculum pays.
+    """Why a curriculum pays."""
 
-    Attributes
-    ----------
-    pays : Verdict
-        Whether it gains more than learning from scratch.
-    over_controls : Verdict or None
-        Whether it gains more than each of its controls that know nothing; None if it has none.
-    level : float
-        What the strongest of these controls adds to every value, on average.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from curricle.comparison.verdicts import verdicts_of
-    >>> noise = np.arange(8.0) % 3
-    >>> returns = {"scratch": noise, "mean": 9 + noise[::-1], "mean, constant": 9 + noise}
-    >>> pays, = verdicts_of(returns, {"mean": ["scratch"]}).values()
-    >>> over, = verdicts_of(returns, {"mean": ["mean, constant"]}).values()
-    >>> Reason(pays, over, 20.0).words, Reason(pays, None).words
-    ('by optimism alone', '')
-    """
-
-    pays: Verdict = field(repr=False)
+    pays: Verdict = field(repr=False)  # whether it gains more than learning from scratch
+    # Whether it gains more than each of its controls that know nothing; None if it has none.
     over_controls: Verdict | None
-    level: float = 0.0
+    level: float = 0.0  # what the strongest of these controls adds to every value, on average
 
     __repr__ = brief_repr
 

@@ -1,6 +1,6 @@
 """F4: pursuit. Two predators learn from one, as published and as stated."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,7 +49,7 @@ from curricle.statistics import Curve, Interval, paired_difference
 from curricle.text_tables import counted
 from curricle.transfer import UNMAPPED, StateActionMapping, find_projections
 
-TARGET_STEPS = 350_000
+Arms = Mapping[str, LearningResult]
 SOURCE_BUDGET = Episodes(2_000)
 CHECKPOINTS = 35
 PAPER_SEEDS = 5
@@ -81,7 +81,7 @@ class Setting:
     scratch: bool = True  # whether to learn from scratch too
     scales: tuple[float, ...] = ()  # of the source's Q, to run with the mean
     source_budget: Episodes | StoppingRule = SOURCE_BUDGET
-    target_steps: int = TARGET_STEPS
+    target_steps: int = 350_000
 
 
 def _hunt(size: int = 4, capture: Any = "all", **rules: Any) -> Pursuit:
@@ -134,12 +134,10 @@ def mappings(setting: Setting) -> Sequence[StateActionMapping]:
     ]
 
 
-def run(
-    setting: Setting, seeds: int, workers: int | None, progress: Progress
-) -> dict[str, LearningResult]:
+def _run(setting: Setting, seeds: int, workers: int | None, progress: Progress) -> Arms:
     """Return the training results of a setting by arm: scratch, source, one for each potential."""
     eval_freq, hunt, steps = setting.target_steps // CHECKPOINTS, setting.hunt, setting.target_steps
-    arms = {}
+    arms = dict[str, LearningResult]()
     if setting.scratch:
         how: Any = {"eval_freq": eval_freq, "evaluation": ROLLOUTS, "stream": "hunt"}
         arms["scratch"] = learn(hunt, setting.learner, steps, seeds=seeds, workers=workers, **how)
@@ -165,10 +163,13 @@ def run(
     return arms
 
 
-def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+def figure4(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return figure 4."""
-    results = {name: run(setting, seeds, workers, progress) for name, setting in SETTINGS.items()}
+    results = {name: _run(setting, seeds, workers, progress) for name, setting in SETTINGS.items()}
     few = min(seeds, PAPER_SEEDS)
+    panels = f"Left: {PAPER_SEEDS} seeds as in the paper; right: {counted(seeds, 'seed')}."
+    if seeds < PAPER_SEEDS:
+        panels = f"Left and right: {counted(seeds, 'seed')}, where the paper has {PAPER_SEEDS}."
     figure, axes = new_figure(len(SETTINGS), 2, width=11, height=3.4 * len(SETTINGS))
     for row, (name, arms) in zip(axes, results.items(), strict=True):
         for panel, count in zip(row, (few, seeds), strict=True):
@@ -178,14 +179,14 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     return FigureResult(
         name="figure4",
         title="Figure 4: pursuit, two predators learning from one",
-        caption=f"{_panels(seeds)} "
+        caption=f"{panels} "
         "Means over seeds with 95 % bands. Rows 1 to 3: greedy return (100 rollouts a checkpoint) "
         "on a 4x4 grid, softmax exploration; the source's own curve is over its own steps. Row 4: "
         "return of the training episodes on 5x5. Source steps are not counted here; the data and "
         "the evidence hold them. Returns below -10 are drawn on a logarithmic scale.",
         figure=figure,
         tables={"figure4": _table(results)},
-        claims=tuple(claims(results, SETTINGS, mappings)),
+        claims=[*_claims(results)],
         settings={
             "learner": f"Q-learning, learning rate {LEARNING_RATE}, softmax with inverse "
             f"temperature {INVERSE_TEMPERATURE} (row 4: epsilon-greedy, {EPSILON})",
@@ -196,14 +197,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     )
 
 
-def _panels(seeds: int) -> str:
-    """Return how many seeds the left and the right panels have, in words."""
-    if seeds < PAPER_SEEDS:
-        return f"Left and right: {counted(seeds, 'seed')}, where the paper has {PAPER_SEEDS}."
-    return f"Left: {PAPER_SEEDS} seeds as in the paper; right: {counted(seeds, 'seed')}."
-
-
-def _draw(panel: Any, arms: Mapping[str, LearningResult], count: int, setting: str) -> None:
+def _draw(panel: Any, arms: Arms, count: int, setting: str) -> None:
     training = setting == "epsilon-greedy"
     for name, result in arms.items():
         if training and name == "source":
@@ -222,7 +216,7 @@ def _draw(panel: Any, arms: Mapping[str, LearningResult], count: int, setting: s
     panel.set(xlabel="steps (thousands)", ylabel="training return" if training else "greedy return")
 
 
-def _table(results: Mapping[str, Mapping[str, LearningResult]]) -> dict[str, npt.NDArray[Any]]:
+def _table(results: Mapping[str, Arms]) -> dict[str, npt.NDArray[Any]]:
     return stacked(
         {
             "setting": setting,
@@ -238,8 +232,6 @@ def _table(results: Mapping[str, Mapping[str, LearningResult]]) -> dict[str, npt
     )
 
 
-Arms = Mapping[str, LearningResult]
-
 VALUES: dict[tuple[int, Any], float] = {
     (4, "all"): -3.482,
     (4, "as_published"): -2.1949,
@@ -250,23 +242,18 @@ VALUES: dict[tuple[int, Any], float] = {
 }
 """Mean of V* over all states (caught ones counted as 0), discount 0.99, computed independently."""
 
-TRANSFERS = ("max", "mean", "min", "total")
 AVERAGED = 4
 """Checkpoints (40,000 steps) averaged for "at the start" (after the first) and "at the end"."""
 
 
-def claims(
-    results: Mapping[str, Arms],
-    settings: Mapping[str, Any],
-    mappings: Callable[[Any], Sequence[StateActionMapping]],
-) -> Iterator[Claim]:
+def _claims(results: Mapping[str, Arms]) -> Iterator[Claim]:
     """Yield the claims of figure 4 from the training results of each setting."""
     yield _exact_values()
     yield from _as_published(results["as published"], results["as published, all mapped"])
     yield from _as_stated(results["as stated"])
-    yield from _collapse(results["epsilon-greedy"], settings["epsilon-greedy"], mappings)
-    yield _why_max(settings, mappings)
-    yield _mapping_found(mappings(settings["as stated"]))
+    yield from _collapse(results["epsilon-greedy"])
+    yield _why_max()
+    yield _mapping_found()
 
 
 def _start(result: LearningResult) -> FloatArray:
@@ -279,7 +266,7 @@ def _end(result: LearningResult) -> FloatArray:
 
 
 def _end_minus_start(arms: Arms) -> dict[str, Interval]:
-    return {name: paired_difference(_end(arms[name]), _start(arms[name])) for name in TRANSFERS}
+    return {name: paired_difference(_end(arms[name]), _start(arms[name])) for name in AGGREGATES}
 
 
 def _exact_values() -> Claim:
@@ -299,7 +286,7 @@ def _exact_values() -> Claim:
 
 def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
     setting = "4x4, softmax 0.2, episodes end at the first touch, shared cells unmapped (Q = 0)"
-    ahead = {n: paired_difference(_start(arms[n]), _start(arms["scratch"])) for n in TRANSFERS}
+    ahead = {n: paired_difference(_start(arms[n]), _start(arms["scratch"])) for n in AGGREGATES}
     yield Claim(
         "f4.published.good-start",
         "Transfer gives a far better start than no transfer",
@@ -349,7 +336,7 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
 
 def _as_stated(arms: Arms) -> Iterator[Claim]:
     setting = "4x4, softmax 0.2, both must catch, every state mapped"
-    end = {n: _end(arms[n]) for n in ("scratch", *TRANSFERS)}
+    end = {n: _end(arms[n]) for n in ("scratch", *AGGREGATES)}
     ends = {n: over_seeds(values) for n, values in end.items()}
     best = {
         f"min minus {n}, at the end": paired_difference(end["min"], end[n])
@@ -375,11 +362,9 @@ def _as_stated(arms: Arms) -> Iterator[Claim]:
     )
 
 
-def _collapse(
-    arms: Arms, setting: Any, mappings: Callable[[Any], Sequence[StateActionMapping]]
-) -> Iterator[Claim]:
+def _collapse(arms: Arms) -> Iterator[Claim]:
     """Answer whether the collapse is optimism, and whether scaling cures it."""
-    change = {}
+    setting, change = SETTINGS["epsilon-greedy"], {}
     for scale in (name for name in arms if name != "source"):
         values = arms[scale].training_return[:, 1:]
         first, last = values[:, :AVERAGED], values[:, -AVERAGED:]
@@ -413,19 +398,17 @@ def _collapse(
     )
 
 
-def _why_max(
-    settings: Mapping[str, Any], mappings: Callable[[Any], Sequence[StateActionMapping]]
-) -> Claim:
+def _why_max() -> Claim:
     """Compare the greedy policies of the exact aggregates in both definitions of the task."""
     found = dict[str, dict[str, float]]()
     for name in ("as published", "as published, all mapped", "as stated"):
-        f = mappings(settings[name])
+        f = mappings(SETTINGS[name])
         source = solve(f[0].source).action_values
         read = np.stack([one.read(source) for one in f])
         found[name] = {}
-        for g in (maximum, mean, minimum, total):
+        for g in AGGREGATES.values():
             policy = greedy_policy(g(read), tolerance=1e-7)
-            found[name][g.__name__] = float(evaluate(settings[name].hunt, policy).values.mean())
+            found[name][g.__name__] = float(evaluate(SETTINGS[name].hunt, policy).values.mean())
     stated, mapped = found["as stated"], found["as published, all mapped"]
     holds = stated["minimum"] > stated["mean"] > stated["maximum"]
     holds &= mapped["mean"] > mapped["maximum"]
@@ -441,8 +424,9 @@ def _why_max(
     )
 
 
-def _mapping_found(hand_made: Sequence[StateActionMapping]) -> Claim:
+def _mapping_found() -> Claim:
     """Search for the mappings instead of writing them."""
+    hand_made = mappings(SETTINGS["as stated"])
     hunt, chase = hand_made[0].target, hand_made[0].source
     found = find_projections(hunt, chase)
     exact = [one for one in found if one.error < 1e-9]

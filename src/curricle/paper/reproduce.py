@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable
-from importlib import import_module, metadata
+from importlib import metadata
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,10 @@ import matplotlib
 
 from curricle.checks import one_of
 from curricle.errors import SettingError
-from curricle.paper.settings import Claim, FigureResult, Progress
+from curricle.paper.figure4 import figure4
+from curricle.paper.mazes import figure1, figure2, figure3, hacking
+from curricle.paper.settings import FigureResult, Progress
+from curricle.paper.trust_figure import trust
 from curricle.plotting import STYLE, content_of
 from curricle.progress import Bars, check_progress, shown
 from curricle.report import render
@@ -23,12 +26,12 @@ INTENDED_SEEDS = 30
 """Seeds that the verdicts are meant for."""
 
 FIGURES = {
-    "1": "curricle.paper.figure1",
-    "2": "curricle.paper.figure2",
-    "3": "curricle.paper.figure3",
-    "4": "curricle.paper.figure4",
-    "trust": "curricle.paper.trust_figure",
-    "hacking": "curricle.paper.hacking",
+    "1": figure1,
+    "2": figure2,
+    "3": figure3,
+    "4": figure4,
+    "trust": trust,
+    "hacking": hacking,
 }
 
 
@@ -88,21 +91,14 @@ def reproduce(
         grow = bars.bar("figures", len(wanted))
         for name in wanted:
             if not store.has(_summary(name)):
-                module = import_module(FIGURES[name])
                 with matplotlib.rc_context(STYLE):
-                    _save(store, name, module.build(seeds, workers, say))
+                    _save(store, name, FIGURES[name](seeds, workers, say))
             grow()
         return _assemble(store, seeds)
 
 
 def seeds_words(seeds: int) -> str:
-    """Return how many seeds everything is learnt with, and whether these are too few.
-
-    Examples
-    --------
-    >>> seeds_words(30)
-    'Every learner is trained with 30 seeds.'
-    """
+    """Return how many seeds everything is learnt with, and whether these are too few."""
     words = f"Every learner is trained with {counted(seeds, 'seed')}."
     if seeds < INTENDED_SEEDS:
         words += (
@@ -129,26 +125,23 @@ def _save(store: StudyStore, name: str, result: FigureResult) -> None:
             "caption": result.caption,
             "image": f"{result.name}.svg",
             "settings": dict(result.settings),
-            "claims": [_as_dict(name, claim) for claim in result.claims],
+            "claims": [
+                {"id": claim.id, "figure": name, **vars(claim)}
+                | {"evidence": {key: _as_data(value) for key, value in claim.evidence.items()}}
+                for claim in result.claims
+            ],
             "links": {"PNG": f"{result.name}.png"}
             | {f"{table}.parquet": f"data/{table}.parquet" for table in result.tables},
         },
     )
 
 
-def _as_dict(figure: str, claim: Claim) -> dict[str, Any]:
-    evidence = {name: _as_data(value) for name, value in claim.evidence.items()}
-    return {"id": claim.id, "figure": figure, **vars(claim), "evidence": evidence}
-
-
 def _as_data(value: Any) -> Any:
-    """Return an interval as estimate, low, high and seeds; other evidence as it is.
-
-    Bounds that do not exist are None, as JSON has no NaN.
-    """
+    """Return an interval as estimate, low, high and seeds; other evidence as it is."""
     if not isinstance(value, Interval):
         return value
     parts = {name: float(getattr(value, name)) for name in ("estimate", "low", "high")}
+    # Bounds that do not exist are None, as JSON has no NaN.
     known = {name: None if isnan(part) else part for name, part in parts.items()}
     return {**known, "seeds": value.n}
 

@@ -1,7 +1,7 @@
-"""The tasks and settings of the paper's figures, and what the module of a figure returns."""
+"""The tasks and settings of the paper's figures, and what the function of a figure returns."""
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Literal
 
@@ -52,8 +52,8 @@ class FigureResult:
     caption: str
     figure: Figure
     tables: Mapping[str, Mapping[str, Any]]
-    claims: tuple[Claim, ...]
-    settings: Mapping[str, str] = field(default_factory=dict)
+    claims: Sequence[Claim]
+    settings: Mapping[str, str]
 
 
 def maze(step: float) -> GridWorld:

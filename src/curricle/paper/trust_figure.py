@@ -3,7 +3,7 @@
 The runs, the figure, and the claims: answers to the paper's questions, each with a control.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,8 +33,7 @@ from curricle.array_types import FloatArray
 from curricle.comparison import Comparison, Forecast
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult
-from curricle.paper import hacking, maze_runs as runs
-from curricle.paper.maze_runs import WINDOW
+from curricle.paper import mazes as runs
 from curricle.paper.settings import (
     LEARNER,
     Claim,
@@ -68,7 +67,6 @@ MAZE_STEPS = 150_000
 """Target steps in the maze."""
 EXAMINED = 20_000
 """Steps after which the greedy choices in the maze are examined."""
-SIZES = range(3, 11)
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ class TrustRuns:
     refused: Mapping[int, float]  # size of a maze source -> share of seeds with no calibration
 
 
-def run(seeds: int, workers: int | None, progress: Progress) -> TrustRuns:
+def _run(seeds: int, workers: int | None, progress: Progress) -> TrustRuns:
     """Return the results of all runs."""
     plans = {name: hunt(5, name) for name in AGGREGATES}
     predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, trial=False, workers=workers)
@@ -107,10 +105,10 @@ def run(seeds: int, workers: int | None, progress: Progress) -> TrustRuns:
     for size in HUNTS:
         hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
         progress(f"pursuit {size}x{size}, uncalibrated and calibrated")
-    scratch = runs.scratch(maze(-5), seeds, workers)
+    scratch = runs.from_scratch(maze(-5), seeds, workers)
     mazes, added_wrong = _mazes(seeds, workers)
     progress("maze, guarded")
-    refused = {size: _share_refused(size, seeds, workers) for size in SIZES}
+    refused = {size: _share_refused(size, seeds, workers) for size in range(3, 11)}
     progress("maze, calibration")
     return TrustRuns(predicted, compared, controls, hunts, mazes, scratch, added_wrong, refused)
 
@@ -214,9 +212,9 @@ SHOWN = 60_000
 """Steps in the maze that are drawn."""
 
 
-def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return the trust figure."""
-    found = run(seeds, workers, progress)
+    found = _run(seeds, workers, progress)
     figure, axes = new_figure(2, 3, width=13.5, height=7.6)
     _draw_forecast(axes[0, 0], found.forecast)
     for panel, size in zip(axes[0, 1:], HUNTS, strict=True):
@@ -237,7 +235,12 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         f"with the source than without it, after {EXAMINED:,} steps.",
         figure=figure,
         tables={"trust": _table(found)},
-        claims=claims(found),
+        claims=[
+            *_forecast_claims(found),
+            *_calibration_claims(found),
+            *_control_claims(found),
+            *_maze_claims(found),
+        ],
         settings={
             "pursuit": "both must catch; discount 0.95, truncated at 100 steps (7x7: 200)",
             "learner": "Q-learning, learning rate 0.1, epsilon 0.1; Q starts as phi",
@@ -347,22 +350,6 @@ NEAR = 1.05
 """Cost of a calibrated arm at most, relative to the best scale set by hand."""
 
 
-def claims(found: TrustRuns) -> tuple[Claim, ...]:
-    """Return the claims of the trust figure."""
-    return (
-        _certified(found),
-        _ranking(found),
-        _collapse_predicted(found),
-        _calibrated(found),
-        _larger(found),
-        _placebo(found),
-        _not_just_longer(found),
-        _refused(found),
-        _guarded(found),
-        _left_out(found),
-    )
-
-
 def _end(result: LearningResult) -> Any:
     return tenths(result)[:, -1]
 
@@ -372,58 +359,56 @@ def _change(result: LearningResult) -> Interval:
     return paired_difference(parts[:, -1], parts[:, 0])
 
 
-def _certified(found: TrustRuns) -> Claim:
+def _forecast_claims(found: TrustRuns) -> Iterator[Claim]:
+    """Yield the claims about what can be said before training."""
     fitted = found.forecast["mean"].calibrations[0].potential
-    safe = certify(fitted.task, QInitialisation(fitted))
-    hint = certify(hacking.MAZE, RewardBonus(hacking.nearness()))
-    control = certify(hacking.MAZE, StateShaping(hacking.nearness()))
-    return Claim(
+    safe, hint = certify(fitted.task, QInitialisation(fitted)), runs.nearness()
+    bonus, control = (certify(runs.GRID, shaping(hint)) for shaping in (RewardBonus, StateShaping))
+    yield Claim(
         "trust.certified",
         "Whether a shaping keeps the optimal policy can be proven: the calibrated potential does, "
         "and so does the hint as a potential; as a bonus it does not, and the state is named",
         "5x5 pursuit, mean calibrated; the 5x5 grid of the reward hacking",
-        answer(bool(safe) and bool(control) and hint.holds is False),
+        answer(bool(safe) and bool(control) and bonus.holds is False),
         {
             "calibrated mean": str(safe),
-            "hint as a bonus": str(hint),
+            "hint as a bonus": str(bonus),
             "as a potential": str(control),
         },
     )
-
-
-def _ranking(found: TrustRuns) -> Claim:
     rows = {name: found.forecast[name].mean("start") for name in found.forecast.ranking}
-    curves = {name: found.compared[name].curve for name in ("min", "mean", "max")}
-    first = {name: over_seeds(curve.values[:, 0]) for name, curve in curves.items()}
+    first = {name: over_seeds(found.compared[name].curve.values[:, 0]) for name in AGGREGATES}
     order = [float(one.estimate) for one in first.values()]
     seen = rows["minimum"] > rows["mean"] > rows["maximum"]
-    return Claim(
+    yield Claim(
         "trust.forecast-ranks",
         "Open question: why does max win? A forecast before training shows that it does not: as "
         "stated, the exact starts of the greedy policies have the order min, mean, max",
         f"{WHERE}; forecast from the sources alone, control: the first checkpoint of the runs",
         answer(seen and order == sorted(order, reverse=True)),
-        {f"{name}, predicted": value for name, value in rows.items()}
-        | {f"{name}, measured": value for name, value in first.items()},
+        _predicted(rows, first),
     )
-
-
-def _collapse_predicted(found: TrustRuns) -> Claim:
     words = {name: found.forecast[name].verdict for name in ("minimum", "mean")}
-    measured = {name: _change(found.hunts[5, name]) for name in ("min", "mean")}
+    change = {name: _change(found.hunts[5, name]) for name in ("min", "mean")}
     right = "expect a fall" in words["mean"] and "no fall" in words["minimum"]
-    return Claim(
+    yield Claim(
         "trust.collapse-foretold",
         "Open question: why does performance collapse? Overestimation; measured before training, "
         "it predicts which aggregate collapses and which does not",
         f"{WHERE}; training return, last minus first tenth",
-        answer(right and measured["mean"].high < 0 < measured["min"].low),
-        {f"{name}, predicted": value for name, value in words.items()}
-        | {f"{name}, measured": value for name, value in measured.items()},
+        answer(right and change["mean"].high < 0 < change["min"].low),
+        _predicted(words, change),
     )
 
 
-def _calibrated(found: TrustRuns) -> Claim:
+def _predicted(predicted: Mapping[str, Any], measured: Mapping[str, Any]) -> dict[str, Any]:
+    return {f"{name}, predicted": value for name, value in predicted.items()} | {
+        f"{name}, measured": value for name, value in measured.items()
+    }
+
+
+def _calibration_claims(found: TrustRuns) -> Iterator[Claim]:
+    """Yield the claims about fitted scales in pursuit, and where they are refused."""
     numbers: dict[str, Any] = {}
     near = rising = True
     for name in ("min", "mean"):
@@ -437,7 +422,7 @@ def _calibrated(found: TrustRuns) -> Claim:
         numbers[f"{name}, calibrated, last minus first tenth"] = _change(fitted)
         near &= float(_end(fitted).mean()) > NEAR * ends[best]
         rising &= bool(_change(fitted).low > 0)
-    return Claim(
+    yield Claim(
         "trust.calibration",
         "Open question: would scaling the source Q values cure the collapse? A scale fitted to "
         "the returns of phi's greedy policy in 200 episodes, which count as target steps, does: "
@@ -446,96 +431,82 @@ def _calibrated(found: TrustRuns) -> Claim:
         answer(near and rising),
         numbers,
     )
-
-
-def _larger(found: TrustRuns) -> Claim:
-    arms = ("min", "min, calibrated", "mean", "mean, calibrated")
-    ends = {name: over_seeds(_end(found.hunts[7, name])) for name in arms}
+    last = {name: over_seeds(_end(found.hunts[7, name])) for name in STYLES}
     halved = all(
-        ends[f"{name}, calibrated"].estimate > ends[name].estimate / 2 for name in ("min", "mean")
+        last[f"{name}, calibrated"].estimate > last[name].estimate / 2 for name in ("min", "mean")
     )
-    return Claim(
+    yield Claim(
         "trust.calibration-7x7",
         "On 7x7, where every uncalibrated aggregate collapses, calibration more than halves the "
         "final cost",
         "7x7, both must catch, epsilon-greedy 0.1, discount 0.95, limit 200, 1,000,000 steps",
         answer(halved),
-        {f"{name}, last tenth": value for name, value in ends.items()},
+        {f"{name}, last tenth": value for name, value in last.items()},
     )
 
 
-def _placebo(found: TrustRuns) -> Claim:
+def _control_claims(found: TrustRuns) -> Iterator[Claim]:
+    """Yield the claims about what the gain is not due to."""
     gains = {name: one.strong_gain for name, one in found.controls.contrasts.items()}
-    main = gains["mean, calibrated"]
-    others = [gains[f"mean, calibrated, {name}"] for name in ("placebo", "negated")]
-    return Claim(
+    main, setting = (
+        gains["mean, calibrated"],
+        f"{WHERE}; mean return above scratch, source steps counted",
+    )
+    placebo, negated, start, longer = (
+        gains[f"mean, calibrated, {name}"]
+        for name in ("placebo", "negated", "random start", "pretraining")
+    )
+    yield Claim(
         "trust.placebo",
         "What the source has learnt helps, not the size of its values: shuffled (placebo) or "
         "negated they do not help",
-        f"{WHERE}; mean return above scratch, source steps counted",
-        answer(main.low > 0 and all(one.high < main.low / 2 for one in others)),
+        setting,
+        answer(main.low > 0 and all(one.high < main.low / 2 for one in (placebo, negated))),
         gains,
     )
-
-
-def _not_just_longer(found: TrustRuns) -> Claim:
-    contrasts = found.controls.contrasts
-    gains = {
-        name: contrasts[f"mean, calibrated, {name}"].strong_gain
-        for name in ("random start", "pretraining")
-    }
-    main = contrasts["mean, calibrated"].strong_gain
-    return Claim(
+    yield Claim(
         "trust.not-just-longer",
         "The gain is not due to more steps or to other starts: as many steps in the target itself, "
         "from its own start or from anywhere, do not give it",
-        f"{WHERE}; mean return above scratch, source steps counted",
-        answer(all(one.high < main.low / 2 for one in gains.values())),
-        gains | {"transfer": main},
+        setting,
+        answer(all(one.high < main.low / 2 for one in (start, longer))),
+        {"random start": start, "pretraining": longer, "transfer": main},
     )
 
 
-def _refused(found: TrustRuns) -> Claim:
-    shares = found.refused
-    return Claim(
+def _maze_claims(found: TrustRuns) -> Iterator[Claim]:
+    """Yield the claims about the maze and its sources."""
+    yield Claim(
         "trust.scale-is-the-wrong-model",
         "Where rewards have both signs a scale is the wrong model, and calibration refuses to "
         "fit one",
         "10x10 maze, step reward -5, sources of 3x3 to 10x10 cells",
-        answer(float(np.mean(list(shares.values()))) > 0.95),
-        {f"size {size}, share of seeds refused": share for size, share in shares.items()},
+        answer(float(np.mean(list(found.refused.values()))) > 0.95),
+        {f"size {size}, share of seeds refused": share for size, share in found.refused.items()},
     )
-
-
-def _guarded(found: TrustRuns) -> Claim:
     threshold = found.scratch.threshold
     steps = {
-        name: time_to_threshold(Curve.of(result), threshold, window=WINDOW).steps
+        name: time_to_threshold(Curve.of(result), threshold, window=runs.WINDOW).steps
         for name, result in found.maze.items()
     }
-    saved = {
-        name: over_seeds(steps["scratch"] - steps[name])
-        for name in ("from the 3x3 corner", "the same, guarded")
-    }
-    guarded = saved["the same, guarded"]
-    return Claim(
+    alone = steps.pop("scratch")
+    saved = {name: over_seeds(alone - reached) for name, reached in steps.items()}
+    yield Claim(
         "trust.guard",
         "A harmful source (size 3) does no harm, within noise, to a learner with a guard",
         "10x10 maze, step reward -5; target steps to the threshold saved",
-        answer(guarded.high >= 0 and saved["from the 3x3 corner"].high < -10_000),
+        answer(
+            saved["the same, guarded"].high >= 0 and saved["from the 3x3 corner"].high < -10_000
+        ),
         {f"{name}, steps saved": value for name, value in saved.items()}
-        | {"scratch, steps to threshold": over_seeds(steps["scratch"])},
+        | {"scratch, steps to threshold": over_seeds(alone)},
     )
-
-
-def _left_out(found: TrustRuns) -> Claim:
-    exits = {(2, 8), (2, 9)}
     added = {
         f"row {row}, column {column}": float(share)
         for (row, column), share in zip(found.scratch.maze.cells, found.added_wrong, strict=True)
-        if (row, column) in exits
+        if (row, column) in {(2, 8), (2, 9)}  # where the optimal path leaves the corner
     }
-    return Claim(
+    yield Claim(
         "trust.whose-doing",
         "The harm of size 3 lies where the optimal path leaves the corner and comes back: there "
         "the source makes the greedy choice wrong",

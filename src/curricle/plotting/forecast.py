@@ -24,18 +24,6 @@ def draw_forecast(forecast: Forecast) -> Figure:
     A row for each aggregate, the best start first, then one for each transfer alone; dots are
     seeds. Beside the bars: the share of pairs that the potential overestimates, and the scale that
     a calibration would find.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld, Transfer, forecast, same_position
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
-    >>> axes = draw_forecast(forecast(plan)).axes[0]
-    >>> [label.get_text() for label in axes.get_yticklabels()]
-    ['mean (used)']
     """
     rows = forecast.rows
     figure, grid = new_figure(1, 1, width=7.5, height=1.6 + ROW_HEIGHT * max(len(rows), 3))

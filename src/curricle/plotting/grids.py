@@ -89,15 +89,8 @@ def frame_cells(axes: Axes, maze: GridWorld, marked: BoolArray) -> None:
 def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = True) -> None:
     """Draw the grid of a view, its walls and what stands on it.
 
-    Parameters
-    ----------
-    axes : Axes
-    view : GridView
-    heat : bool
-        Whether it is drawn over a heat map. The objects of a maze are then letters only, in the
-        corners of cells whose numbers are written.
-    legend : bool
-        Whether to write what the letters mean below the grid.
+    Over a heat map the objects of a maze are letters only, in the corners of cells whose numbers
+    are written. The legend, below the grid, says what the letters mean.
     """
     _draw_lines(axes, view)
     for row, column in view.walls:
@@ -256,12 +249,6 @@ def shared_limits(task: Task, *several: npt.ArrayLike, at: At | None = None) -> 
     """Return the lowest and the highest value that :func:`draw_potential` would draw of `several`.
 
     States in which the episode is over are left out; their values are 0 by rule.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> shared_limits(GridWorld("S.T"), [1.0, 2.0, 0.0], [5.0, 3.0, 0.0])
-    (1.0, 5.0)
     """
     view = GridView.of(task, at)
     alive = view.states[~view.ended]

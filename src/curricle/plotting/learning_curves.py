@@ -80,13 +80,7 @@ def draw_curve(
 
 
 def places(n: int, most: int) -> IntArray:
-    """Return the places of at most `most` of `n` checkpoints, evenly spaced, with both ends.
-
-    Examples
-    --------
-    >>> places(3, 9), places(9, 3)
-    (array([0, 1, 2]), array([0, 4, 8]))
-    """
+    """Return the places of at most `most` of `n` checkpoints, evenly spaced, with both ends."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
 
 
@@ -95,18 +89,6 @@ def shown_curve(comparison: Comparison, name: str, *, strong: bool) -> tuple[Cur
 
     For strong transfer source steps count, and the curve begins at the first checkpoint at which a
     seed has left its sources. For weak transfer it ends at the budget of the target.
-
-    Examples
-    --------
-    >>> from curricle.comparison.arms import Arm
-    >>> flat, steps = np.zeros((2, 4)), np.array([0, 50, 100, 150])
-    >>> arms = {"scratch": Arm(Curve(steps, flat), flat, flat, False),
-    ...         "mean": Arm(Curve(steps, flat, np.array([60, 90])), flat, flat, False)}
-    >>> compared = Comparison("hunt", arms, 100, 150, 1.0, 1)
-    >>> shown_curve(compared, "mean", strong=True)[0].steps
-    array([100, 150])
-    >>> shown_curve(compared, "mean", strong=False)[0].steps
-    array([  0,  50, 100])
     """
     arm = comparison[name]
     if not strong:
@@ -123,13 +105,6 @@ def draw_results(results: Mapping[str, LearningResult]) -> Figure:
 
     The greedy return, or that of training where nothing was evaluated: mean over seeds with
     Student's 95 % band.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, learn
-    >>> figure = draw_results({"maze": learn(GridWorld("S.T"), budget=500)})
-    >>> [axes.get_title() for axes in figure.axes]
-    ['maze']
     """
     shown = [*results.items()][-MOST_CURVES:]
     figure, grid = new_figure(1, len(shown), width=1 + 4.2 * len(shown), height=3.4)
@@ -155,27 +130,6 @@ def draw_learning_curves(
     First weak transfer, over target steps up to the budget of the target; then strong transfer,
     over all steps, dotted while an arm trains its sources. Means over seeds with Student's 95 %
     bands. There is no legend: :func:`arm_styles` gives the colours.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    width, height : float
-        Inches.
-    most : int
-        Checkpoints of a curve that are drawn; others between them are left out.
-
-    Returns
-    -------
-    (Figure, Figure)
-
-    Examples
-    --------
-    >>> from curricle.comparison.arms import Arm
-    >>> flat = np.zeros((2, 3))
-    >>> arm = Arm(Curve(np.array([0, 50, 100]), flat), flat, flat, False)
-    >>> weak, strong = draw_learning_curves(Comparison("hunt", {"scratch": arm}, 50, 100, 1.0, 1))
-    >>> weak.axes[0].get_xlabel(), strong.axes[0].get_xlabel()
-    ('target steps', 'target and source steps')
     """
     styles = arm_styles(comparison)
     weak, strong = (new_figure(1, 1, width=width, height=height)[0] for _ in range(2))
@@ -266,18 +220,6 @@ def draw_comparison(comparison: Comparison) -> Figure:
     ------
     SettingError
         When there is no arm besides the scratch baseline.
-
-    Examples
-    --------
-    >>> from curricle.comparison.arms import Arm
-    >>> from curricle.statistics.curves import Curve
-    >>> steps, low = np.array([0, 50, 100]), np.zeros((3, 3))
-    >>> arms = {
-    ...     "scratch": Arm(Curve(steps, low), low, low, False),
-    ...     "mean": Arm(Curve(steps, low + [1, 2, 2], np.array([50] * 3)), low, low, False)}
-    >>> figure = draw_comparison(Comparison("hunt", arms, 50, 100, 1.5, 1))
-    >>> [axes.get_title() for axes in figure.axes]
-    ['learning curves (strong transfer)', 'final returns', 'gain over scratch']
     """
     if not comparison.contrasts:
         raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")

@@ -17,13 +17,7 @@ SMALLEST = 1e-3
 
 
 def minus(number: str) -> str:
-    """Return a printed number with a minus sign in place of the hyphen.
-
-    Examples
-    --------
-    >>> minus("-1.5")
-    '−1.5'
-    """
+    """Return a printed number with a minus sign in place of the hyphen."""
     return number.replace("-", "−")
 
 
@@ -55,17 +49,6 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
     """Scale and label an axis of returns, with a ``symlog`` scale where they span decades.
 
     A ``symlog`` axis is linear up to the smaller absolute end, then logarithmic.
-
-    Examples
-    --------
-    >>> from matplotlib.figure import Figure
-    >>> axes = Figure().subplots()
-    >>> return_scale(axes.yaxis, -900.0, -5.0)
-    >>> axes.get_yscale(), axes.get_yticks().tolist()
-    ('symlog', [-500.0, -200.0, -100.0, -50.0, -20.0, -10.0, -5.0])
-    >>> return_scale(axes.xaxis, -60.0, -5.0)
-    >>> axes.get_xscale()
-    'linear'
     """
     small, axes = _linear_up_to(low, high), axis.axes
     axis.set_label_text(label + " (symlog scale)" * (not math.isnan(small)))
@@ -87,16 +70,7 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
 
 
 def steps_scale(axes: Axes, last: int, label: str = "steps") -> None:
-    """Scale and label the horizontal axis from step 0 to the `last`, in a round unit.
-
-    Examples
-    --------
-    >>> from matplotlib.figure import Figure
-    >>> axes = Figure().subplots()
-    >>> steps_scale(axes, 250_000)
-    >>> axes.get_xlabel()
-    'steps (thousands)'
-    """
+    """Scale and label the horizontal axis from step 0 to the `last`, in a round unit."""
     units = ((10**6, " (millions)"), (1000, " (thousands)"), (1, ""))
     unit, words = next(one for one in units if last >= 5 * one[0] or one[0] == 1)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / unit:,g}"))

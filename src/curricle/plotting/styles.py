@@ -69,16 +69,6 @@ def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
     """Return how each arm is drawn; a control has the colour of the curriculum before it, greyer.
 
     Learners from scratch are black, those beside the target's own dashed.
-
-    Examples
-    --------
-    >>> from curricle.comparison.arms import Arm
-    >>> from curricle.statistics.curves import Curve
-    >>> flat = np.zeros((2, 2))
-    >>> arm = Arm(Curve(np.array([0, 9]), flat), flat, flat, False)
-    >>> styles = arm_styles(Comparison("hunt", {"scratch": arm, "mean": arm}, 9, 9, 0.0, 1))
-    >>> styles["scratch"].colour, styles["mean"].colour
-    ('#000000', '#0072B2')
     """
     styles = {SCRATCH: ArmStyle(SCRATCH, COLOURS["black"], "-", False)}
     parent, place, own, controls = "", -1, COLOURS["grey"], 0

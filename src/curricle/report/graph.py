@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from textwrap import wrap
 
@@ -31,53 +31,17 @@ BADGE = 24
 """Space between the middles of two arrows' numbers, which are circles 20 wide."""
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Where the cards of a graph are, in CSS pixels."""
-
-    corners: Mapping[str, tuple[int, int]]  # left and top of each card
-    heights: Mapping[str, int]
-    pairs: tuple[tuple[str, str], ...]  # source and target of each arrow
-    width: int
-    height: int
+Corners = dict[str, tuple[int, int]]
+"""Left and top of each card, in CSS pixels."""
 
 
-@dataclass(frozen=True)
-class Arrow:
-    """An arrow from one card to another."""
+def layout(
+    heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]
+) -> tuple[Corners, int, int]:
+    """Return where cards are, sources above their targets, and width and height of all.
 
-    source: str
-    target: str
-    path: str
-    place: tuple[float, float]  # middle of its number
-
-
-def card_height(name: str, texts: Sequence[str], *, curve: bool = True) -> int:
-    """Return the height at which a card holds its name and its texts whole, in CSS pixels.
-
-    Examples
-    --------
-    >>> card_height("maze", ["GridWorld"]), card_height("maze", ["25 states x 4 actions"])
-    (106, 123)
-    """
-    lines = len(wrap(name, NAME_LETTERS)) + sum(len(wrap(text, LETTERS)) for text in texts)
-    return PLAIN + CURVE_SPACE * curve + LINE * lines
-
-
-def layout(heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]) -> Layout:
-    """Return where cards are: sources above their targets.
-
-    Parameters
-    ----------
-    heights : dict of str to int
-        Of each card, sources before their targets.
-    pairs : sequence of (str, str)
-        Source and target of each transfer; those that are equal have one arrow.
-
-    Examples
-    --------
-    >>> layout({"corner": 100, "maze": 100}, [("corner", "maze")]).corners
-    {'corner': (0, 0), 'maze': (0, 164)}
+    `heights` holds the height of each card, sources before their targets, `pairs` the source and
+    the target of each transfer.
     """
     depth = dict[str, int]()
     for name in heights:
@@ -88,34 +52,13 @@ def layout(heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]) -> Layo
     around = {(source, target) for source, target in pairs if depth[target] - depth[source] > 1}
     side = SIDE + (len(around) - 1) * LANE if around else 0
     width = max(len(names) for names in rows.values()) * (CARD + GAP) - GAP + 2 * side
-    corners, top = dict[str, tuple[int, int]](), 0
+    corners, top = Corners(), 0
     for names in rows.values():
         left = (width - len(names) * (CARD + GAP) + GAP) // 2
         for place, name in enumerate(names):
             corners[name] = (left + place * (CARD + GAP), top)
         top += max(heights[name] for name in names) + FALL
-    return Layout(corners, dict(heights), tuple(dict.fromkeys(pairs)), width, top - FALL)
-
-
-def arrows(placed: Layout) -> Iterator[Arrow]:
-    """Yield an arrow for each pair of cards; none on another, and no number on another.
-
-    Examples
-    --------
-    >>> [one.path for one in arrows(layout({"a": 10, "b": 10}, [("a", "b")]))]
-    ['M78 10C78 38.5 78 38.5 78 67']
-    """
-    places, around = list[tuple[float, float]](), 0
-    for source, target in placed.pairs:
-        left, top = placed.corners[source]
-        start, end = (left, top + placed.heights[source]), placed.corners[target]
-        between = [x + CARD for x, y in placed.corners.values() if start[1] < y < end[1]]
-        curve = _arrow(start, end, max(between) + SIDE / 2 + around * LANE if between else None)
-        around += bool(between)
-        places.append(_free(curve, places))
-        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = curve.tolist()
-        path = f"M{x0:g} {y0:g}C{x1:g} {y1:g} {x2:g} {y2:g} {x3:g} {y3:g}"
-        yield Arrow(source, target, path, places[-1])
+    return corners, width, top - FALL
 
 
 def _arrow(start: tuple[int, int], end: tuple[int, int], beside: float | None) -> FloatArray:
@@ -167,16 +110,23 @@ class CardCurve:
 
 @dataclass(frozen=True)
 class Card:
-    """A task of the graph, as a card; its place is in CSS pixels."""
+    """A task of the graph, as a card."""
 
     name: str
     kind: str
-    left: int
-    top: int
-    height: int
     curves: tuple[CardCurve, ...]  # of the arms, and of scratch where it is the target
     steps: str  # how many steps the arms trained it
     reason: str  # why that ended
+    left: int = 0  # in CSS pixels
+    top: int = 0
+
+    @property
+    def height(self) -> int:
+        """The height at which it holds its name and its texts whole, in CSS pixels."""
+        returns = (SWATCH + curve.words for curve in self.curves)
+        texts = self.kind, *returns, self.steps, self.reason
+        lines = len(wrap(self.name, NAME_LETTERS)) + sum(len(wrap(x, LETTERS)) for x in texts)
+        return PLAIN + CURVE_SPACE * bool(self.curves) + LINE * lines
 
 
 @dataclass(frozen=True)
@@ -203,32 +153,7 @@ class Graph:
 
 
 def graphs(curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons) -> tuple[Graph, ...]:
-    """Return the graphs of a study; arms whose tasks and transfers are alike share one.
-
-    Parameters
-    ----------
-    curricula : CurriculaRecord
-        The scratch baseline among its arms has no graph.
-    learnt : dict of str to dict of str to LearningResult
-        Arm -> task -> its training.
-    reasons : dict of (str, str) to sequence of str
-        (arm, task) -> for each seed why its training ended.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld, Transfer, same_position
-    >>> from curricle.study.recording import curricula_record
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
-    >>> learnt = {"corner first": plan.train().nodes}
-    >>> reasons = {("corner first", name): ["settled return reached"] for name in plan.order}
-    >>> graph, = graphs(curricula_record({"corner first": plan}, {}), learnt, reasons)
-    >>> [card.name for card in graph.cards], graph.cards[0].steps, graph.cards[0].reason
-    (['corner', 'maze'], '360 steps', 'settled return reached')
-    """
+    """Return the graphs of a study; arms whose tasks and transfers are alike share one."""
     return tuple(_graph(arms, curricula, learnt, reasons) for arms in curricula.groups())
 
 
@@ -237,44 +162,41 @@ def _graph(
 ) -> Graph:
     arm = curricula.arms[arms[0]]
     compared = {name: learnt[name] for name in (*arms, SCRATCH) if name in learnt}
-    curves = {
-        name: card_curves({one: nodes[name] for one, nodes in compared.items() if name in nodes})
-        for name in arm.nodes
-    }
-    steps = {name: _steps([learnt[one][name] for one in arms]) for name in arm.nodes}
-    ended = {name: _ended([reasons[one, name] for one in arms]) for name in arm.nodes}
-    kinds = {name: curricula.task(arms[0], name).kind for name in arm.nodes}
-    heights = {
-        name: card_height(
+    cards = {
+        name: Card(
             name,
-            [kinds[name], *(SWATCH + one.words for one in found), steps[name], ended[name]],
-            curve=bool(found),
-        )
-        for name, found in curves.items()
-    }
-    placed = layout(heights, [(t.source, t.target) for t in arm.transfers])
-    cards = tuple(
-        Card(
-            name,
-            kinds[name],
-            *placed.corners[name],
-            heights[name],
-            curves[name],
-            steps[name],
-            ended[name],
+            curricula.task(arms[0], name).kind,
+            card_curves({one: nodes[name] for one, nodes in compared.items() if name in nodes}),
+            _steps([learnt[one][name] for one in arms]),
+            _ended([reasons[one, name] for one in arms]),
         )
         for name in arm.nodes
-    )
+    }
+    heights = {name: card.height for name, card in cards.items()}
+    corners, width, height = layout(heights, [(t.source, t.target) for t in arm.transfers])
+    for name, (left, top) in corners.items():
+        cards[name] = replace(cards[name], left=left, top=top)
     notes = _notes({one: curricula.arms[one] for one in arms})
-    edges = tuple(_edges(arm, placed))
-    return Graph(tuple(arms), cards, edges, notes, placed.width, placed.height)
+    edges = tuple(_edges(arm, cards))
+    return Graph(tuple(arms), tuple(cards.values()), edges, notes, width, height)
 
 
-def _edges(arm: ArmRecord, placed: Layout) -> Iterator[Edge]:
-    """Yield an arrow for each pair of tasks, with the words of its transfers."""
-    for one in arrows(placed):
-        words = tuple(t.words for t in arm.in_edges(one.target) if t.source == one.source)
-        yield Edge(one.source, one.target, one.path, one.place, words)
+def _edges(arm: ArmRecord, cards: Mapping[str, Card]) -> Iterator[Edge]:
+    """Yield an arrow for each pair of tasks: none on a card, and no number on another."""
+    pairs: dict[tuple[str, str], list[str]] = {}
+    for transfer in arm.transfers:
+        pairs.setdefault((transfer.source, transfer.target), []).append(transfer.words)
+    taken, around = list[tuple[float, float]](), 0
+    for (source, target), words in pairs.items():
+        above, below = cards[source], cards[target]
+        start, end = (above.left, above.top + above.height), (below.left, below.top)
+        between = [one.left + CARD for one in cards.values() if start[1] < one.top < end[1]]
+        curve = _arrow(start, end, max(between) + SIDE / 2 + around * LANE if between else None)
+        around += bool(between)
+        taken.append(_free(curve, taken))
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = curve.tolist()
+        path = f"M{x0:g} {y0:g}C{x1:g} {y1:g} {x2:g} {y2:g} {x3:g} {y3:g}"
+        yield Edge(source, target, path, taken[-1], tuple(words))
 
 
 def _notes(arms: Mapping[str, ArmRecord]) -> tuple[str, ...]:
@@ -324,13 +246,7 @@ def card_curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
 
 
 def points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> str:
-    """Return the points of a polyline.
-
-    Examples
-    --------
-    >>> points([0, 1], [2, 3.5])
-    '0.0,2.0 1.0,3.5'
-    """
+    """Return the points of a polyline."""
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 

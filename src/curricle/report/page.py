@@ -64,13 +64,6 @@ def curve_data(
     Returns are whole numbers of 10^-digits, and each row of numbers holds its first one, then
     differences, so that the text is short. None stands for a bound that does not exist.
 
-    Parameters
-    ----------
-    comparison : Comparison
-    styles : dict of str to ArmStyle
-    panels : dict of str to Axes
-        The drawn panels "weak" and "strong", whose scales the script takes.
-
     Returns
     -------
     dict
@@ -79,20 +72,6 @@ def curve_data(
         None; ``panels``, the limits of each; ``steps`` (T,) and ``seed_steps`` (T',); ``arms`` in
         the order of drawing: for each panel the place of its first step, mean, low and high; for
         each seed its ``source_steps``, and in ``seeds`` its returns over target steps.
-
-    Examples
-    --------
-    >>> from curricle.comparison.arms import Arm
-    >>> from curricle.plotting.learning_curves import draw_learning_curves
-    >>> from curricle.plotting.styles import arm_styles
-    >>> from curricle.statistics.curves import Curve
-    >>> steps, rising = np.array([0, 50, 100]), np.array([[0.0, 1, 2], [0, 3, 4]])
-    >>> arms = {"scratch": Arm(Curve(steps, rising), rising, rising, False)}
-    >>> one = Comparison("hunt", arms, 100, 100, 1.0, 1)
-    >>> weak, strong = (figure.axes[0] for figure in draw_learning_curves(one))
-    >>> found = curve_data(one, arm_styles(one), {"weak": weak, "strong": strong})
-    >>> found["steps"], found["digits"], found["arms"][0]["weak"]["mean"]
-    ([0, 50, 50], 3, [0, 2000, 1000])
     """
     scale = panels["strong"].yaxis.get_transform()
     symlog = None
@@ -287,14 +266,7 @@ class End:
 
 
 def ends(reasons: Reasons) -> tuple[End, ...]:
-    """Return why trainings ended, the most frequent reason first.
-
-    Examples
-    --------
-    >>> ends({("mean", "chase"): ["settled return reached", "all steps used"],
-    ...       ("mean", "hunt"): ["all steps used"] * 2})[0]
-    End(reason='all steps used', count=3, total=4, tasks=('chase', 'hunt'))
-    """
+    """Return why trainings ended, the most frequent reason first."""
     counts: Counter[str] = Counter()
     tasks: dict[str, dict[str, None]] = {}
     for (_, task), words in reasons.items():

@@ -187,14 +187,6 @@ def replays(
     """Return the replays of all snapshots, the last task first, and the tasks too large to show.
 
     Arms whose snapshots of a task are equal share a replay.
-
-    Parameters
-    ----------
-    curricula : CurriculaRecord
-    learnt : dict of str to dict of str to LearningResult
-        Arm -> task -> its training.
-    analysis : Analysis
-        It has the episodes.
     """
     shown, left_out, cells = list[tuple[str, GridView, list[str]]](), dict[str, None](), 0
     for name, task, arms in reversed(_tasks(curricula, learnt)):

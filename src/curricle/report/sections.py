@@ -14,8 +14,8 @@ from curricle.plotting.scales import minus, rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
 from curricle.study.config.sweeps import value_text
-from curricle.study.effects import Effects, Level, short
-from curricle.study.record import Analysis, CurriculaRecord, ForecastRecord, SectionRecord
+from curricle.study.effects import Effects, short
+from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.tuning import TuningRecord
 from curricle.study.units import numbered_seeds
 from curricle.text_tables import counted
@@ -96,18 +96,14 @@ def headline(comparison: Comparison) -> str:
     )
     gain = signed(comparison.contrasts[most].strong_gain)
     leading = f"{most} most, " * (len(paid or harmed) > 1) or f"{most}, " * (len(own) > 1)
-    return (
-        f"{summary[0].upper()}{summary[1:]}: {leading}{gain} mean return against "
-        f"{_baseline(comparison)}, source steps counted, over "
-        f"{counted(comparison.seeds, 'seed')}.{_why(comparison)}"
-    )
-
-
-def _baseline(comparison: Comparison) -> str:
-    """Return what curricula are compared with, in words."""
     several = len(comparison.scratches) > 1
-    return (
+    rival = (
         f"the best learner from {comparison.best_scratch}" if several else "learning from scratch"
+    )
+    return (
+        f"{summary[0].upper()}{summary[1:]}: {leading}{gain} mean return against {rival}, source "
+        "steps counted, over "
+        f"{counted(comparison.seeds, 'seed')}.{_why(comparison)}"
     )
 
 
@@ -125,20 +121,7 @@ def _why(comparison: Comparison) -> str:
 
 
 def findings(comparison: Comparison) -> tuple[Finding, ...]:
-    """Return the finding about each arm besides those from scratch, in their order.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from curricle.comparison.arms import Arm
-    >>> from curricle.statistics.curves import Curve
-    >>> steps, low = np.array([0, 50, 100]), np.zeros((8, 3))
-    >>> arms = {"scratch": Arm(Curve(steps, low), low, low, False),
-    ...         "mean": Arm(Curve(steps, low + 2, np.full(8, 50)), low, low, False)}
-    >>> found, = findings(Comparison("hunt", arms, 50, 100, 1.0, 1))
-    >>> found.verdict, found.sentences[0]
-    ('pays', '+1.50 mean return over all 100 steps, its 50 source steps counted (p...')
-    """
+    """Return the finding about each arm besides those from scratch, in their order."""
     rows = {row["arm"]: row for row in comparison.rows()}
     return tuple(_finding(comparison, name, rows) for name in comparison.contrasts)
 
@@ -210,14 +193,7 @@ def too_few(comparison: Comparison) -> str:
 
 
 def forest(found: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, float, float]]]:
-    """Return the places of 0 and of each gain's low, estimate and high on one axis, in percent.
-
-    Examples
-    --------
-    >>> gains = Interval(1.0, 0.0, 3.0, 0.95, 9), Interval(-1.0, -1.0, -1.0, 0.95, 9)
-    >>> forest([Finding(name, False, "open", "", (), gain) for name, gain in zip("ab", gains)])
-    (25.0, {'a': (25.0, 50.0, 100.0), 'b': (0.0, 0.0, 0.0)})
-    """
+    """Return the places of 0 and of each gain's low, estimate and high on one axis, in percent."""
     ends: dict[str, list[float]] = {}
     for one in found:
         middle = float(one.gain.estimate)
@@ -233,17 +209,6 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
     """Return the metrics of :meth:`Comparison.rows` as text: arm -> column -> entry.
 
     Columns are those of `MEASURES`, and ``time``, ``p`` and ``source_steps``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from curricle.comparison.arms import Arm
-    >>> from curricle.statistics.curves import Curve
-    >>> flat = np.zeros((2, 3))
-    >>> arm = Arm(Curve(np.array([0, 50, 100]), flat), flat, flat, False)
-    >>> found = table(Comparison("hunt", {"scratch": arm, "mean": arm}, 50, 100, 1.0, 1))
-    >>> found["mean"]["time"], found["scratch"]["strong_gain"].text
-    (Cell(text='> 100', below='2 of 2 never'), '')
     """
     found = {}
     for row in comparison.rows():
@@ -313,14 +278,9 @@ class ForecastSection:
     """Arms that train their sources differently: the forecast does not apply to them."""
 
     @property
-    def arms(self) -> tuple[str, ...]:
-        """The arms, which have the same graph."""
-        return self.record.arms
-
-    @property
     def same_sources(self) -> tuple[str, ...]:
         """The arms that train their sources as the forecast assumes."""
-        return tuple(arm for arm in self.arms if arm not in self.other_sources)
+        return tuple(arm for arm in self.record.arms if arm not in self.other_sources)
 
     def starts(self, potential: str) -> str:
         """Return the measured starts of the arms with a potential, in words."""
@@ -330,26 +290,13 @@ class ForecastSection:
         ]
         return ", ".join(dict.fromkeys(words) if {*words} == {"guarded"} else words)
 
-    @property
-    def forecast(self) -> ForecastRecord | None:
-        """The forecast; None where it was left out."""
-        return self.record.forecast
-
 
 def forecast_sections(
     analysis: Analysis,
     curricula: CurriculaRecord,
     learnt: Mapping[str, Mapping[str, LearningResult]],
 ) -> tuple[ForecastSection, ...]:
-    """Return the sections of an analysis, with what was measured.
-
-    Parameters
-    ----------
-    analysis : Analysis
-    curricula : CurriculaRecord
-    learnt : dict of str to dict of str to LearningResult
-        Arm -> task -> its training.
-    """
+    """Return the sections of an analysis, with what was measured."""
     known = [one for one in analysis.sections if set(one.arms) <= curricula.arms.keys()]
     return tuple(_section(one, curricula, learnt) for one in known)
 
@@ -391,24 +338,14 @@ NONE = "–"
 
 
 @dataclass(frozen=True)
-class BestRow:
-    """The best settings that were found for an arm."""
-
-    arm: str
-    trials: int
-    steps: str
-    score: str
-    values: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class EffectsSection:
     """What a sweep or a tuning shows."""
 
     effects: Effects
     rows: tuple[tuple[str, ...], ...]
     """Main effects: arm, setting, value, number of trials or arms, mean return, and its bounds."""
-    best: tuple[BestRow, ...]  # of a tuning
+    # Of a tuning, the best of each arm: arm, trials, steps, mean return, and the settings.
+    best: tuple[tuple[str, ...], ...]
     words: str  # on the tuning's seeds and steps
 
 
@@ -420,7 +357,10 @@ def effects_sections(
         EffectsSection(
             one,
             tuple(
-                (arm, key, minus(level.text), f"{level.number}", *_mean(level))
+                (
+                    *(arm, key, minus(level.text), f"{level.number}", minus(short(level.mean))),
+                    f"[{minus(short(level.low))}, {minus(short(level.high))}]",
+                )
                 for arm, key, level in one.rows
             ),
             () if one.kind == "sweep" or tuning is None else _best(tuning),
@@ -430,25 +370,15 @@ def effects_sections(
     )
 
 
-def _best(tuning: TuningRecord) -> tuple[BestRow, ...]:
-    rows = []
-    for name, arm in tuning.arms.items():
-        values = (arm.best.values.get(key) for key in tuning.space)
-        rows.append(
-            BestRow(
-                name,
-                len(arm.trials),
-                f"{tuning.steps(name):,}",
-                NONE if arm.best.score is None else minus(short(arm.best.score)),
-                tuple(_value(value) for value in values),
-            )
+def _best(tuning: TuningRecord) -> tuple[tuple[str, ...], ...]:
+    return tuple(
+        (
+            *(name, f"{len(arm.trials)}", f"{tuning.steps(name):,}"),
+            NONE if arm.best.score is None else minus(short(arm.best.score)),
+            *(_value(arm.best.values.get(key)) for key in tuning.space),
         )
-    return tuple(rows)
-
-
-def _mean(level: Level) -> tuple[str, str]:
-    low, mean, high = (minus(short(number)) for number in (level.low, level.mean, level.high))
-    return mean, f"[{low}, {high}]"
+        for name, arm in tuning.arms.items()
+    )
 
 
 def _value(value: object) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from secrets import token_hex
 from threading import Event, Lock, Thread
 from time import monotonic, sleep
-from typing import Any, NamedTuple
+from typing import Any
 
 from curricle.checks import listed
 from curricle.errors import StudyError, in_words
@@ -115,28 +115,11 @@ def _environment(study: StudyResults) -> dict[str, str]:
 class InterimReport:
     """The report of a folder in which units are being stored, written anew as they end.
 
-    Nothing that goes wrong is raised, so that a run goes on without its page.
-
-    Parameters
-    ----------
-    folder : path or str
-        Or a URL.
-    path : path
-        Of the page.
-    line : callable
-        Units that are stored and units in all, as the folder has them -> how far the study is, in
-        words.
-    say : callable
-        Called with a sentence when the page cannot be written; once with the same.
-    opened : callable
-        Called with the path when the page is there.
-    elsewhere : bool
-        Whether others run the study, so that the folder must tell whether they still do.
-
-    Attributes
-    ----------
-    over : bool
-        Whether a run elsewhere is over.
+    Nothing that goes wrong is raised, so that a run goes on without its page. `line` says in words
+    how far a study is, from the units that are stored and all units; `say` is called with a
+    sentence when the page cannot be written, once with the same; `opened` with the path when the
+    page is there. With `elsewhere` others run the study: the folder tells whether they still do,
+    and `over` whether their run is over.
     """
 
     def __init__(
@@ -206,22 +189,26 @@ class InterimReport:
         if not (self.folder / STUDY).exists():
             return
         study = StudyResults(self.folder)
-        units, running = unit_counts(study), in_use(self.folder) if self._elsewhere else True
-        over = last or (self._elsewhere and self._ended(study, units, running))
+        stored_units, units = unit_counts(study)
+        running = in_use(self.folder) if self._elsewhere else True
+        over = last or (self._elsewhere and self._ended(study, stored_units == units, running))
         stored = {key: len(seeds) for key, seeds in study.stored.items()}
         seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
         if seen == self._seen and not over:
             return
-        arms, sentence = arms_so_far(study), f"The run is over: {units} are stored."
-        if over and units.whole and arms:
+        arms = arms_so_far(study)
+        if over and stored_units == units and arms:
             page = stored_page(study)
         elif arms:
             page = stored_page(_only(study, {*arms, *study.failed}), self._place)
         else:
             name, scripts = study.record.name, [Script.of("reload.js")]
             page = render("waiting.html", name=name, scripts=scripts, banner=self._place)
-        if not over:
-            sentence = f"{self._line(*units)}." + " No process is at work now." * (running is False)
+        if over:
+            sentence = f"The run is over: {stored_units:,} of {counted(units, 'unit')} are stored."
+        else:
+            idle = " No process is at work now." * (running is False)
+            sentence = f"{self._line(stored_units, units)}.{idle}"
         with self._writing:
             if self._stopped.is_set() and not last:
                 return
@@ -232,10 +219,10 @@ class InterimReport:
         if is_first:
             self._opened(self.path)
 
-    def _ended(self, study: StudyResults, units: "UnitCounts", running: bool | None) -> bool:
+    def _ended(self, study: StudyResults, whole: bool, running: bool | None) -> bool:
         """Return whether a run elsewhere is over: it let go of the folder, or all is there."""
         let_go, self._was_running = self._was_running and running is False, running is True
-        done = units.whole or bool(study.failed and running is False)
+        done = whole or bool(study.failed and running is False)
         return let_go or (done and not running and study.store.has(ANALYSIS))
 
     def _write(self, sentence: str, seconds: float) -> None:
@@ -297,31 +284,16 @@ def watch_folder(
         raise
 
 
-class UnitCounts(NamedTuple):
-    """Units that are stored, and all of a study."""
-
-    stored: int
-    units: int
-
-    @property
-    def whole(self) -> bool:
-        """Whether all are stored."""
-        return self.stored == self.units
-
-    def __str__(self) -> str:
-        return f"{self.stored:,} of {counted(self.units, 'unit')}"
-
-
-def unit_counts(study: StudyResults) -> UnitCounts:
+def unit_counts(study: StudyResults) -> tuple[int, int]:
     """Return how many units of a study are stored with all their seeds, and how many it has."""
     per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
-    groups = {seed // per_unit for seed in study.record.seeds}
-    keys = set(study.record.keys.values())
-    missing = 0
-    for key in keys:
-        seeds = study.stored.get(key, {})
-        missing += len({seed // per_unit for seed in study.record.seeds if seed not in seeds})
-    return UnitCounts(len(keys) * len(groups) - missing, len(keys) * len(groups))
+    seeds, keys = study.record.seeds, set(study.record.keys.values())
+    units = len(keys) * len({seed // per_unit for seed in seeds})
+    stored = study.stored
+    missing = {
+        (key, seed // per_unit) for key in keys for seed in seeds if seed not in stored.get(key, {})
+    }
+    return units - len(missing), units
 
 
 def arms_so_far(study: StudyResults) -> list[str]:
@@ -372,11 +344,5 @@ def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> 
 
 
 def _one_line(error: BaseException) -> str:
-    r"""Return an error as one line.
-
-    Examples
-    --------
-    >>> _one_line(ValueError("a rule:\n a value"))
-    'ValueError: a rule: a value'
-    """
+    r"""Return an error as one line."""
     return " ".join(in_words(error).split())

@@ -32,23 +32,6 @@ def inline_svg(figure: Figure, name: str, label: str) -> Markup:
 
     It scales with the width of its container, refers to nothing outside and shares no identifier
     with an element of another name.
-
-    Parameters
-    ----------
-    figure : Figure
-    name : str
-        Prefix of its identifiers, unique in the page, of letters, digits and hyphens.
-    label : str
-        Description for screen readers.
-
-    Returns
-    -------
-    Markup
-
-    Examples
-    --------
-    >>> print(inline_svg(Figure(figsize=(2, 1)), "empty", "nothing <yet>"))
-    <svg viewBox="0 0 144 72" role="img" aria-label="nothing &lt;yet&gt;" ...
     """
     content = io.BytesIO()
     with matplotlib.rc_context({**STYLE, "svg.fonttype": "none"}):
@@ -91,15 +74,7 @@ def squares(cells: Iterable[tuple[int, int]]) -> str:
 
 @dataclass(frozen=True)
 class GridDrawing:
-    """The unchanging parts of a grid, in columns and rows from its top-left cell.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> drawn = GridDrawing.of(GridView.of(GridWorld("S.T")))
-    >>> drawn.objects, drawn.ended
-    ((('T', '#f2c14e', 2, 0, True),), 'M2 0h1v1h-1z')
-    """
+    """The unchanging parts of a grid, in columns and rows from its top-left cell."""
 
     columns: int
     rows: int

@@ -186,10 +186,6 @@ class ArmRecord(Plain):
     """Whether it learns the target from scratch with a learner of its own."""
     variant: VariantRecord | None = None
 
-    def in_edges(self, task: str) -> list[TransferRecord]:
-        """Return the transfers into a task."""
-        return [one for one in self.transfers if one.target == task]
-
     @model_validator(mode="after")
     def _fits(self) -> Self:
         place = {name: number for number, name in enumerate(self.nodes)}

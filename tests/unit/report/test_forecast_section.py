@@ -16,7 +16,7 @@ from .studies import Reader, hunt_plan, page_of, shown
 def test_the_forecast_stands_next_to_the_measured_start(pursuit):
     record, learnt, analysis = shown(pursuit.results)
     (found,) = forecast_sections(analysis, record, learnt)
-    rows = {row.name: row for row in found.forecast.rows}
+    rows = {row.name: row for row in found.record.forecast.rows}
     assert found.used == {"minimum": ("min",), "mean": ("mean",)}
     for arm, name in (("min", "minimum"), ("mean", "mean")):
         measured = pursuit.results[arm]["hunt"].greedy_return[:, 0]
@@ -35,7 +35,7 @@ def test_a_forecast_is_not_of_arms_whose_sources_are_trained_otherwise():
     results = {arm: plan.train(2) for arm, plan in plans.items()}
     record, learnt, analysis = shown(results)
     (found,) = forecast_sections(analysis, record, learnt)
-    assert found.arms == ("short", "long")
+    assert found.record.arms == ("short", "long")
     assert (found.same_sources, found.other_sources) == (("short",), ("long",))
     assert found.used == {"minimum": ("short",)}
     alike = {"one": short, "two": replace(short, aggregate=cr.mean)}
@@ -59,7 +59,7 @@ def test_values_that_were_not_kept_leave_both_out():
     bare = {name: replace(node, values=None) for name, node in result.nodes.items()}
     record = curricula_record({"min": plan}, {})
     (found,) = analysed({"min": replace(result, nodes=bare)}, record).sections
-    assert found.forecast is None
+    assert found.record.forecast is None
     assert found.certificates == ()
     assert all("values were not kept" in sentence for sentence in found.left_out)
 

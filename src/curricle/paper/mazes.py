@@ -1,0 +1,556 @@
+"""The paper's mazes: figures 1 to 3, reward hacking, and the runs that other figures share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle import (
+    Curriculum,
+    Episodes,
+    GridWorld,
+    QInitialisation,
+    Rewards,
+    StateActionPotential,
+    Transfer,
+    learn,
+    same_position,
+    solve,
+)
+from curricle.array_types import FloatArray, IntArray
+from curricle.curriculum import CurriculumResult
+from curricle.learning import LearningResult, RewardBonus, StateShaping
+from curricle.paper.settings import (
+    EPSILON,
+    LEARNER,
+    LEARNING_RATE,
+    SUMMED,
+    Claim,
+    FigureResult,
+    Progress,
+    answer,
+    draw_threshold,
+    maze,
+    over_seeds,
+    stacked,
+    verdict,
+    whiskers,
+)
+from curricle.planning import greedy_policy, rollout
+from curricle.plotting import COLOURS, draw_curve, draw_maze, draw_potential, new_figure
+from curricle.statistics import Curve, Times, midpoint, time_to_threshold
+from curricle.text_tables import counted
+from curricle.transfer import relative_objects
+
+SOURCE_BUDGET, TARGET_BUDGET = Episodes(250), Episodes(800)
+EVERY = 100
+WINDOW = 10
+SETTLED = 2_000
+"""Steps before which the lowest value is ignored: an untrained agent that breaks ties at random
+falls into pits; with the paper's first-index ties it never did."""
+
+SETTINGS = {
+    "learner": f"Q-learning, learning rate {LEARNING_RATE}, epsilon {EPSILON}, Q0 = 0",
+    "maze": "10x10, discount 0.99, episodes truncated at 200 steps",
+    "budget": "250 source and 800 target episodes",
+    "evaluation": "greedy return (sum of rewards), exact, every 100 steps, mean of 10 checkpoints",
+    "threshold": "midway between the lowest (after 2,000 steps) and highest value of scratch",
+    "shaping": "Q of the target starts as the source's (Wiewiora 2003)",
+}
+
+
+@dataclass(frozen=True)
+class Scratch:
+    """The target learnt from scratch."""
+
+    maze: GridWorld
+    curve: Curve
+    threshold: float  # return midway between the lowest and highest of the curve
+    times: Times  # steps to the threshold
+
+
+def from_scratch(arena: GridWorld, seeds: int, workers: int | None) -> Scratch:
+    """Return the maze learnt from scratch, and the threshold that this sets."""
+    curve = Curve.of(learnt_alone(arena, TARGET_BUDGET, seeds, workers))
+    threshold = midpoint(curve, window=WINDOW, after=SETTLED)
+    return Scratch(arena, curve, threshold, time_to_threshold(curve, threshold, window=WINDOW))
+
+
+def learnt_alone(
+    arena: GridWorld, budget: int | Episodes, seeds: int, workers: int | None
+) -> LearningResult:
+    """Return the training of the maze without sources."""
+    how: Any = {"eval_freq": EVERY, "evaluation": SUMMED, "stream": "target"}
+    return learn(arena, LEARNER, budget, seeds=seeds, workers=workers, **how)
+
+
+def corner(arena: GridWorld, size: int, start: Literal["map", "uniform"] = "uniform") -> GridWorld:
+    """Return the top-right `size` x `size` cells of the 10x10 maze."""
+    return arena.crop(rows=(0, size), columns=(10 - size, 10), start=start)
+
+
+def plan(arena: GridWorld, source: GridWorld, budget: int | Episodes, name: str) -> Curriculum:
+    """Return the curriculum in which the Q of the target starts as that of the source, `name`."""
+    return Curriculum(
+        tasks={name: source, "target": arena},
+        transfers=[Transfer(name, "target", same_position(arena, source))],
+        learner=LEARNER,
+        shaping=QInitialisation(),
+        budget={name: SOURCE_BUDGET, "target": budget},
+        eval_freq={name: 100 * EVERY, "target": EVERY},  # the curve of the source is not drawn
+        evaluation=SUMMED,
+    )
+
+
+def transferred(
+    arena: GridWorld,
+    source: GridWorld,
+    seeds: int,
+    workers: int | None,
+    budget: int | Episodes = TARGET_BUDGET,
+) -> tuple[Curve, CurriculumResult]:
+    """Return the curve of a target whose Q starts as the source's, and the whole training."""
+    result = plan(arena, source, budget, "source").train(seeds, workers=workers)
+    return Curve.of(result["target"], result.source_steps("target")), result
+
+
+def curve_table(arms: dict[str, Curve]) -> dict[str, npt.NDArray[Any]]:
+    """Return learning curves as a tidy table: arm, seed, steps, source_steps, greedy_return."""
+    return stacked(
+        {
+            "arm": arm,
+            "seed": np.arange(len(curve.values))[:, None],
+            "steps": curve.steps,
+            "source_steps": np.broadcast_to(curve.source_steps, len(curve.values))[:, None],
+            "greedy_return": curve.values,
+        }
+        for arm, curve in arms.items()
+    )
+
+
+# -- figure 1: the target states that Svetlik's mapping covers (paper E4) ------------------------
+
+SOURCE = ["..T", ".P.", "..."]
+TARGETS = {
+    "target A": ["...T..", "..P...", ".....F", ".F....", "......", "S....."],
+    "target B": ["...T..", "...P..", ".....F", ".F....", "......", "S....."],
+}
+
+
+def figure1(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+    """Return figure 1; nothing is learnt, so `seeds` and `workers` are not used."""
+    del seeds, workers
+    source = GridWorld(SOURCE, start="uniform", representation="relative")
+    figure, axes = new_figure(1, 3, width=9, height=3.4)
+    draw_maze(axes[0, 0], source)
+    axes[0, 0].set_title("source")
+    parts, coverage = [], {}
+    for panel, (name, text) in zip(axes[0, 1:], TARGETS.items(), strict=True):
+        target = GridWorld(text, representation="relative")
+        mapping = relative_objects(target, source)
+        matched, coverage[name] = mapping.mapped_states(), mapping.coverage()
+        draw_maze(panel, target, marked=matched)
+        free = ~target.mdp.terminal
+        panel.set_title(f"{name}: {matched.sum()} of {free.sum()} states matched")
+        row, column = target.cells.T
+        parts.append({"target": name, "row": row, "column": column, "matched": matched})
+    progress("coverage of Svetlik's mapping")
+    return FigureResult(
+        name="figure1",
+        title="Figure 1: what Svetlik's mapping covers",
+        caption="Framed: states of two targets that match a state of the source under the "
+        "relative-position representation. T treasure, P pit, F fire. Target B differs in one "
+        "pit, so the source matches nowhere and no state gets a value. Exact; nothing is "
+        "sampled.",
+        figure=figure,
+        tables={"figure1": stacked(parts)},
+        claims=[
+            Claim(
+                "f1.coverage",
+                "Svetlik's mapping gives values only to target states in which all objects of the "
+                "source have the same relative positions; a target can get none",
+                "a 3x3 source with one pit, two 6x6 targets",
+                verdict(coverage["target A"].mapped > 0 and coverage["target B"].mapped == 0),
+                {name: str(cover) for name, cover in coverage.items()},
+            ),
+        ],
+        settings={"state": "positions of all objects relative to the agent (Svetlik et al. 2017)"},
+    )
+
+
+# -- figure 2: the maze with its optimal path, and learning it with and without transfer ---------
+
+SIZE = 4
+OPTIMUM = {-1.0: 114.6014, -5.0: -1.1773}
+"""V*(start) by step reward, computed independently."""
+
+
+def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+    """Return figure 2."""
+    arena = maze(-5)
+    optimal = {step: solve(maze(step)) for step in OPTIMUM}
+    path = rollout(arena, optimal[-5.0].policy)
+    scratch = from_scratch(arena, seeds, workers)
+    progress("maze, from scratch")
+    curve, _ = transferred(arena, corner(arena, SIZE), seeds, workers)
+    progress(f"maze, source of size {SIZE}")
+    figure, axes = new_figure(1, 2, width=10, height=4.2)
+    draw_maze(axes[0, 0], arena, path=path.states)
+    axes[0, 0].set_title(f"an optimal path, {len(path)} moves")
+    _draw_curves(axes[0, 1], scratch, curve)
+    weak, strong = (
+        over_seeds(
+            scratch.times.steps
+            - time_to_threshold(curve, scratch.threshold, window=WINDOW, strong=strong).steps
+        )
+        for strong in (False, True)
+    )
+    right = all(abs(optimal[s].start_value - v) < 5e-5 for s, v in OPTIMUM.items())
+    return FigureResult(
+        name="figure2",
+        title="Figure 2: the maze, with and without transfer",
+        caption="Left: the maze (start lower left), step reward -5. Right: mean over "
+        f"{counted(seeds, 'seed')} with 95 % bands, moving mean of 10 checkpoints.",
+        figure=figure,
+        tables={"figure2": curve_table({"scratch": scratch.curve, "transfer": curve})},
+        claims=[
+            Claim(
+                "f2.optimum",
+                "The optimal path leads through the maze in 34 moves",
+                "exact value iteration; discount 0.99",
+                verdict(len(path) == 34 and right),
+                {
+                    "moves": len(path),
+                    **{f"V*(start) at step reward {s:g}": optimal[s].start_value for s in OPTIMUM},
+                    "error bound": max(solution.error_bound for solution in optimal.values()),
+                },
+            ),
+            Claim(
+                "f2.faster",
+                "Transfer from a sub-maze reaches the threshold earlier",
+                f"source of size {SIZE}, step reward -5; paired over seeds",
+                verdict(weak.low > 0),
+                {
+                    "scratch, steps to threshold": over_seeds(scratch.times.steps),
+                    "steps saved (weak transfer)": weak,
+                    "steps saved (strong transfer)": strong,
+                },
+            ),
+        ],
+        settings={
+            **SETTINGS,
+            "step reward": "-5 (as run)",
+            "source": f"top-right {SIZE}x{SIZE}",
+        },
+    )
+
+
+def _draw_curves(panel: Any, scratch: Scratch, curve: Curve) -> None:
+    weak = f"from the top-right {SIZE}x{SIZE} (weak transfer)"
+    strong = "the same, source steps counted (strong)"
+    smoothed: Any = {"window": WINDOW}
+    draw_curve(panel, scratch.curve, label="scratch", colour="black", **smoothed)
+    draw_curve(panel, curve, label=weak, colour="blue", **smoothed)
+    draw_curve(panel, curve, label=strong, colour="sky", strong=True, dashes="--", **smoothed)
+    draw_threshold(panel, scratch.threshold)
+    panel.annotate(
+        "threshold", (0, scratch.threshold), fontsize=8, color=COLOURS["grey"], va="bottom"
+    )
+    panel.set(
+        xlabel="steps",
+        ylabel="greedy return (sum of rewards)",
+        title="learning curves",
+        ylim=(-1700, 150),
+        xlim=(0, None),
+    )
+    panel.legend(loc="lower right")
+
+
+# -- figure 3: steps saved by the size of the source, and the values that a small source learns --
+
+SIZES = range(2, 11)
+"""Size 1 is the treasure alone: it has no state to learn in, so nothing to transfer."""
+STEP_REWARDS = {-5.0: "as run", -1.0: "as written"}
+LONG = 150_000
+"""Target steps for size 3, which never reaches the threshold in the paper's 800 episodes."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One source against scratch, in steps, for K seeds."""
+
+    # (K,): target steps to the threshold, fewer than from scratch; upper bounds where not reached.
+    saved: FloatArray
+    cost: IntArray  # (K,): source steps
+    reached: int  # seeds that reached the threshold
+    best: FloatArray  # (K, S'): max_a Q of the source
+
+    @property
+    def net(self) -> FloatArray:
+        """Target and source steps to the threshold, scratch minus transfer, (K,)."""
+        return self.saved - self.cost
+
+
+Arms = Mapping[int | str, Arm]
+"""Size, or "fixed" for the full size with the target's own start -> its arm."""
+
+
+def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+    """Return figure 3."""
+    results, longer = dict[float, Arms](), dict[float, Arm]()
+    for step, name in STEP_REWARDS.items():
+        arena = maze(step)
+        scratch = from_scratch(arena, seeds, workers)
+        progress(f"maze {name}, from scratch")
+        arms: dict[int | str, Arm] = {}
+        for size in SIZES:
+            arms[size] = _arm(scratch, corner(arena, size), seeds, workers)
+            progress(f"maze {name}, source of size {size}")
+        arms["fixed"] = _arm(scratch, corner(arena, 10, "map"), seeds, workers)
+        progress(f"maze {name}, full size, fixed start")
+        longer[step] = _arm(scratch, corner(arena, 3), seeds, workers, LONG)
+        progress(f"maze {name}, source of size 3, run on")
+        results[step] = arms
+    figure, axes = new_figure(2, 2, width=10, height=7.6)
+    for panel, (step, shown) in zip(axes[0], results.items(), strict=True):
+        _draw_saved(panel, shown, seeds, f"step reward {step:g} ({STEP_REWARDS[step]})")
+    arena, best = maze(-5), results[-5.0][3].best
+    path = arena.cells[rollout(arena, solve(arena).policy).states]
+    source, title = corner(arena, 3), "the 3x3 source, and the target's optimal path"
+    unit = "max Q of the source (return)"
+    draw_potential(axes[1, 0], source, best.mean(axis=0), label=title, unit=unit)
+    axes[1, 0].plot(path[:, 1], path[:, 0], "-", color=COLOURS["sky"], lw=2.5, clip_on=True)
+    _draw_control(axes[1, 1], results)
+    rows, columns = source.cells.T
+    values = {"seed": np.arange(seeds)[:, None], "row": rows, "column": columns, "max_q": best}
+    return FigureResult(
+        name="figure3",
+        title="Figure 3: how large a source?",
+        caption="Top: steps saved to the threshold by sources of size 1 to 10 (top-right corner, "
+        f"uniform start), mean over {counted(seeds, 'seed')} and 95 % intervals; hollow: "
+        "upper bounds, since some seeds never reached the threshold in 800 episodes. "
+        "Size 1 holds no state to learn in. Bottom left: mean over seeds of max_a Q of the 3x3 "
+        "source, with the target's optimal path, which leaves the corner and comes back. Bottom "
+        "right: a full-size source with a uniform and with the target's fixed start.",
+        figure=figure,
+        tables={"figure3": _table(results), "figure3_corner": stacked([values])},
+        claims=[
+            claim for step, arms in results.items() for claim in _claims(step, arms, longer[step])
+        ]
+        + [_leaves_the_corner(path)],
+        settings=SETTINGS,
+    )
+
+
+def _arm(scratch: Scratch, source: GridWorld, seeds: int, workers: int | None, *budget: int) -> Arm:
+    curve, result = transferred(scratch.maze, source, seeds, workers, *budget)
+    times = time_to_threshold(curve, scratch.threshold, window=WINDOW)
+    return Arm(
+        saved=scratch.times.steps - times.steps,
+        cost=result.source_steps("target"),
+        reached=int(times.reached.sum()),
+        best=result["source"].values.max(axis=2),
+    )
+
+
+def _draw_saved(panel: Any, arms: Arms, seeds: int, title: str) -> None:
+    for label, colour, shift, strong in (
+        ("weak transfer", COLOURS["blue"], -0.1, False),
+        ("strong transfer (source steps counted)", COLOURS["orange"], 0.1, True),
+    ):
+        panel.plot(1 + shift, 0, "o", color=colour, label=label, ms=5)
+        for size in SIZES:
+            mean = over_seeds((arms[size].net if strong else arms[size].saved) / 1000)
+            filling = colour if arms[size].reached == seeds else "white"
+            style = {"color": colour, "fmt": "o", "ms": 5, "mfc": filling, "capsize": 2}
+            panel.errorbar(size + shift, mean.estimate, yerr=whiskers(mean), **style)
+    panel.axhline(0, color=COLOURS["grey"], lw=0.8)
+    panel.set(
+        xlabel="size of the source (cells a side)",
+        ylabel="steps saved (thousands)",
+        title=title,
+        xticks=range(1, 11),
+    )
+    panel.legend(loc="lower right")
+
+
+def _draw_control(panel: Any, results: Mapping[float, Arms]) -> None:
+    labels = []
+    for x, (step, start) in enumerate((s, a) for s in results for a in (10, "fixed")):
+        arm = results[step][start]
+        for shift, values, colour in ((-0.2, arm.saved, "blue"), (0.2, arm.net, "orange")):
+            mean = over_seeds(values / 1000)
+            style = {"color": COLOURS[colour], "capsize": 2}
+            panel.bar(x + shift, mean.estimate, 0.38, yerr=whiskers(mean), **style)
+        labels.append(f"{'uniform' if start == 10 else 'fixed'} start\nstep {step:g}")
+    panel.axhline(0, color=COLOURS["grey"], lw=0.8)
+    panel.set(
+        xticks=range(4),
+        xticklabels=labels,
+        ylabel="steps saved (thousands)",
+        title="full-size source: weak (blue), strong (orange)",
+    )
+
+
+def _table(results: Mapping[float, Arms]) -> dict[str, npt.NDArray[Any]]:
+    return stacked(
+        {
+            "step_reward": step,
+            "size": 10 if key == "fixed" else key,
+            "start": "map" if key == "fixed" else "uniform",
+            "seed": np.arange(len(arm.saved)),
+            "steps_saved": arm.saved,
+            "source_steps": arm.cost,
+        }
+        for step, arms in results.items()
+        for key, arm in arms.items()
+    )
+
+
+def _claims(step: float, arms: Arms, longer: Arm) -> list[Claim]:
+    """Return the claims about the maze with one step reward."""
+    setting = f"step reward {step:g} ({STEP_REWARDS[step]}), 800 target episodes"
+    tag = STEP_REWARDS[step].replace(" ", "-")
+    saved = {size: over_seeds(arms[size].saved) for size in SIZES}
+    net = {size: over_seeds(arms[size].net) for size in SIZES}
+    large = [saved[size] for size in range(4, 11)]
+    mean = float(np.mean([s.estimate for s in large]))
+    alike = all(s.low > 0 and abs(float(s.estimate) - mean) < mean / 3 for s in large)
+    seeds = len(arms[3].saved)
+    return [
+        Claim(
+            f"f3.size-3-hurts.{tag}",
+            "A source of size 3 makes learning slower",
+            setting,
+            verdict(saved[3].high < 0),
+            {
+                "steps saved within 800 episodes (at most)": saved[3],
+                "seeds that reached the threshold": f"{arms[3].reached} of {seeds}",
+                f"steps saved when run on for {LONG:,} steps": over_seeds(longer.saved),
+                "seeds that reached it then": f"{longer.reached} of {seeds}",
+            },
+        ),
+        Claim(
+            f"f3.large-alike.{tag}",
+            "Sources of size 4 to 10 save about as much",
+            setting,
+            verdict(alike),
+            {f"steps saved, size {size}": saved[size] for size in range(4, 11)},
+        ),
+        Claim(
+            f"f3.strong-smaller.{tag}",
+            "(Not counted in the paper.) With source steps counted the gains are smaller",
+            setting,
+            verdict(all(net[s].estimate < saved[s].estimate for s in SIZES)),
+            {f"net steps saved, size {size}": net[size] for size in SIZES},
+        ),
+        _random_start(arms, setting, tag),
+    ]
+
+
+def _random_start(arms: Arms, setting: str, tag: str) -> Claim:
+    """Answer whether a random start explains why a full-size source beats scratch."""
+    evidence = dict[str, Any]()
+    for start, arm in (("fixed", arms["fixed"]), ("uniform", arms[10])):
+        evidence[f"{start} start, target steps saved"] = over_seeds(arm.saved)
+        evidence[f"{start} start, source steps"] = over_seeds(arm.cost)
+        evidence[f"{start} start, net"] = over_seeds(arm.net)
+    fixed, uniform = evidence["fixed start, net"], evidence["uniform start, net"]
+    explained = fixed.low < 500 and uniform.low > max(0, fixed.high)
+    words = (
+        "Yes: with the target's own fixed start it gains nothing net, with a uniform start it does."
+        if explained
+        else "Not by these runs."
+    )
+    return Claim(
+        f"f3.random-start.{tag}",
+        "Open question: does random initialisation explain why a full-size source beats "
+        f"learning from scratch? {words}",
+        f"{setting}; full-size source, fixed against uniform start",
+        answer(explained),
+        evidence,
+    )
+
+
+def _leaves_the_corner(path: IntArray) -> Claim:
+    inside = (path[:, 0] < 3) & (path[:, 1] > 6)
+    visits = int(inside[0]) + int((inside[1:] & ~inside[:-1]).sum())
+    return Claim(
+        "f3.leaves-corner",
+        "The optimal path leaves the 3x3 corner and comes back, so the source does not contain it",
+        "exact; step reward -5",
+        verdict(visits >= 2),
+        {"times the path enters the corner": visits},
+    )
+
+
+# -- reward hacking, which the paper describes: a bonus that makes the agent loop for ever -------
+
+CAP = 100
+GRID = GridWorld(
+    ["S....", "..#..", "..#.T", ".....", "....."],
+    rewards=Rewards(step=-1, treasure=20),
+    discount=0.95,
+    time_limit=CAP,
+)
+STEPS = 30_000
+
+
+def nearness() -> StateActionPotential:
+    """Return a hint of nearness: 4 at the treasure, half a point less with each cell."""
+    treasure = next((row, column) for name, row, column in GRID.objects if name == "treasure")
+    hint = 4 - abs(GRID.cells - treasure).sum(axis=1) / 2
+    return StateActionPotential(GRID, np.repeat(hint[:, None], GRID.actions.size, axis=1))
+
+
+def hacking(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+    """Return the figure of reward hacking."""
+    hint = nearness()
+    arms: Any = {
+        "no shaping": (None, "black"),
+        "as a bonus": (RewardBonus(hint), "vermillion"),
+        "as a potential": (StateShaping(hint), "green"),
+    }
+    how: Any = {"seeds": seeds, "evaluation": SUMMED, "workers": workers}
+    results = {}
+    for name, (shaping, _) in arms.items():
+        results[name] = learn(GRID, LEARNER, STEPS, shaping=shaping, **how)
+        progress(f"reward hacking: {name}")
+    figure, axes = new_figure(1, 3, width=11, height=3.6)
+    for panel, name in zip(axes[0], ("as a bonus", "as a potential"), strict=False):
+        episode = rollout(GRID, greedy_policy(results[name].values[0]))
+        draw_maze(panel, GRID, path=episode.states)
+        end = "reaches the treasure" if episode.terminated else "loops until truncated"
+        panel.set_title(f"{name}: {end}")
+    curves = {name: Curve.of(result) for name, result in results.items()}
+    for name, curve in curves.items():
+        draw_curve(axes[0, 2], curve, label=name, colour=arms[name][1])
+    axes[0, 2].set(xlabel="steps", ylabel="greedy return, bonus not counted", title="true return")
+    axes[0, 2].legend(loc="center right")
+    final = {name: curve.values[:, -1] for name, curve in curves.items()}
+    loops = (final["as a bonus"] <= -CAP).mean() > 0.9
+    return FigureResult(
+        name="hacking",
+        title="Reward hacking: a bonus is not a potential",
+        caption="The same hint, 'being near the treasure is good', added to the reward as a "
+        "bonus and as a potential. Left and middle: the greedy policy of seed 0. Right: mean over "
+        f"{counted(seeds, 'seed')} with 95 % bands.",
+        figure=figure,
+        tables={"hacking": curve_table(curves)},
+        claims=[
+            Claim(
+                "hacking.bonus-loops",
+                "A reward that is not a potential difference can make the agent loop instead of "
+                "finishing (E3); as a potential the same hint keeps the optimal policy",
+                "5x5 grid, treasure 20, step -1, discount 0.95",
+                verdict(loops and (final["as a potential"] > 0).all()),
+                {f"final greedy return, {name}": over_seeds(v) for name, v in final.items()},
+            ),
+        ],
+        settings={
+            "learner": f"Q-learning, learning rate {LEARNING_RATE}, epsilon {EPSILON}",
+            "budget": f"{STEPS:,} steps",
+        },
+    )
