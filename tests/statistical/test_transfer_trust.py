@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.paper import maze_runs as paper
+from curricle.paper import mazes as paper
 from curricle.paper.settings import SUMMED, maze
 
 pytestmark = pytest.mark.slow
@@ -132,7 +132,7 @@ def test_on_a_larger_grid_calibration_halves_the_cost(seven, aggregate):
 @pytest.fixture(scope="module")
 def scratch():
     """The paper's maze (step -5) learnt from scratch by 30 seeds, and its threshold."""
-    return paper.scratch(maze(-5), 30, None)
+    return paper.from_scratch(maze(-5), 30, None)
 
 
 def saved(scratch, size, guard, steps):

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
-from curricle.comparison.comparison import Comparison, as_html
+from curricle.comparison.comparison import Comparison
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues, source_values, sources_read
@@ -168,7 +168,7 @@ class StudyResults:
         failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
         title = f"Study {self.record.name!r}: {self._so_far()}"
         try:
-            compared = as_html(self.comparison)
+            compared: str = self.comparison._repr_html_()
         except CurricleError as error:
             return block(title, str(error), *failed)
         return block(title, *failed) + compared
