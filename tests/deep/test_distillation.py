@@ -100,7 +100,7 @@ def test_observations_that_are_dicts_are_merged_too():
     known = Knowledge.of(seen, np.array([[1.0], [3.0], [5.0]]))
     assert known.observations["a"].tolist() == [[1], [2]]
     assert known.values.tolist() == [2.0, 5.0]
-    assert known.rows(np.array([1])).observations["b"].tolist() == [0]
+    assert known.observations["b"].tolist() == [0, 0]
 
 
 def test_shuffled_answers_are_the_same_answers_of_others():

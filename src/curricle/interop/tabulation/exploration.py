@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import gymnasium as gym
-from gymnasium.wrappers import FrameStackObservation, TimeLimit
+from gymnasium.wrappers import TimeLimit
 
 from curricle.checks import number
 from curricle.errors import TaskError
@@ -374,15 +374,6 @@ class World:
         )
 
 
-def refuse_stacked_frames(env: Environment) -> None:
-    """Raise TaskError where a wrapper stacks frames: each history would be a state."""
-    if any(isinstance(layer, FrameStackObservation) for layer in layers_of(env)):
-        raise TaskError(
-            "an environment with stacked frames cannot be tabulated, as each history of frames "
-            f"would be a state: tabulate it without them, got {env}"
-        )
-
-
 def time_limit_of(env: Environment) -> int | None:
     """Return the steps after which an environment truncates: the least limit of its wrappers."""
     limits = [layer._max_episode_steps for layer in layers_of(env) if isinstance(layer, TimeLimit)]
@@ -391,11 +382,10 @@ def time_limit_of(env: Environment) -> int | None:
 
 def _rewind_clocks(env: Environment) -> None:
     """Set back the clocks of time limits: time is no part of a state."""
-    while isinstance(env, gym.Wrapper):
-        if isinstance(env, TimeLimit):
-            clock: Any = env
+    for layer in layers_of(env):
+        if isinstance(layer, TimeLimit):
+            clock: Any = layer
             clock._elapsed_steps = LONG_AGO
-        env = env.env
 
 
 def core_and_views(

@@ -202,12 +202,6 @@ def is_minigrid(env: Environment) -> bool:
     return module is not None and isinstance(env.unwrapped, module.MiniGridEnv)
 
 
-def max_steps_of(env: Environment) -> int | None:
-    """Return the steps after which MiniGrid truncates; None of another environment."""
-    base: Any = env.unwrapped
-    return int(base.max_steps) if is_minigrid(env) else None
-
-
 def fitting_state(env: Environment, core: Environment, seed: int) -> MiniGridState:
     """Return how to save a MiniGrid environment's states: fast if it keeps none elsewhere."""
     if core is not env.unwrapped:

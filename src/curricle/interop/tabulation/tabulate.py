@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.wrappers import FrameStackObservation
 
 from curricle.archives import saved_path
 from curricle.array_types import IntArray
@@ -30,7 +31,6 @@ from curricle.interop.tabulation.exploration import (
     Search,
     World,
     core_and_views,
-    refuse_stacked_frames,
     time_limit_of,
 )
 from curricle.interop.tabulation.minigrid import (
@@ -38,10 +38,9 @@ from curricle.interop.tabulation.minigrid import (
     MiniGridState,
     fitting_state,
     is_minigrid,
-    max_steps_of,
     named_actions,
 )
-from curricle.interop.tabulation.states import DeepCopy, SaveAndRestore, Words, copied
+from curricle.interop.tabulation.states import DeepCopy, SaveAndRestore, Words, copied, layers_of
 from curricle.interop.tabulation.tables import Tables, assembled, made_of, read_tables, write_tables
 from curricle.interop.tabulation.tabulated_task import (
     TabulatedTask,
@@ -423,7 +422,11 @@ def tabulate(
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
     with _opened(environment, make, plan) as env:
-        refuse_stacked_frames(env)
+        if any(isinstance(layer, FrameStackObservation) for layer in layers_of(env)):
+            raise TaskError(
+                "an environment with stacked frames cannot be tabulated, as each history of frames "
+                f"would be a state: tabulate it without them, got {env}"
+            )
         name = str(make) if make.what is not None else type(env.unwrapped).__name__
         named = names_of(env.unwrapped)[1] or named_actions(env)
         act, moves = actions_of(env.action_space, actions, named)
@@ -436,8 +439,8 @@ def tabulate(
 
 def own_time_limit(env: Any) -> int | None:
     """Return the steps after which an environment truncates: the least of its limits."""
-    limits = [limit for limit in (time_limit_of(env), max_steps_of(env)) if limit is not None]
-    return min(limits, default=None)
+    limits = [time_limit_of(env), int(env.unwrapped.max_steps) if is_minigrid(env) else None]
+    return min((limit for limit in limits if limit is not None), default=None)
 
 
 def _opened(environment: Any, make: Any, plan: Plan) -> AbstractContextManager[Any]:
