@@ -5,6 +5,7 @@ says where learning starts: the return of the greedy policy on phi, and whether 
 epsilon-greedy learning falls from there.
 """
 
+import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -177,15 +178,10 @@ class JudgedPotentials:
 
 def _digest(potential: MappedPotential | StateActionPotential) -> bytes:
     """Return a digest of the numbers that a potential is made of."""
-    parts: Iterable[Any] = (
+    numbers: Iterable[Any] = (
         potential.lookup if isinstance(potential, MappedPotential) else (potential.values,)
     )
-    found = blake2b(type(potential).__name__.encode())
-    for one in parts:
-        array = np.ascontiguousarray(one)
-        found.update(f"{array.dtype} {array.shape}".encode())
-        found.update(array.data)
-    return found.digest()
+    return blake2b(pickle.dumps((type(potential).__name__, *numbers))).digest()
 
 
 def forecast_once(
