@@ -226,7 +226,8 @@ class LearntAlone:
 
     def _known(self, node: Node, seeds: Sequence[int]) -> LearningResult | None:
         for known, numbers, result in self._found:
-            if known.task is node.task and numbers == tuple(seeds) and _alike(known, node):
+            alike = all(getattr(known, which) == getattr(node, which) for which in _SETTINGS)
+            if known.task is node.task and numbers == tuple(seeds) and alike:
                 return result
         return None
 
@@ -235,10 +236,6 @@ def _first_sources(curriculum: Curriculum) -> list[Node]:
     """Return the target's sources that have no sources of their own."""
     before = curriculum.ancestors(curriculum.target)
     return [curriculum.node(name) for name in before if not curriculum.in_edges(name)]
-
-
-def _alike(one: Node, other: Node) -> bool:
-    return all(getattr(one, which) == getattr(other, which) for which in _SETTINGS)
 
 
 @dataclass(frozen=True)

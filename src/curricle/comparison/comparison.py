@@ -404,10 +404,11 @@ class Comparison:
         gain = self.contrasts[best].strong_gain
         if not float(gain.low) > 0:
             return ""
+        sign = "+" * (float(gain.estimate) > 0)
         guarded = " under its guard" * bool(np.isfinite(self[best].guard_share).any())
         return (
             f"cheaper than {name}: initial_value={self[best].initial_value:.4g} without any "
-            f"source, which is its {best.removeprefix(f'{name}, ')} and gains {_signed(gain)}"
+            f"source, which is its {best.removeprefix(f'{name}, ')} and gains {sign}{short(gain)}"
             f"{guarded}"
         )
 
@@ -425,11 +426,6 @@ def _sentence(name: str, verdict: Verdict, controls: str) -> str:
         f"{name} gains more than each of its {verdict.rivals} {controls}: {verdict}; the "
         f"strongest is {strongest}"
     )
-
-
-def _signed(interval: Interval) -> str:
-    """Return an interval without its number of seeds, with its sign."""
-    return "+" * (float(interval.estimate) > 0) + short(interval)
 
 
 HEADS = ("", "steps to threshold", "mean return (IQM)", "strong gain", "weak gain", "verdict")

@@ -5,6 +5,7 @@ says where learning starts: the return of the greedy policy on phi, and whether 
 epsilon-greedy learning falls from there.
 """
 
+import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -177,15 +178,10 @@ class JudgedPotentials:
 
 def _digest(potential: MappedPotential | StateActionPotential) -> bytes:
     """Return a digest of the numbers that a potential is made of."""
-    parts: Iterable[Any] = (
+    numbers: Iterable[Any] = (
         potential.lookup if isinstance(potential, MappedPotential) else (potential.values,)
     )
-    found = blake2b(type(potential).__name__.encode())
-    for one in parts:
-        array = np.ascontiguousarray(one)
-        found.update(f"{array.dtype} {array.shape}".encode())
-        found.update(array.data)
-    return found.digest()
+    return blake2b(pickle.dumps((type(potential).__name__, *numbers))).digest()
 
 
 def forecast_once(
@@ -234,15 +230,12 @@ def forecast_once(
             found, no_trial = _trial(each, trial, threshold, any_target, how)
             if found is not None:
                 bars.tell("trial")
-            learnt = {
-                **source_learning(curriculum, sources, workers=workers, progress=bars.within()),
-                **distilled_sources(curriculum.tasks, sources),
-            }
+            learnt |= source_learning(curriculum, sources, workers=workers, progress=bars.within())
+            learnt |= distilled_sources(curriculum.tasks, sources)
     rows = _judged(rows, found, any_target, reads_values=reads_values)
-    labels = dict(zip(transfer_names(edges), edges, strict=True))
     return Forecast(
         target=name,
-        coverage=_coverage(labels, any_target, curriculum.potentials(name, sources)[0]),
+        coverage=_coverage(edges, any_target, curriculum.potentials(name, sources)[0]),
         rows=tuple(rows),
         optimum=any_target.optimum,
         random_return=any_target.random_return,
@@ -360,13 +353,14 @@ def _trial(
 
 
 def _coverage(
-    edges: Mapping[str, Transfer], any_target: AnyTarget, potential: AnyPotential
+    edges: Sequence[Transfer], any_target: AnyTarget, potential: AnyPotential
 ) -> dict[str, Coverage | ObservationCoverage]:
     """Return the coverage of each transfer's mapping, where its pairs are few enough to count."""
+    labels = dict(zip(transfer_names(edges), edges, strict=True))
     if isinstance(any_target, ObservationTarget):
         sample = any_target.observations(potential)
-        return {label: edge.mapping.coverage(sample) for label, edge in edges.items()}
-    counted = {label: edge for label, edge in edges.items() if countable(edge.mapping)}
+        return {label: edge.mapping.coverage(sample) for label, edge in labels.items()}
+    counted = {label: edge for label, edge in labels.items() if countable(edge.mapping)}
     return {label: edge.mapping.coverage() for label, edge in counted.items()}
 
 

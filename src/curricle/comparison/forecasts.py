@@ -29,34 +29,17 @@ from curricle.transfer.quality import PotentialQuality
 
 @dataclass(frozen=True)
 class ForecastRow:
-    """One potential as it would enter the target: a single source's, or an aggregate.
+    """One potential as it would enter the target: a single source's, or an aggregate."""
 
-    Attributes
-    ----------
-    name : str
-        The transfer, as ``source -> target [n]``, or the aggregate's name.
-    aggregate : bool
-        Whether it is an aggregate of all transfers.
-    used : bool
-        Whether the curriculum would use it.
-    seeds : tuple of K PotentialQuality
-    calibrations : tuple of K Calibration
-        Of its scale, from rollouts of its greedy policy.
-    gain : Interval or None
-        The strong gain in mean return that a trial in the model gave; None without one.
-    verdict : str
-        What the start is, whether it lasts, and what to do, in words.
-    anti_knowledge : str
-        That it may be worse than knowing nothing and in what, in words; empty if in nothing.
-    """
-
-    name: str
-    aggregate: bool
-    used: bool
-    seeds: tuple[PotentialQuality, ...] = field(repr=False)
+    name: str  # the transfer, as "source -> target [n]", or the aggregate's name
+    aggregate: bool  # whether it is an aggregate of all transfers
+    used: bool  # whether the curriculum would use it
+    seeds: tuple[PotentialQuality, ...] = field(repr=False)  # K of them
+    # K of its scale, from rollouts of its greedy policy.
     calibrations: tuple[Calibration, ...] = field(repr=False)
-    gain: Interval | None = None
-    verdict: str = ""
+    gain: Interval | None = None  # in mean return, strong, of a trial in the model; None without
+    verdict: str = ""  # what the start is, whether it lasts, and what to do, in words
+    # That it may be worse than knowing nothing and in what, in words; empty if in nothing.
     anti_knowledge: str = ""
 
     __repr__ = brief_repr

@@ -45,25 +45,6 @@ OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""
 class SourceLearning(Frozen):
     """How much of its own task a source learnt. Prints as a sentence.
 
-    Attributes
-    ----------
-    name : str
-    seeds : tuple of int
-        K of them.
-    returns : (K,) float64
-        Of the greedy policy of each seed's values, in the source's own task.
-    random_return : float
-        Of the uniformly random policy there.
-    reference : float
-        The return of an optimal policy, or the mean of a fresh learner's; NaN if unknown.
-    measured_by : str
-        What the reference is: ``"its optimum"``, ``"a fresh learner"``, or nothing.
-    noise : float
-        Standard error of the mean of `returns` that is due to rollouts, with that of the random
-        return and of the reference; 0 where all are exact.
-    fresh_steps : int
-        Steps of the fresh learner, a seed; 0 without one. They are no steps of the curriculum.
-
     Examples
     --------
     >>> from curricle import GridWorld, Transfer, same_position
@@ -76,12 +57,15 @@ class SourceLearning(Frozen):
     """
 
     name: str
-    seeds: tuple[int, ...]
-    returns: FloatArray
-    random_return: float
-    reference: float
-    measured_by: str
+    seeds: tuple[int, ...]  # K of them
+    returns: FloatArray  # (K,): of the greedy policy of each seed's values, in the source's task
+    random_return: float  # of the uniformly random policy there
+    reference: float  # the return of an optimal policy, or a fresh learner's mean; NaN if unknown
+    measured_by: str  # what the reference is: "its optimum", "a fresh learner", or nothing
+    # Standard error of the mean of `returns` that is due to rollouts, with that of the random
+    # return and of the reference; 0 where all are exact.
     noise: float = 0.0
+    # Steps of the fresh learner, a seed; 0 without one. They are no steps of the curriculum.
     fresh_steps: int = field(default=0, kw_only=True)
 
     __repr__ = brief_repr

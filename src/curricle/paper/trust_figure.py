@@ -182,16 +182,13 @@ def _share_refused(size: int, seeds: int, workers: int | None) -> float:
     """Return the share of seeds for which a scale is the wrong model."""
     plan = corner_plan(size)
     sources = plan.train(seeds, only=["corner"], workers=workers).sources
-    potentials = plan.potentials("target", sources)
-    return float(np.mean([_is_refused(phi, k) for k, phi in enumerate(potentials)]))
-
-
-def _is_refused(phi: Any, seed: int) -> bool:
-    try:
-        calibrate(phi, seed=seed)
-    except CalibrationError:
-        return True
-    return False
+    potentials, refused = plan.potentials("target", sources), 0
+    for seed, phi in enumerate(potentials):
+        try:
+            calibrate(phi, seed=seed)
+        except CalibrationError:
+            refused += 1
+    return refused / len(potentials)
 
 
 def tenths(result: LearningResult) -> FloatArray:

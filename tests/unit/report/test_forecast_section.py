@@ -59,7 +59,7 @@ def test_values_that_were_not_kept_leave_both_out():
     bare = {name: replace(node, values=None) for name, node in result.nodes.items()}
     record = curricula_record({"min": plan}, {})
     (found,) = analysed({"min": replace(result, nodes=bare)}, record).sections
-    assert found.record.forecast is None
+    assert found.forecast is None
     assert found.certificates == ()
     assert all("values were not kept" in sentence for sentence in found.left_out)
 
