@@ -235,6 +235,10 @@ def test_coverage_prints_its_numbers():
     assert text.startswith("33.3% of 12 target pairs mapped, 0.0% at the source's end, 66.7% unm")
 
 
+def test_mapped_states_have_at_least_one_mapped_pair():
+    assert same_position(LINE, END).mapped_states().tolist() == [False, False, True, False]
+
+
 def test_a_mapping_keeps_its_own_index():
     index = np.zeros((4, 4), dtype=int)
     mapping = StateActionMapping(LINE, END, index)

@@ -237,10 +237,12 @@ def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> 
             continue
         known[name] = found
         kept.append(replace(candidate, optimum=found.optimum, random_return=found.random_return))
-    found = SourceCandidates(target.task, tuple(kept), tuple(dropped), cut)
+    candidates = SourceCandidates(target.task, tuple(kept), tuple(dropped), cut)
     if not kept:
-        raise CurriculumError(f"a target needs a candidate that can be learnt: {found._reasons}")
-    return found
+        raise CurriculumError(
+            f"a target needs a candidate that can be learnt: {candidates._reasons}"
+        )
+    return candidates
 
 
 def _goal_of(target: DesignTarget, candidate: SourceCandidate) -> BoolArray | None:

@@ -23,7 +23,7 @@ def build(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     axes[0, 0].set_title("source")
     parts = []
     for panel, (name, target) in zip(axes[0, 1:], targets.items(), strict=True):
-        matched = (mappings[name].index >= 0).any(axis=1)
+        matched = mappings[name].mapped_states()
         draw_maze(panel, target, marked=matched)
         free = ~target.mdp.terminal
         panel.set_title(f"{name}: {matched.sum()} of {free.sum()} states matched")
