@@ -71,11 +71,11 @@ def other_search(monkeypatch):
 
     def change():
         monkeypatch.setattr(found_mappings, "find_mappings", find)
-        found_mappings._remembered.cache_clear()
+        found_mappings._memory.cache_clear()
         arms_from_json.cache_clear()
 
     yield change
-    found_mappings._remembered.cache_clear()
+    found_mappings._memory.cache_clear()
 
 
 def test_a_search_that_finds_another_mapping_makes_units_stale(mirror, other_search):

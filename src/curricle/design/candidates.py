@@ -106,9 +106,10 @@ class SourceCandidates:
         return by_name[name]
 
     @property
-    def reasons(self) -> dict[str, int]:
-        """How many were dropped for each reason, the most frequent first."""
-        return dict(Counter(one.reason for one in self.dropped).most_common())
+    def _reasons(self) -> str:
+        """How many were dropped for each reason, the most frequent first, in words."""
+        counts = Counter(one.reason for one in self.dropped).most_common()
+        return "; ".join(f"{n} {reason}" for reason, n in counts)
 
     def _repr_html_(self) -> str:
         rows = [
@@ -122,9 +123,8 @@ class SourceCandidates:
         """Return what was dropped or not looked at, in words."""
         lines = list[str]()
         if self.dropped:
-            reasons = (f"{n} {reason}" for reason, n in self.reasons.items())
             looked_at = len(self.candidates) + len(self.dropped)
-            lines.append(f"dropped {len(self.dropped)} of {looked_at}: {'; '.join(reasons)}")
+            lines.append(f"dropped {len(self.dropped)} of {looked_at}: {self._reasons}")
         if self.cut:
             lines.append(f"cut at {len(self)}: there is more to look at")
         return lines
@@ -237,11 +237,12 @@ def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> 
             continue
         known[name] = found
         kept.append(replace(candidate, optimum=found.optimum, random_return=found.random_return))
+    candidates = SourceCandidates(target.task, tuple(kept), tuple(dropped), cut)
     if not kept:
-        reasons = Counter(one.reason for one in dropped).most_common()
-        why = "; ".join(f"{n} {reason}" for reason, n in reasons)
-        raise CurriculumError(f"a target needs a candidate that can be learnt: {why}")
-    return SourceCandidates(target.task, tuple(kept), tuple(dropped), cut)
+        raise CurriculumError(
+            f"a target needs a candidate that can be learnt: {candidates._reasons}"
+        )
+    return candidates
 
 
 def _goal_of(target: DesignTarget, candidate: SourceCandidate) -> BoolArray | None:

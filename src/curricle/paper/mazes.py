@@ -150,8 +150,7 @@ def figure1(seeds: int, workers: int | None, progress: Progress) -> FigureResult
     for panel, (name, text) in zip(axes[0, 1:], TARGETS.items(), strict=True):
         target = GridWorld(text, representation="relative")
         mapping = relative_objects(target, source)
-        matched = np.any(mapping.index >= 0, axis=1)
-        coverage[name] = mapping.coverage()
+        matched, coverage[name] = mapping.mapped_states(), mapping.coverage()
         draw_maze(panel, target, marked=matched)
         free = ~target.mdp.terminal
         panel.set_title(f"{name}: {matched.sum()} of {free.sum()} states matched")

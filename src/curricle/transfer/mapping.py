@@ -138,6 +138,10 @@ class StateActionMapping(Frozen):
             mean_readers=float(used.mean()) if used.size else 0.0,
         )
 
+    def mapped_states(self) -> BoolArray:
+        """Return which target states have at least one mapped pair, (S,) bool."""
+        return np.asarray((self.index >= 0).any(axis=1))
+
 
 def rescale(values: FloatArray, scale: float, shift: float) -> FloatArray:
     """Return scale values + shift; the array itself where that changes nothing."""
