@@ -125,12 +125,12 @@ def test_networks_read_again_have_the_same_values_bit_for_bit(study, whole, arm)
 
 def test_the_chain_is_calibrated(whole):
     store = StudyResults(whole).store
-    found = [unit for unit in store.units() if unit.task == "alone"]
+    found = [unit for unit in store.units() if unit.about.task == "alone"]
     assert any(scale != 1 for unit in found for scale in store.arrays(unit, RUN)["scale"])
 
 
 def test_networks_are_plain_arrays_and_no_checkpoint_stays(whole):
-    units = [unit for unit in StudyResults(whole).store.units() if unit.task != "chase"]
+    units = [unit for unit in StudyResults(whole).store.units() if unit.about.task != "chase"]
     assert len(units) == (2 * 2 + 1) * 2  # two tasks of two arms, and the scratch baseline
     for unit in units:
         with np.load(unit.path, allow_pickle=False) as arrays:

@@ -267,7 +267,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
     assert running.returncode == 130
     assert told[-1] == "curricle: interrupted; what was stored before is whole\n"
     assert "Traceback" not in "".join(told)
-    assert {unit.task for unit in StudyStore(tmp_path / "out").units()} == {"corner", "easy"}
+    assert {unit.about.task for unit in StudyStore(tmp_path / "out").units()} == {"corner", "easy"}
     code, out, _ = curricle("run", file, "--out", "out", "--dry-run", *long)
     assert code == 0
     assert out.splitlines()[-1] == "2 units to do, 4 done, in out"

@@ -209,7 +209,7 @@ def test_wrong_parts_of_declarations_are_named():
     check_values(TaskError, Parameter, {"name": ["two words"]})
     wrong = {"kind": [list], "low": ["2"], "values": ["ab", ()], "harder": ["bigger"]}
     check_values(TaskError, partial(Parameter, "a"), wrong)
-    wrong = {"parameters": [3], "settings": [3], "mapping": [3], "constraint": [3]}
+    wrong = {"parameters": [3], "mapping": [3], "constraint": [3]}
     check_values(TaskError, partial(TaskFamily, "f", one_word), wrong)
     check_values(TaskError, partial(TaskFamily, "f"), {"factory": [3]})
     check_values(TaskError, ComponentsByName, {"unequal": ["stretch"], "renaming": [3, {"a": 1}]})
