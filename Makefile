@@ -51,7 +51,7 @@ types: .venv/dev.stamp ## mypy, strict
 	$(BIN)/mypy
 
 doctest: .venv/dev.stamp ## every example in src/, docs/ and README.md
-	$(BIN)/python -m pytest --doctest-modules --doctest-glob '*.md' src/curricle README.md $(wildcard docs) $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --doctest-modules --doctest-glob '*.md' src/curricle README.md $(wildcard docs) $(ARGS)
 
 docs: .venv/dev.stamp ## the documentation, into docs/_build (open index.html there)
 	rm -rf docs/_build docs/api/generated docs/api/*.rst

@@ -556,7 +556,7 @@ class StudyStore:
         remove_folder(self.path / CHECKPOINTS)
 
     def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
-        """Return the arrays of some groups of a unit, as :func:`arrays_in`."""
+        """Return the arrays of some groups, such as ``run``, of a unit, without pickles."""
         return arrays_in(stored, *groups, most=most)
 
     def decisions(self, stored: StoredUnit) -> pa.Table:
