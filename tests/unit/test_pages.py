@@ -10,7 +10,6 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-import click
 import pytest
 import typer
 
@@ -21,6 +20,7 @@ from tests.pages import Command, blocks, commands_of
 from tests.walk import Ended, faults, walk
 
 ROOT = Path(__file__).parents[2]
+USAGE_ERROR = typer.BadParameter.__base__  # Click's, which Typer may bring along as its own
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
     *(path for path in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in path.parts),
@@ -87,7 +87,7 @@ def test_commands_are_as_the_command_line_has_them():
             continue
         try:
             commands[name].make_context(name, words)
-        except click.UsageError as wrong:
+        except USAGE_ERROR as wrong:
             pytest.fail(f"{page.name}: {line}: {wrong.format_message()}")
 
 
