@@ -131,15 +131,7 @@ def explained(wanted: bool) -> Iterator[None]:
 
 
 def used(text: str) -> dict[str, str]:
-    """Return the words that a text has, and what each means.
-
-    Examples
-    --------
-    >>> list(used("maze  strong gain  0.1 [0.05, 0.15]"))
-    ['[low, high]', 'strong gain']
-    >>> list(used("transfer gains more"))
-    []
-    """
+    """Return the words that a text has, and what each means."""
     left, found = " ".join(text.split()), set[str]()
     for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
         left, times = _pattern(word).subn(" ", left)

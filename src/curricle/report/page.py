@@ -134,13 +134,7 @@ def _band(comparison: Comparison, name: str, panel: str, kept: IntArray, digits:
 
 
 def _numbers(values: FloatArray, digits: int) -> list[int | None]:
-    """Return numbers as differences of whole numbers of 10^-digits; None for NaN.
-
-    Examples
-    --------
-    >>> _numbers(np.array([0.5, np.nan, 0.75]), 2)
-    [50, None, 25]
-    """
+    """Return numbers as differences of whole numbers of 10^-digits; None for NaN."""
     known = ~np.isnan(values)
     whole = np.round(values[known] * 10**digits).astype(np.int64)
     found: list[int | None] = [None] * len(values)

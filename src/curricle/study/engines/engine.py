@@ -154,14 +154,6 @@ def written(files: Mapping[str, bytes]) -> Path:
     """Return a folder with these files, written once in a process and removed when it ends.
 
     It has a name of its own: in one that others could guess they could put code.
-
-    Examples
-    --------
-    >>> folder = written({"rules/own.py": b"LONG = 3"})
-    >>> (folder / "rules" / "own.py").read_text()
-    'LONG = 3'
-    >>> written({"rules/own.py": b"LONG = 3"}) == folder
-    True
     """
     named = {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
     digest = hashlib.sha256(json.dumps(named).encode()).hexdigest()
