@@ -39,11 +39,9 @@ def line_width() -> int:
     return min(LINE, table_width())
 
 
-def print_table(
-    heads: Sequence[str], rows: Iterable[Sequence[str]], *, words: bool = False
-) -> None:
+def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table of names and numbers to standard output."""
-    for line in text_table(heads, rows, table_width(), words=words):
+    for line in text_table(heads, rows, table_width()):
         print(line)
 
 
