@@ -690,13 +690,7 @@ def summary(makes: Any) -> str:
 
 
 def descriptions(makes: Callable[..., Any]) -> dict[str, str]:
-    """Return what the numpydoc says of each parameter; the summary where it says nothing.
-
-    Examples
-    --------
-    >>> descriptions(harmonic)["half"]
-    'Steps (updates) after which the value is halfway.'
-    """
+    """Return what the numpydoc says of each parameter; the summary where it says nothing."""
     docs = [inspect.getdoc(one) or "" for one in getattr(makes, "__mro__", (makes,))]
     found = dict.fromkeys(inspect.signature(makes).parameters, summary(makes))
     for doc in reversed(docs):
