@@ -26,13 +26,6 @@ def frozen(array: Array) -> Array:
     """Return a new array, which nobody else writes to, as one that nobody can write to.
 
     Nothing is copied.
-
-    Examples
-    --------
-    >>> three = frozen(np.arange(3))
-    >>> three.flags.writeable = True
-    Traceback (most recent call last):
-    ValueError: cannot set WRITEABLE flag to True of this array
     """
     if _for_good(array):
         return array

@@ -35,22 +35,10 @@ def text_table(
     *,
     words: bool = False,
 ) -> list[str]:
-    r"""Return the lines of a table: a column of names, then numbers, which are never cut.
+    """Return the lines of a table: a column of names, then numbers, which are never cut.
 
     Where the lines would be longer than `width`, names fold, and words. Where that is not enough
     each row becomes several lines: its name, then each number below the other.
-
-    Examples
-    --------
-    >>> rows = [("scratch: maze", "20", "1,000"), ("corner first: maze", "20", "80,000")]
-    >>> print(*text_table(("", "seeds", "steps"), rows), sep="\n")
-                        seeds   steps
-    scratch: maze          20   1,000
-    corner first: maze     20  80,000
-    >>> print(*text_table(("", "seeds", "steps"), rows[1:], 20), sep="\n")
-    corner first: maze
-      seeds: 20
-      steps: 80,000
     """
     cells = [tuple(heads), *(tuple(row) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]

@@ -2,7 +2,6 @@
 
 import pickle
 from concurrent.futures import Future, ThreadPoolExecutor
-from types import SimpleNamespace
 
 import pytest
 
@@ -22,14 +21,13 @@ from curricle.study import packing, read_study, run_study, running, scheduling
 from curricle.study.arms import Arms
 from curricle.study.engines import engine
 from curricle.study.engines.engine import (
-    EngineWorkers,
+    Engine,
     SentUnit,
     check_versions,
     opened_engine,
     parsed,
     train_sent,
     versions_here,
-    workers_of,
 )
 from curricle.study.store import StoredUnit
 from curricle.study.tuning import with_trials
@@ -38,19 +36,25 @@ from tests.sent_folders import RULES, STUDY
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
 
-class FakeEngine:
+class FakeEngine(Engine):
     """Holds what is submitted; each time it is asked for its workers, it may call one function."""
 
-    link, local, repeated = None, False, 0
+    on = "fake"
 
     def __init__(self, numbers):
         self.numbers, self.held, self.most = list(numbers), [], []
+
+    def each(self, function):
+        return {"here": function()}
+
+    def close(self, whole):
+        """Nothing was started."""
 
     def submit(self, function, argument):
         self.held.append((Future(), function, argument))
         return self.held[-1][0]
 
-    def workers(self):
+    def count(self):
         if len(self.numbers) > 1:
             return self.numbers.pop(0)
         return self.numbers[0]
@@ -74,8 +78,8 @@ def own(tmp_path):
 
 def sent_units(engine, monkeypatch, study, out, **settings):
     monkeypatch.setattr(scheduling, "wait", engine.wait)
-    given = workers_of(engine, "fake", with_trials(study, Arms.of(study)), study.folder)
-    monkeypatch.setattr(running, "_workers", lambda *_: given)
+    engine.carry(with_trials(study, Arms.of(study)), study.folder)
+    monkeypatch.setattr(running, "_workers", lambda *_: engine)
     return run_study(study, out, **settings)
 
 
@@ -89,7 +93,7 @@ def test_an_unknown_word_is_refused(on, study_file, tmp_path):
 
 
 def test_a_missing_package_names_its_extra(monkeypatch):
-    monkeypatch.setattr(engine, "PACKAGES", {"dask": "no_such_package"})
+    monkeypatch.setattr(engine, "ENGINE_PACKAGES", {"dask": "no_such_package"})
     with (
         pytest.raises(SettingError, match=r'not installed: pip install "curricle\[dask\]"'),
         opened_engine("dask", None),
@@ -143,18 +147,11 @@ def test_units_that_an_engine_cancels_say_that_it_was_lost(study_file, tmp_path,
 
 
 def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
-    arms, sent = Arms.of(own), []
-    engine = SimpleNamespace(submit=lambda function, given: sent.append(given) or Future())
-    given = workers_of(engine, "fake", [arms], tmp_path)
-    assert given.files == {"rules.py": RULES.encode()}
-    whole = FakeEngine([2])
+    arms, whole, first = Arms.of(own), FakeEngine([2]), []
+    whole.carry([arms], tmp_path)
+    assert whole.files == {"rules.py": RULES.encode()}
     monkeypatch.setattr(scheduling, "wait", whole.wait)
-    monkeypatch.setattr(
-        running,
-        "_workers",
-        lambda *_: EngineWorkers(whole, "fake", given.files, given.versions, True),
-    )
-    first = []
+    monkeypatch.setattr(running, "_workers", lambda *_: whole)
     submit = whole.submit
     whole.submit = lambda function, one: first.append(one) or submit(function, one)
     (tmp_path / "rules.py").rename(tmp_path / "gone.py")
@@ -202,10 +199,10 @@ def tuned_lakes(tmp_path):
 
 def test_modules_of_trials_alone_travel_too(tuned_lakes, tmp_path):
     each, lakes = with_trials(tuned_lakes, Arms.of(tuned_lakes)), FakeEngine([1])
-    given = workers_of(lakes, "fake", each, tmp_path)
-    assert {*given.files} == {"lakes.py", "living.py", "pooling.py"}
+    lakes.carry(each, tmp_path)
+    assert {*lakes.files} == {"lakes.py", "living.py", "pooling.py"}
     assert [arms.live for arms in each] == [False, True]
-    assert given.live
+    assert lakes.live
 
 
 def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_path, monkeypatch):

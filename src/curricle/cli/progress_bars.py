@@ -49,14 +49,8 @@ class Compilation(event.Listener):
     Loops that were compiled before are read from the disk, and nothing is said. How many there will
     be is not known beforehand. Garbage is collected afterwards, which saves a tenth of the time.
 
-    Attributes
-    ----------
-    loops : int
-        How many were compiled so far.
-    words : str
-        What is being compiled; empty if nothing is.
-    silent : bool
-        Whether the words are shown elsewhere, such as below bars.
+    `loops` were compiled so far; `words` say what is being compiled, if anything is; with `silent`
+    they are shown elsewhere, such as below bars.
     """
 
     def __init__(self) -> None:
@@ -101,8 +95,6 @@ def announce_compilation() -> Compilation:
 
 
 # -- Running a study from the command line: bars on a terminal, and lines where there is none ------
-#
-# There a line is printed for each unit; in a study of very many, how fast it goes, once a second.
 
 MANY = 1_000
 """Units of a study; one with more does not print a line for each."""

@@ -39,11 +39,9 @@ def line_width() -> int:
     return min(LINE, table_width())
 
 
-def print_table(
-    heads: Sequence[str], rows: Iterable[Sequence[str]], *, words: bool = False
-) -> None:
+def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table of names and numbers to standard output."""
-    for line in text_table(heads, rows, table_width(), words=words):
+    for line in text_table(heads, rows, table_width()):
         print(line)
 
 
@@ -131,15 +129,7 @@ def explained(wanted: bool) -> Iterator[None]:
 
 
 def used(text: str) -> dict[str, str]:
-    """Return the words that a text has, and what each means.
-
-    Examples
-    --------
-    >>> list(used("maze  strong gain  0.1 [0.05, 0.15]"))
-    ['[low, high]', 'strong gain']
-    >>> list(used("transfer gains more"))
-    []
-    """
+    """Return the words that a text has, and what each means."""
     left, found = " ".join(text.split()), set[str]()
     for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
         left, times = _pattern(word).subn(" ", left)

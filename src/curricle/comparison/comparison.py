@@ -432,15 +432,7 @@ HEADS = ("", "steps to threshold", "mean return (IQM)", "strong gain", "weak gai
 
 
 def short(interval: Interval) -> str:
-    """Return an interval without its number of seeds; a dash if there is none.
-
-    Examples
-    --------
-    >>> short(Interval(11.04, 10.0, 12.0, confidence=0.95, n=5))
-    '11.0 [10.0, 12.0]'
-    >>> short(Interval(float("nan"), float("nan"), float("nan"), confidence=0.95, n=5))
-    '-'
-    """
+    """Return an interval without its number of seeds; a dash if there is none."""
     return "-" if np.isnan(interval.estimate) else str(interval).rsplit(",", 1)[0]
 
 

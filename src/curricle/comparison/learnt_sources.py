@@ -43,18 +43,7 @@ OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""
 
 @dataclass(frozen=True, eq=False)
 class SourceLearning(Frozen):
-    """How much of its own task a source learnt. Prints as a sentence.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Transfer, same_position
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum({"corner": corner, "maze": maze},
-    ...     [Transfer("corner", "maze", same_position(maze, corner))], budget=2_000)
-    >>> print(source_learning(plan, plan.train(seeds=2, only="corner").sources)["corner"])
-    corner learnt 100 % of the way to its optimum
-    """
+    """How much of its own task a source learnt. Prints as a sentence."""
 
     name: str
     seeds: tuple[int, ...]  # K of them

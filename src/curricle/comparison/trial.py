@@ -130,28 +130,14 @@ def _saved(steps: Interval, bound: str) -> str:
 
 
 def verdict_words(gain: Interval) -> str:
-    """Return what an interval of the gain says.
-
-    Examples
-    --------
-    >>> [verdict_words(Interval(g, g - 1, g + 1, 0.95, 20)) for g in (2, 0.5, -2)]
-    ['likely pays', 'whether it pays is open', 'likely costs more than it brings']
-    """
+    """Return what an interval of the gain says."""
     if gain.low > 0:
         return "likely pays"
     return "likely costs more than it brings" if gain.high < 0 else "whether it pays is open"
 
 
 def in_brief(interval: Interval) -> str:
-    """Return an interval without its number of seeds, thousands with commas.
-
-    Examples
-    --------
-    >>> in_brief(Interval(12345.6, 11000.2, 13700.0, 0.95, 20))
-    '12,300 [11,000, 13,700]'
-    >>> in_brief(Interval(5.0, float("nan"), float("nan"), 0.95, 20))
-    '5'
-    """
+    """Return an interval without its number of seeds, thousands with commas."""
     bounds = [float(one) for one in (interval.estimate, interval.low, interval.high)]
     estimate, low, high = map(_three_digits, bounds)
     return estimate if low == "nan" else f"{estimate} [{low}, {high}]"

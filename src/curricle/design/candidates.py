@@ -210,7 +210,8 @@ def source_candidates(
     drafts += [list(MAKERS[kind](found)) for kind in KINDS if kind in wanted]
     if not any(drafts):
         raise CurriculumError(_nothing_proposed(found, wanted))
-    return _judged_drafts(found, _in_turns(drafts), most)
+    in_turns = (one for turn in zip_longest(*drafts) for one in turn if one is not None)
+    return _judged_drafts(found, in_turns, most)
 
 
 def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> SourceCandidates:
@@ -279,12 +280,6 @@ def _checked_kinds(kinds: Sequence[str], propose: Propose | None) -> tuple[str, 
     if propose is not None and not callable(propose):
         raise CurriculumError(f"propose must be a function of the target: got {propose!r}")
     return tuple(kinds)
-
-
-def _in_turns(drafts: list[list[Draft]]) -> Iterator[Draft]:
-    """Yield the first of each list, then the second of each, and so on."""
-    for turn in zip_longest(*drafts):
-        yield from (one for one in turn if one is not None)
 
 
 def _nothing_proposed(target: DesignTarget, kinds: tuple[str, ...]) -> str:

@@ -120,13 +120,7 @@ def _goal_cells(target: DesignTarget, extents: dict[str, Range]) -> list[dict[st
 
 
 def _window(extent: Range, side: int, place: int) -> Range:
-    """Return a range of this length around a place, moved so that it lies in the extent.
-
-    Examples
-    --------
-    >>> _window((0, 10), 4, 5), _window((0, 10), 4, 9), _window((0, 3), 4, 1)
-    ((3, 7), (6, 10), (0, 3))
-    """
+    """Return a range of this length around a place, moved so that it lies in the extent."""
     low, high = extent
     side = min(side, high - low)
     first = min(max(place - side // 2, low), high - side)

@@ -218,12 +218,6 @@ def aims(mdp: FiniteMDP) -> BoolArray:
 
     The ends that are entered with the largest reward; where nothing ends the task, the states in
     which some action has the largest expected reward of all.
-
-    Examples
-    --------
-    >>> from curricle.tasks import RiverSwim
-    >>> aims(RiverSwim(size=4).mdp)
-    array([False, False, False,  True])
     """
     try:
         return goal_states(mdp)
@@ -240,13 +234,7 @@ def by_number(target: Any, source: Any) -> StateActionMapping:
 
 
 def spread(items: Iterable[Item]) -> list[Item]:
-    """Return items so that those first in the list are spread over all: the middle one first.
-
-    Examples
-    --------
-    >>> spread(range(1, 8))
-    [4, 2, 6, 1, 3, 5, 7]
-    """
+    """Return items so that those first in the list are spread over all: the middle one first."""
     listed = list(items)
     found, parts = list[Item](), [(0, len(listed))]
     for low, high in parts:  # grows while it is read

@@ -27,11 +27,6 @@ def space_of(space: gym.Space[Any], name: str) -> Space:
     Components are called `name`, or `name_1`, `name_2`, ... if there are several; those of a
     ``Dict`` have its keys as names if these are all different. TaskError when a part of it is not
     discrete.
-
-    Examples
-    --------
-    >>> space_of(Dict(card=Discrete(10, start=1), dice=MultiDiscrete([6, 6])), "state")
-    Space(360 points: card[10] x dice_1[6] x dice_2[6])
     """
     components = list(_components(space, name))
     if len({component.name for component in components}) < len(components):
@@ -43,13 +38,6 @@ def with_names(space: Space, names: Sequence[str], sizes: Sequence[int] | None =
     """Return a space of states whose components have other names, in their order.
 
     With `sizes`, of the values of each, one number is split; the last component counts fastest.
-
-    Examples
-    --------
-    >>> with_names(space_of(MultiDiscrete([4, 6]), "state"), ["row", "column"])
-    Space(24 points: row[4] x column[6])
-    >>> with_names(space_of(Discrete(24), "state"), ["row", "column"], [4, 6]).label(7)
-    'row=1 column=1'
     """
     if sizes is not None:
         return _split(space, names, sizes)
@@ -210,15 +198,7 @@ def _assembled(space: gym.Space[Any], values: Iterator[int]) -> Any:
 
 
 class Coding:
-    """The points of a space as Gymnasium's spaces hold them.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> joint = Coding(Pursuit(4, 2).actions, "components")
-    >>> joint.gym_space, joint.coded(9), joint.number([1, 4])
-    (MultiDiscrete([5 5]), array([1, 4]), 9)
-    """
+    """The points of a space as Gymnasium's spaces hold them."""
 
     def __init__(self, space: Space, form: Form):
         self.space, self.form = space, form

@@ -92,13 +92,7 @@ def draw_threshold(panel: Axes, threshold: float) -> None:
 
 
 def stacked(parts: Iterable[Mapping[str, npt.ArrayLike]]) -> dict[str, npt.NDArray[Any]]:
-    """Return parts of a tidy table below each other; the columns of a part are broadcast.
-
-    Examples
-    --------
-    >>> stacked([{"arm": "scratch", "seed": [[0], [1]], "steps": [0, 100]}])["steps"]
-    array([  0, 100,   0, 100])
-    """
+    """Return parts of a tidy table below each other; the columns of a part are broadcast."""
     names, columns = list[str](), list[list[npt.NDArray[Any]]]()
     for part in parts:
         names = list(part)

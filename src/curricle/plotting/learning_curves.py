@@ -214,12 +214,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     Left, the mean curve of each arm over target and source steps, dotted while it trains its
     sources. Middle, the share of its runs whose final return is above tau. Right, its mean return
     above that of the scratch baseline; the list of arms there is the legend of all three. Each
-    with 95 % intervals over seeds.
-
-    Raises
-    ------
-    SettingError
-        When there is no arm besides the scratch baseline.
+    with 95 % intervals over seeds. SettingError when scratch is the only arm.
     """
     if not comparison.contrasts:
         raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")

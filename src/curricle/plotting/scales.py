@@ -22,26 +22,14 @@ def minus(number: str) -> str:
 
 
 def rounded(number: float) -> str:
-    """Return a number in three significant digits, trailing zeros too, or as a whole number.
-
-    Examples
-    --------
-    >>> rounded(-19.0), rounded(0.5), rounded(-3215.4)
-    ('−19.0', '0.500', '−3,215')
-    """
+    """Return a number in three significant digits, trailing zeros too, or as a whole number."""
     if number == 0:
         return "0"
     return minus(f"{number:,.0f}" if abs(number) >= 99.95 else f"{number:#.3g}")
 
 
 def without_seeds(interval: Interval) -> str:
-    """Return an interval as text, without its number of seeds.
-
-    Examples
-    --------
-    >>> without_seeds(Interval(-1.5, -2.0, 1.0, 0.95, 30))
-    '−1.50 [−2.00, 1.00]'
-    """
+    """Return an interval as text, without its number of seeds."""
     return minus(str(interval).rsplit(",", 1)[0])
 
 

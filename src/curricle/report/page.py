@@ -64,14 +64,11 @@ def curve_data(
     Returns are whole numbers of 10^-digits, and each row of numbers holds its first one, then
     differences, so that the text is short. None stands for a bound that does not exist.
 
-    Returns
-    -------
-    dict
-        ``digits``; ``threshold`` and its words; ``random``, the return while sources are trained;
-        ``symlog``, the return up to which its axis is linear and Matplotlib's ``linscale``, or
-        None; ``panels``, the limits of each; ``steps`` (T,) and ``seed_steps`` (T',); ``arms`` in
-        the order of drawing: for each panel the place of its first step, mean, low and high; for
-        each seed its ``source_steps``, and in ``seeds`` its returns over target steps.
+    ``digits``; ``threshold`` and its words; ``random``, the return while sources are trained;
+    ``symlog``, the return up to which its axis is linear and Matplotlib's ``linscale``, or None;
+    ``panels``, the limits of each; ``steps`` (T,) and ``seed_steps`` (T',); ``arms`` in the order
+    of drawing: for each panel the place of its first step, mean, low and high; for each seed its
+    ``source_steps``, and in ``seeds`` its returns over target steps.
     """
     scale = panels["strong"].yaxis.get_transform()
     symlog = None
@@ -134,13 +131,7 @@ def _band(comparison: Comparison, name: str, panel: str, kept: IntArray, digits:
 
 
 def _numbers(values: FloatArray, digits: int) -> list[int | None]:
-    """Return numbers as differences of whole numbers of 10^-digits; None for NaN.
-
-    Examples
-    --------
-    >>> _numbers(np.array([0.5, np.nan, 0.75]), 2)
-    [50, None, 25]
-    """
+    """Return numbers as differences of whole numbers of 10^-digits; None for NaN."""
     known = ~np.isnan(values)
     whole = np.round(values[known] * 10**digits).astype(np.int64)
     found: list[int | None] = [None] * len(values)

@@ -227,13 +227,7 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
 
 
 def signed(interval: Interval) -> str:
-    r"""Return an interval without its seeds, with a sign and no-break spaces.
-
-    Examples
-    --------
-    >>> signed(Interval(-1.5, -2.0, 1.0, 0.95, 30)).replace("\xa0", "_")
-    '−1.50_[−2.00,_1.00]'
-    """
+    """Return an interval without its seeds, with a sign and no-break spaces."""
     sign = "+" * (float(interval.estimate) > 0)
     return (sign + without_seeds(interval)).replace(" ", "\xa0")
 

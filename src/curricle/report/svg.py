@@ -62,13 +62,7 @@ def inline_svg(figure: Figure, name: str, label: str) -> Markup:
 
 
 def squares(cells: Iterable[tuple[int, int]]) -> str:
-    """Return the path of unit squares with these top-left corners, (column, row) each.
-
-    Examples
-    --------
-    >>> squares([(0, 0), (2, 1)])
-    'M0 0h1v1h-1zM2 1h1v1h-1z'
-    """
+    """Return the path of unit squares with these top-left corners, (column, row) each."""
     return "".join(f"M{x} {y}h1v1h-1z" for x, y in cells)
 
 
@@ -119,17 +113,8 @@ def shifted(view: GridView, cells: IntArray) -> list[tuple[int, int]]:
 def move_path(direction: int, *, alone: bool) -> str:
     """Return a move as a path from the middle of a cell and back to it.
 
-    Parameters
-    ----------
-    direction : int
-        0 stay, 1 north, 2 east, 3 south, 4 west.
-    alone : bool
-        Whether it is the only greedy move: an arrow, otherwise the tip of one.
-
-    Examples
-    --------
-    >>> move_path(0, alone=True)
-    'm0,-.1 .1,.1 -.1,.1 -.1,-.1zm0,.1'
+    Directions are 0 stay, 1 north, 2 east, 3 south, 4 west. The only greedy move is an arrow, one
+    of several the tip of an arrow.
     """
     points: tuple[tuple[float, float], ...] = _STAY
     if direction:

@@ -113,7 +113,7 @@ def _episodes(results: Mapping[str, CurriculumResult]) -> dict[str, dict[str, Ep
 
 
 def before_and_after(
-    snapshots: Snapshots, task: Task, view: GridView, *, discounted: bool, seed: int = 0
+    snapshots: Snapshots, task: Task, view: GridView, *, discounted: bool
 ) -> EpisodePair | None:
     """Return an episode of the first greedy policy and one of the last.
 
@@ -130,7 +130,7 @@ def before_and_after(
     episodes = list[EpisodeRecord]()
     for place in (0, -1):
         values = Values(frozen(snapshots.values[place].astype(np.float64)))
-        path = greedy_rollout(task, values, seed=seed, steps=steps)
+        path = greedy_rollout(task, values, seed=0, steps=steps)
         cells = np.stack([marker.cells[path.states] for marker in view.markers], axis=1)
         if (cells < 0).any():
             return None

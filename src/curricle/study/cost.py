@@ -156,28 +156,14 @@ def _bytes(node: Node) -> int:
 
 
 def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources: bool) -> str:
-    """Return what every arm spends, and why that exceeds the target's own budget, in words.
-
-    Examples
-    --------
-    >>> total_words("maze", 1000, 1500, 10, sources=True)
-    'every arm spends 1,500 steps: 1,000 of maze, 500 for sources, in whole checkpoints of 10'
-    >>> total_words("maze", 1003, 1010, 10, sources=False)
-    'every arm spends 1,010 steps: 1,003 of maze, rounded up to whole checkpoints of 10'
-    """
+    """Return what every arm spends, and why that exceeds the target's own budget, in words."""
     words = f"every arm spends {counted(total, 'step')}"
     why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
     return f"{words}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
 
 
 def duration(seconds: float) -> str:
-    """Return a time in words.
-
-    Examples
-    --------
-    >>> duration(0.2), duration(75), duration(5000)
-    ('1 s', '75 s', '83 min')
-    """
+    """Return a time in words."""
     if seconds < 120:
         return f"{max(1, round(seconds))} s"
     return f"{seconds / 60:,.0f} min" if seconds < 7200 else f"{seconds / 3600:,.1f} h"

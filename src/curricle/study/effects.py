@@ -162,13 +162,7 @@ def _searched(key: str, space: SpaceRecord) -> Setting:
 
 
 def short(number: float) -> str:
-    """Return a number in three significant digits, or as a whole number.
-
-    Examples
-    --------
-    >>> short(0.12345), short(1234.5)
-    ('0.123', '1,234')
-    """
+    """Return a number in three significant digits, or as a whole number."""
     return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
 
 

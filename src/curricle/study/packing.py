@@ -41,13 +41,6 @@ def seeds_per_file(node: Node) -> int:
     """Return how many seeds of a task a file holds; 1 for networks and large tables.
 
     It depends on the study alone: on the pairs (S x A) of the task and its checkpoints.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld
-    >>> plan = Curriculum(tasks={"maze": GridWorld("S..T")}, budget=1000)
-    >>> seeds_per_file(plan.node("maze"))
-    976
     """
     return 1 if node.deep else max(1, FULL // bytes_a_seed(node))
 

@@ -176,13 +176,7 @@ def _row(progress: Progress, unit: Unit) -> str:
 
 
 def _in_words(rate: float) -> str:
-    """Return units a second, or a minute or an hour if that is a number of at least one.
-
-    Examples
-    --------
-    >>> _in_words(1234.5), _in_words(0.5), _in_words(0.0001)
-    ('1,234 units a second', '30 units a minute', '0.36 units an hour')
-    """
+    """Return units a second, or a minute or an hour if that is a number of at least one."""
     each = (("a second", 1), ("a minute", 60), ("an hour", 3600))
     time, seconds = next((one for one in each if rate * one[1] >= 1), each[-1])
     number = rate * seconds

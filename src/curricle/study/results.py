@@ -73,15 +73,7 @@ ROWS = 2**17
 
 
 def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
-    """Yield units by seed, in lists such that all seeds of one come before those of the next.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> units = [StoredUnit(Path(), "0f", seeds) for seeds in ((4, 5), (1, 3), (0, 2))]
-    >>> [[unit.seeds for unit in each] for each in apart(units)]
-    [[(0, 2), (1, 3)], [(4, 5)]]
-    """
+    """Yield units by seed, in lists such that all seeds of one come before those of the next."""
     group, last = list[StoredUnit](), -1
     for unit in sorted(units, key=lambda one: min(one.seeds)):
         if group and min(unit.seeds) > last:
@@ -94,14 +86,7 @@ def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
 
 
 def parquet_of(parts: Iterable[pa.Table]) -> bytes:
-    """Return tables, at least one, as one Parquet file, which does not depend on how it was cut.
-
-    Examples
-    --------
-    >>> table = pa.table({"seed": [0, 1, 2]})
-    >>> parquet_of([table]) == parquet_of([table[:1], table[1:]])
-    True
-    """
+    """Return tables, at least one, as one Parquet file, which does not depend on how it was cut."""
     sink, writer, rest, rows = pa.BufferOutputStream(), None, list[pa.Table](), 0
     for part in parts:
         writer = writer or pq.ParquetWriter(sink, part.schema)

@@ -23,7 +23,7 @@ from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of
-from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine, workers_of
+from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
 from curricle.study.packing import Packing, Taken, files_of, pack
 from curricle.study.progress import Progress, shown_units
 from curricle.study.record import RunRecord, StudyRecord, plain
@@ -401,8 +401,9 @@ def _workers(
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))
         link = f", {engine.link}" if engine.link else ""
-        report(f"{on}: {counted(engine.workers(), 'worker')}{link}")
-        return workers_of(engine, on, each, study.folder)
+        report(f"{on}: {counted(engine.number(), 'worker')}{link}")
+        engine.carry(each, study.folder)
+        return engine
     number = workers or os.cpu_count() or 1
     if executor is None:  # do not wait for units whose results would be thrown away
         executor = ThreadPoolExecutor(1 if any(arms.live for arms in each) else number)

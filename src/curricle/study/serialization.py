@@ -84,13 +84,7 @@ def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
 
 
 def group_of(name: str) -> str:
-    """Return the group of an array.
-
-    Examples
-    --------
-    >>> group_of("steps"), group_of("values_0/net.weight"), group_of("snapshot_steps")
-    ('run', 'values', 'snapshots')
-    """
+    """Return the group of an array by its name: run, values, snapshots, ..."""
     if name.startswith("snapshot_"):
         return SNAPSHOTS
     return VALUES if re.match(r"values|states", name) else RUN

@@ -218,13 +218,7 @@ def decisions_in(archive: ArrayArchive, seeds: int) -> pa.Table:
 
 
 def place_of(key: str, task: str, seeds: str) -> str:
-    """Return a unit's place among the units, from the words for its seeds.
-
-    Examples
-    --------
-    >>> place_of("0f", "my maze", "0-4")
-    'my_maze-0f/seeds-0-4.npz'
-    """
+    """Return a unit's place among the units, from the words for its seeds."""
     name, words = f"seeds-{seeds}", re.sub(r"[^\w-]+", "_", task)[:KEPT]
     if len(name) >= LONGEST_NAME:
         name = f"{name[:KEPT]}_{digest_of(name.encode())}"
@@ -689,13 +683,7 @@ def without_folders(text: str) -> str:
 
 
 def arms_of(keys: Keys, some: Collection[str]) -> set[str]:
-    """Return the arms that need a unit with one of these keys.
-
-    Examples
-    --------
-    >>> sorted(arms_of({("a", "maze"): "0f", ("b", "maze"): "0f", ("c", "maze"): "1e"}, ["0f"]))
-    ['a', 'b']
-    """
+    """Return the arms that need a unit with one of these keys."""
     return {arm for (arm, _), key in keys.items() if key in some}
 
 

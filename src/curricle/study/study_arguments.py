@@ -28,11 +28,6 @@ def study_of(given: Study) -> StudyConfig:
 
     ConfigError says all that is wrong in the file; SettingError that it is neither a study nor a
     path.
-
-    Examples
-    --------
-    >>> study_of("examples/corners.toml").name
-    'corners'
     """
     if isinstance(given, StudyConfig):
         return given

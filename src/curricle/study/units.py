@@ -65,24 +65,12 @@ class Unit:
 
 
 def numbered_seeds(seeds: Collection[int]) -> str:
-    """Return seeds with their numbers, in the singular for one.
-
-    Examples
-    --------
-    >>> numbered_seeds([3]), numbered_seeds([0, 1, 2])
-    ('seed 3', 'seeds 0-2')
-    """
+    """Return seeds with their numbers, in the singular for one."""
     return f"seed{'s' * (len(seeds) != 1)} {seed_ranges(seeds)}"
 
 
 def seed_ranges(seeds: Iterable[int]) -> str:
-    """Return seeds as ranges of numbers.
-
-    Examples
-    --------
-    >>> seed_ranges([0, 1, 2, 7, 9, 10])
-    '0-2+7+9-10'
-    """
+    """Return seeds as ranges of numbers, such as ``0-2+7``."""
     runs: list[list[int]] = []
     for seed in seeds:
         if runs and seed == runs[-1][1] + 1:
@@ -93,13 +81,7 @@ def seed_ranges(seeds: Iterable[int]) -> str:
 
 
 def seeds_in(ranges: str) -> tuple[int, ...] | None:
-    """Return the seeds of :func:`seed_ranges`; None if a text is none, or of too many.
-
-    Examples
-    --------
-    >>> seeds_in("0-2+7"), seeds_in("0-2_0f"), seeds_in("5-2")
-    ((0, 1, 2, 7), None, None)
-    """
+    """Return the seeds of :func:`seed_ranges`; None if a text is none, or of too many."""
     return tuple(seeds_in_ranges(ranges.replace("+", ","))) or None
 
 

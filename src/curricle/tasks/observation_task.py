@@ -172,13 +172,7 @@ class ObservationTask:
 
 
 def made_by(make: Any) -> str:
-    """Return what makes an environment in words, the same in every process.
-
-    Examples
-    --------
-    >>> made_by(partial(int, "7", base=8))
-    "int('7', base=8)"
-    """
+    """Return what makes an environment in words, the same in every process."""
     if isinstance(make, partial):
         given = [*map(repr, make.args), *(f"{name}={v!r}" for name, v in make.keywords.items())]
         return f"{made_by(make.func)}({', '.join(given)})"

@@ -107,14 +107,9 @@ class Overloaded:
     choice costs nothing at run time. Loops call the ``function``; :meth:`body` is a decorator that
     registers the body for a type.
 
-    Parameters
-    ----------
-    function : callable
-        Declares the signature and the docstring of all bodies; it is never run.
-    outlined : bool
-        Whether bodies are called instead of inlined, for those that seldom run.
-    otherwise : callable, optional
-        The body for types that have none of their own.
+    The function declares the signature and the docstring of all bodies; it is never run. Bodies
+    are called instead of inlined where they are `outlined`, as those that seldom run. Types without
+    a body of their own have that of `otherwise`.
     """
 
     def __init__(

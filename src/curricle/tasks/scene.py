@@ -263,17 +263,7 @@ FIGURES = {"#": WALL, "P": PIT, "F": FIRE, "T": TREASURE, "G": TREASURE}
 
 
 def scene_of(task: Any) -> Scene:
-    """Return what draws a task: from above where it says where its states lie, else as a label.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Pursuit
-    >>> print(scene_of(GridWorld(["S#T", "..."])).text(3))
-    S#T
-    .@.
-    >>> scene_of(Pursuit(3, 1).mdp).text(5)
-    'prey=(0,0) predator=(1,2)'
-    """
+    """Return what draws a task: from above where it says where its states lie, else as a label."""
     if isinstance(task, GridWorld):
         return MazeScene(task)
     if isinstance(task, Pursuit):

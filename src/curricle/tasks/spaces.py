@@ -358,14 +358,7 @@ def _records(rows: Any) -> npt.NDArray[np.void]:
 
 
 def state_name(space: Space, state: int) -> str:
-    """Return a state's number and its components in words.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> state_name(GridWorld(["S.", ".T"]).states, 2)
-    'state 2 (row 1, column 0)'
-    """
+    """Return a state's number and its components in words."""
     parts = parts_of(space, state)
     if len(parts) == 1 and parts[0][1] == str(state):
         return f"state {state}"
@@ -373,14 +366,7 @@ def state_name(space: Space, state: int) -> str:
 
 
 def action_name(space: Space, action: int) -> str:
-    """Return an action in words.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Pursuit
-    >>> action_name(GridWorld("S.T").actions, 1), action_name(Pursuit(2, 2).actions, 1)
-    ('east', 'predator_1 stay, predator_2 north')
-    """
+    """Return an action in words."""
     parts = parts_of(space, action)
     if len(parts) > 1:
         return ", ".join(f"{name} {label}" for name, label in parts)

@@ -395,14 +395,7 @@ def mixed(distribution: FloatArray, epsilon: float) -> FloatArray:
 
 @dataclass
 class TaskSampler:
-    """Draws the task of each episode of one seed from a stream of its own.
-
-    Examples
-    --------
-    >>> sampler = TaskSampler(Uniform(), n_tasks=3, counter=0, eval_freq=100)
-    >>> sampler.draw(step=0), sampler.draw(step=12), sampler.begun_at
-    (2, 1, [0, 12])
-    """
+    """Draws the task of each episode of one seed from a stream of its own."""
 
     teacher: Teacher
     n_tasks: int

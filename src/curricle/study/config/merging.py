@@ -39,15 +39,6 @@ def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Raw:
 
     Tables are merged key by key; any other value replaces the old one. A table that becomes another
     type keeps the keys that every type has. Transfers, a list, are given by number.
-
-    Examples
-    --------
-    >>> merged({"a": {"b": 1, "c": 2}, "d": [3]}, {"a": {"b": 4}, "d": [5]})
-    {'a': {'b': 4, 'c': 2}, 'd': [5]}
-    >>> merged({"transfers": [{"scale": 1}]}, {"transfers": {"0": {"scale": 2}}})
-    {'transfers': [{'scale': 2}]}
-    >>> merged({"type": "linear", "last": 0, "steps": 9}, {"type": "harmonic"})
-    {'type': 'harmonic'}
     """
     changes_type = any(key in patch and patch[key] != base.get(key) for key in ("type", "family"))
     result = {key: value for key, value in base.items() if not changes_type or key in LASTING}
@@ -246,13 +237,7 @@ class Positions:
 
 
 def path_text(path: KeyPath) -> str:
-    """Return a key path as messages name it.
-
-    Examples
-    --------
-    >>> path_text(("transfers", 0, "scale")), path_text(("tasks", "5 by 5", "size"))
-    ('transfers[0].scale', 'tasks."5 by 5".size')
-    """
+    """Return a key path as messages name it, such as ``transfers[0].scale``."""
     text = ""
     for part in path:
         if isinstance(part, int):

@@ -158,14 +158,7 @@ class FileTable(RunTable, Settings):
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema of study files, for editors that complete and check TOML.
-
-    Examples
-    --------
-    >>> schema = json_schema()
-    >>> schema["properties"]["scratch"]["description"]
-    'Whether learning the target from scratch is an arm too.'
-    """
+    """Return the JSON Schema of study files, for editors that complete and check TOML."""
     schema = FileTable.model_json_schema()
     for definition in schema["$defs"].values():
         if (title := definition.get("title")) in _TASK_TITLES:

@@ -65,13 +65,7 @@ class Varied(NamedTuple):
 
 
 def varied_in(tables: Any, home: KeyPath) -> Iterator[Varied]:
-    """Yield the settings that a table at `home` names, by tables in it or by dotted keys in quotes.
-
-    Examples
-    --------
-    >>> [one.name for one in varied_in({"a.b": [1], "c": {"d": [2]}, "e": {"low": 0}}, ())]
-    ['a.b', 'c.d', 'e']
-    """
+    """Yield the settings a table at `home` names, by tables in it or by dotted keys in quotes."""
     for name, value in table(tables).items():
         first = dotted(name) if "." in name else ()
         yield from _inside(first or (name,), (*home, name), value)
@@ -89,12 +83,6 @@ def short_names(keys: Sequence[Varied]) -> dict[str, str]:
     """Return the name of each setting as names of arms have it.
 
     It is the last word of the key where no other setting has that, with the task's name before it.
-
-    Examples
-    --------
-    >>> both = varied_in({"tasks": {"a": {"budget": []}, "b": {"budget": []}}, "unknown": []}, ())
-    >>> short_names([*both])
-    {'tasks.a.budget': 'a.budget', 'tasks.b.budget': 'b.budget', 'unknown': 'unknown'}
     """
     shorter = {
         one.name: (*one.key[1:2], one.key[-1]) if one.key[0] == "tasks" else one.key[-1:]
@@ -111,13 +99,7 @@ def short_names(keys: Sequence[Varied]) -> dict[str, str]:
 
 
 def value_text(value: Any) -> str:
-    """Return a value as names of arms and tables have it.
-
-    Examples
-    --------
-    >>> value_text(True), value_text("mean"), value_text({"type": "SARSA", "epsilon": 0.1})
-    ('true', 'mean', '{type=SARSA, epsilon=0.1}')
-    """
+    """Return a value as names of arms and tables have it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
@@ -131,12 +113,6 @@ def places_of(study: Raw, patch: Raw, key: Sequence[str]) -> tuple[KeyPath, ...]
     """Return where a setting stands in the complete curriculum of an arm; none if nowhere.
 
     A task or an arm that sets it itself keeps its own value, as everywhere in a study file.
-
-    Examples
-    --------
-    >>> study = {"tasks": {"a": {}, "b": {"learner": {"epsilon": 0.5}}}}
-    >>> places_of(study, {}, ("learner", "epsilon"))
-    (('tasks', 'a', 'learner', 'epsilon'),)
     """
     mark = object()
     marked: Any = mark
@@ -154,13 +130,7 @@ def _paths_to(mark: object, node: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
 
 
 def with_values(curriculum: Raw, values: Mapping[KeyPath, Any]) -> Raw:
-    """Return a complete curriculum with values at some places.
-
-    Examples
-    --------
-    >>> with_values({"transfers": [{"scale": 1}]}, {("transfers", 0, "scale"): 2})
-    {'transfers': [{'scale': 2}]}
-    """
+    """Return a complete curriculum with values at some places."""
     for place, value in values.items():
         patch: Any = value
         for part in reversed(place):

@@ -174,13 +174,7 @@ def shown(value: Any) -> str:
 
 
 def suggestion(word: Any, known: Iterable[str]) -> str:
-    """Return ``, did you mean 'that'?`` for the known word that is closest; empty if none is.
-
-    Examples
-    --------
-    >>> suggestion("predatrs", ["size", "predators"])
-    ", did you mean 'predators'?"
-    """
+    """Return ``, did you mean 'that'?`` for the known word that is closest; empty if none is."""
     by_lower_case = {one.lower(): one for one in known}
     close = get_close_matches(str(word).lower(), by_lower_case, n=1)
     return f", did you mean {by_lower_case[close[0]]!r}?" if close else ""
@@ -192,13 +186,7 @@ def not_one_of(value: Any, known: Collection[str]) -> str:
 
 
 def unknown(word: Any, known: Collection[str]) -> str:
-    """Return that a word is unknown, with the closest known word or else all of them.
-
-    Examples
-    --------
-    >>> unknown("predatrs", ["size", "predators"]), unknown("x", ["size", "predators"])
-    ("is unknown, did you mean 'predators'?", 'is unknown: known are size, predators')
-    """
+    """Return that a word is unknown, with the closest known word or else all of them."""
     others = f": known are {', '.join(known)}" if known else ""
     return f"is unknown{suggestion(word, known) or others}"
 
@@ -639,13 +627,6 @@ def table_of(
     Keys of the table `base` come on top; `tag` is the value of its key ``type``, where it is one of
     several; parameters `without` cannot be given; `annotations` are types of parameters that TOML
     writes in another way than Python.
-
-    Examples
-    --------
-    >>> from curricle import GreedyEvaluation
-    >>> table = table_of(GreedyEvaluation)
-    >>> table.model_validate({"episodes": 10}).build()
-    GreedyEvaluation(method='auto', episodes=10, discounted=None, sampled=False)
     """
     hints = get_type_hints(makes)
     texts = descriptions(makes)
@@ -709,13 +690,7 @@ def summary(makes: Any) -> str:
 
 
 def descriptions(makes: Callable[..., Any]) -> dict[str, str]:
-    """Return what the numpydoc says of each parameter; the summary where it says nothing.
-
-    Examples
-    --------
-    >>> descriptions(harmonic)["half"]
-    'Steps (updates) after which the value is halfway.'
-    """
+    """Return what the numpydoc says of each parameter; the summary where it says nothing."""
     docs = [inspect.getdoc(one) or "" for one in getattr(makes, "__mro__", (makes,))]
     found = dict.fromkeys(inspect.signature(makes).parameters, summary(makes))
     for doc in reversed(docs):

@@ -422,13 +422,7 @@ class FamilyTable(Table):
 
 
 def of_family(task: dict[str, Any], families: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a task as data with the table of the family that it names under it.
-
-    Examples
-    --------
-    >>> of_family({"family": "ring", "size": 3}, {"ring": {"family": "pursuit", "torus": True}})
-    {'torus': True, 'family': 'pursuit', 'size': 3, 'type': 'family'}
-    """
+    """Return a task as data with the table of the family that it names under it."""
     name = task.get("family")
     if not isinstance(name, str) or task.get("type", "family") != "family":
         return task

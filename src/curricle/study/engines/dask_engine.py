@@ -10,7 +10,7 @@ from typing import Any
 from distributed import Client, LocalCluster
 from distributed.comm import CommClosedError
 
-from curricle.study.engines.engine import answers
+from curricle.study.engines.engine import Engine, answers
 from curricle.study.workers import POSIX, interrupts_blocked, start_tracker
 
 LOGGERS = [logging.getLogger(name) for name in ("distributed", "distributed.client", "asyncio")]
@@ -19,7 +19,7 @@ REACHED_IN = 10
 """Seconds in which a scheduler must answer."""
 
 
-class DaskEngine:
+class DaskEngine(Engine):
     """A Dask cluster through its client.
 
     `cluster` is one that was started here.
@@ -27,19 +27,13 @@ class DaskEngine:
 
     def __init__(self, client: Client, cluster: LocalCluster | None):
         self.client, self.cluster = client, cluster
-        self._workers, self.repeated = 1, 0
+        self.share_folders = cluster is not None
         client.subscribe_topic("all", self._note)
-        self.link: str | None = None
         with suppress(KeyError):  # of a scheduler without a dashboard
             self.link = client.dashboard_link or None  # which asks the scheduler each time
         self.levels = [logger.level for logger in LOGGERS]
         for logger in LOGGERS:
             logger.setLevel(logging.CRITICAL)  # futures report a lost scheduler
-
-    @property
-    def local(self) -> bool:
-        """Whether it was started here."""
-        return self.cluster is not None
 
     def submit(self, function: Callable[[Any], Any], argument: Any) -> "Future[Any]":
         """Return the future result of a call."""
@@ -61,20 +55,12 @@ class DaskEngine:
         except (CancelledError, CommClosedError):  # the scheduler is lost
             raise asyncio.CancelledError from None
 
-    def workers(self) -> int:
-        """How many threads the workers have; the last number where the scheduler does not answer.
-
-        Its futures say that it is lost.
-        """
-        with suppress(Exception):
-            self._workers = sum(self.client.nthreads().values())
-        return self._workers
+    def count(self) -> int:
+        """Return how many threads the workers have."""
+        return sum(self.client.nthreads().values())
 
     def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return what a call returns on every worker, or its exception, by address.
-
-        A worker that leaves meanwhile is left out.
-        """
+        """Return what a call returns on every worker, or its exception, by address."""
         found: Mapping[str, Any] = self.client.run(function, on_error="return")
         there = self.client.nthreads()
         return {address: answer for address, answer in found.items() if address in there}

@@ -8,16 +8,17 @@ import platform
 import re
 import shutil
 import traceback
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
 from socket import create_connection
 from tempfile import mkdtemp
 from threading import Lock
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from curricle.errors import CurricleError, EngineError, ForeignError, SettingError, in_words
 from curricle.files import Place, RemotePath, remove_folder
@@ -154,14 +155,6 @@ def written(files: Mapping[str, bytes]) -> Path:
     """Return a folder with these files, written once in a process and removed when it ends.
 
     It has a name of its own: in one that others could guess they could put code.
-
-    Examples
-    --------
-    >>> folder = written({"rules/own.py": b"LONG = 3"})
-    >>> (folder / "rules" / "own.py").read_text()
-    'LONG = 3'
-    >>> written({"rules/own.py": b"LONG = 3"}) == folder
-    True
     """
     named = {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
     digest = hashlib.sha256(json.dumps(named).encode()).hexdigest()
@@ -181,34 +174,6 @@ def written(files: Mapping[str, bytes]) -> Path:
 
 ANSWERS_IN = 10
 """Seconds in which a scheduler or a head must take a connection."""
-
-
-class Engine(Protocol):
-    """A cluster that calls functions, places them and repeats those whose machine died."""
-
-    @property
-    def link(self) -> str | None:
-        """Of the engine's own page, if there is one."""
-
-    @property
-    def repeated(self) -> int:
-        """How many calls were begun again so far, as a worker died."""
-
-    @property
-    def local(self) -> bool:
-        """Whether it was started here, so that its workers see this machine's folders."""
-
-    def submit(self, function: Callable[[Any], Any], argument: Any) -> "Future[Any]":
-        """Return the future result of a call."""
-
-    def workers(self) -> int:
-        """How many calls run side by side now."""
-
-    def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return what a call returns on every machine or worker, or its exception, by name."""
-
-    def close(self, whole: bool) -> None:
-        """Leave the engine; one that was started here ends. `whole`: nothing was interrupted."""
 
 
 @dataclass(frozen=True)
@@ -245,37 +210,59 @@ class ExecutorWorkers:
         return BrokenExecutor("the executor cancelled it")
 
 
-@dataclass(frozen=True)
-class EngineWorkers:
-    """The workers of an engine, which get the study's own modules with each unit."""
+class Engine(ABC):
+    """A cluster that trains units: it calls functions, and repeats those whose machine died."""
 
-    engine: Engine
-    on: str
+    on = ""
     """The word for it."""
+    link: str | None = None
+    """Of its own page, if there is one."""
+    repeated = 0
+    """How many calls were begun again so far, as a worker died."""
+    share_folders = False
+    """Whether it was started here, so that its workers see the folders of this machine."""
     files: Mapping[str, bytes]
     """The study's own modules; they are small, so that each unit carries them."""
     versions: Mapping[str, str]
     """Those that each worker must have."""
     live: bool
     """Whether a unit needs its process for itself (:attr:`Arms.live`)."""
+    _number = 1
 
-    @property
-    def share_folders(self) -> bool:
-        """Whether they see the folders of this machine."""
-        return self.engine.local
+    @abstractmethod
+    def submit(self, function: Callable[[Any], Any], argument: Any) -> "Future[Any]":
+        """Return the future result of a call."""
 
-    @property
-    def link(self) -> str | None:
-        """Of the engine's own page, if there is one."""
-        return self.engine.link
+    @abstractmethod
+    def count(self) -> int:
+        """Return how many calls run side by side now; any error where nothing answers."""
 
-    @property
-    def repeated(self) -> int:
-        """How many units were begun again so far, as a worker died."""
-        return self.engine.repeated
+    @abstractmethod
+    def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
+        """Return what a call returns on every machine or worker, or its exception, by name.
+
+        Those that leave meanwhile are left out.
+        """
+
+    @abstractmethod
+    def close(self, whole: bool) -> None:
+        """Leave the engine; one that was started here ends. `whole`: nothing was interrupted."""
+
+    def carry(self, each: Sequence[Arms], folder: Path) -> None:
+        """Send the own modules of a study in a folder along with the units of all its arms.
+
+        Modules elsewhere on Python's path are not sent: workers import their own, which must be the
+        same (:func:`arms_from_json`).
+        """
+        found = own_files([list(arms.dependencies.values()) for arms in each], folder)
+        root = folder.resolve()
+        self.files = {
+            name: file.read_bytes() for name, file in found.items() if root / name == file.resolve()
+        }
+        self.versions, self.live = versions_here(), any(arms.live for arms in each)
 
     def see(self, place: Place) -> bool:
-        """Return whether they read and write the study's files themselves: those at a URL."""
+        """Return whether workers read and write the study's files themselves: those at a URL."""
         return isinstance(place, RemotePath)
 
     def train(
@@ -290,23 +277,25 @@ class EngineWorkers:
         """
         sent = SentUnit(given, self.files, self.versions, self.live, stored or {}, place)
         try:
-            return self.engine.submit(train_sent, sent)
+            return self.submit(train_sent, sent)
         except Exception as error:
-            return failed(self._lost(f" ({type(error).__name__}: {error})"))
+            return failed(self.lost(f" ({type(error).__name__}: {error})"))
 
     def number(self) -> int:
-        """How many there are now."""
-        return self.engine.workers()
+        """Return how many workers there are; the last number where the cluster does not answer.
 
-    def lost(self) -> Exception:
+        Its futures say that it is lost.
+        """
+        with suppress(Exception):
+            self._number = self.count()
+        return self._number
+
+    def lost(self, why: str = "") -> Exception:
         """Return why a unit was cancelled that nobody here cancelled."""
-        return self._lost("")
-
-    def _lost(self, why: str) -> Exception:
         return EngineError(f"{self.on} was lost or cancelled it{why}: go on with --resume")
 
 
-Workers = ExecutorWorkers | EngineWorkers
+Workers = ExecutorWorkers | Engine
 """What the units of a study are sent to."""
 
 
@@ -363,6 +352,7 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
     module = import_module(f"curricle.study.engines.{name}_engine")
     try:
         engine: Engine = module.connected(address, workers)
+        engine.on = on
     except CurricleError:
         raise
     except Exception as error:  # each engine has its own
@@ -394,17 +384,3 @@ def check_versions(on: str, found: Mapping[str, Any]) -> None:
             raise SettingError(
                 f"each worker of {on} must have the versions of the run: {worker} has {differ}"
             )
-
-
-def workers_of(engine: Engine, on: str, each: Sequence[Arms], folder: Path) -> EngineWorkers:
-    """Return the workers of an engine for all arms of a study whose own modules are in a folder.
-
-    Modules elsewhere on Python's path are not sent: workers import their own, which must be the
-    same (:func:`arms_from_json`).
-    """
-    found = own_files([list(arms.dependencies.values()) for arms in each], folder)
-    root = folder.resolve()
-    files = {
-        name: file.read_bytes() for name, file in found.items() if root / name == file.resolve()
-    }
-    return EngineWorkers(engine, on, files, versions_here(), any(arms.live for arms in each))

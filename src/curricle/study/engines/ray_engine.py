@@ -16,7 +16,7 @@ from ray.exceptions import RayTaskError
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from curricle.errors import EngineError
-from curricle.study.engines.engine import answers
+from curricle.study.engines.engine import Engine, answers
 
 ASKED = 60
 """Seconds in which each machine must answer; it starts a process first."""
@@ -24,24 +24,16 @@ ASKED_AGAIN, PAUSE = 3, 2.0
 """How often a head that turns a client away is asked again, and after how many seconds."""
 
 
-class RayEngine:
-    """A Ray cluster that this process is connected to.
+class RayEngine(Engine):
+    """A Ray cluster that this process is connected to, maybe of several machines.
 
-    Parameters
-    ----------
-    link : str or None
-    head : (str, int)
-        Host and port of the head. A connection to it tells whether it is lost: Ray itself raises
-        nothing and ends this process after a minute, and its client tries for half a minute.
-    ends : bool
-        Whether the connection was made here, and so ends here.
+    A connection to its `head`, (host, port), tells whether it is lost: Ray itself raises nothing
+    and ends this process after a minute, and its client tries for half a minute. A connection that
+    was made here `ends` here.
     """
-
-    local = False  # Ray may have found a cluster of several machines
 
     def __init__(self, link: str | None, head: tuple[str, int], ends: bool):
         self.link, self.head, self.ends = link, head, ends
-        self._workers, self.repeated = 1, 0
         self._lock, self._open = Lock(), set[Future[Any]]()
         self._remote = cache(ray.remote)  # each ray.remote sends the function to the head again
 
@@ -80,15 +72,11 @@ class RayEngine:
         reference.future().add_done_callback(end)
         return found
 
-    def workers(self) -> int:
-        """How many processors there are; the last number where the cluster does not answer.
-
-        Its futures say that it is lost.
-        """
-        if self._head_answers() and ray.is_initialized():
-            with suppress(Exception):
-                self._workers = int(ray.cluster_resources().get("CPU", 0))
-        return self._workers
+    def count(self) -> int:
+        """Return how many processors there are."""
+        if not (self._head_answers() and ray.is_initialized()):  # Ray would start a new cluster
+            raise ConnectionError("it is not connected to Ray")
+        return int(ray.cluster_resources().get("CPU", 0))
 
     def _head_answers(self) -> bool:
         """Return whether the head takes connections; where it does not, all futures fail."""
@@ -102,10 +90,7 @@ class RayEngine:
         return False
 
     def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return what a call returns on every machine, or its exception, by name.
-
-        A machine that leaves meanwhile is left out.
-        """
+        """Return what a call returns on every machine, or its exception, by name."""
         asked = {}
         for name, node in _alive().items():
             at = NodeAffinitySchedulingStrategy(node, soft=False)

@@ -299,14 +299,7 @@ def _on_another_size(
 
 
 def _window(axis: IntArray, size: int, smaller: int, torus: bool) -> IntArray:
-    """Return coordinates in a walled grid of another size, (bodies, ...) as given.
-
-    Examples
-    --------
-    >>> _window(np.array([[0, 2, 4, 0], [1, 3, 4, 4]]), 5, 3, False)
-    array([[0, 1, 2, 0],
-           [1, 2, 2, 2]])
-    """
+    """Return coordinates in a walled grid of another size, (bodies, ...) as given."""
     low, high = axis.min(axis=0), axis.max(axis=0)
     before, after = low, size - 1 - high
     # The window begins at `first` of 0 .. size - smaller, in proportion to the room on both sides.
@@ -320,14 +313,7 @@ def _window(axis: IntArray, size: int, smaller: int, torus: bool) -> IntArray:
 
 
 def _around_prey(axis: IntArray, size: int, smaller: int, torus: bool) -> IntArray:
-    """Return coordinates on a torus of another size: the prey's cell, and distances from it.
-
-    Examples
-    --------
-    >>> _around_prey(np.array([[0, 4], [4, 0]]), 5, 3, True)
-    array([[0, 1],
-           [2, 2]])
-    """
+    """Return coordinates on a torus of another size: the prey's cell, and distances from it."""
     prey, distance = axis[0], axis - axis[0]
     if torus:
         distance = (distance + size // 2) % size - size // 2
