@@ -259,16 +259,3 @@ def test_a_budget_must_exceed_its_warm_up(budget, n):
         cr.errors.SettingError, match=r"must exceed what was used|one warm-up a seed"
     ):
         cr.learn(HUNT, budget=budget, warm_up=[warm_up] * n)
-
-
-def test_a_guard_needs_dense_tables():
-    storage = cr.Storage(kind="sparse")
-    with pytest.raises(
-        cr.errors.SettingError, match=r"without a guard: got QLearning.* and a guard"
-    ):
-        cr.learn(
-            HUNT,
-            budget=100,
-            shaping=cr.QInitialisation(mapped(), guard=cr.Guard()),
-            storage=storage,
-        )

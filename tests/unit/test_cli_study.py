@@ -214,11 +214,6 @@ def test_a_command_line_that_makes_no_sense(refused, study_file, tmp_path, argum
     assert not list(tmp_path.iterdir())
 
 
-def test_an_unknown_tracker_is_refused_before_a_folder_is_made(refused, study_file, tmp_path):
-    refused(1, "a tracker must be one of", "run", study_file, "--track", "tensorbord")
-    assert not list(tmp_path.iterdir())
-
-
 def test_tracking_is_passed_on(curricle, study_file, tmp_path):
     pytest.importorskip("tensorboardX")
     code, _, complaint = curricle("run", study_file, "--seeds", "1", "--track", "tensorboard")
@@ -306,16 +301,6 @@ def test_decisions_are_sentences(curricle, refused, finished):
     ]
     refused(1, "arm any, task any, seed 9", "show", finished, "--decisions", "--seed", "9")
     refused(2, "a seed is that of --decisions", "show", finished, "--seed", "1")
-
-
-def test_show_refuses_an_arm_or_a_task_that_is_not_there(refused, finished):
-    refused(1, "chian", "show", finished, "--arm", "chian")
-    refused(1, "mace", "show", finished, "--task", "mace", "--decisions")
-
-
-@pytest.mark.parametrize("command", ["show", "compare", "watch"])
-def test_what_is_no_study_cannot_be_read(refused, tmp_path, command):
-    refused(1, "a folder of results holds a study.json: nowhere has none", command, "nowhere")
 
 
 def test_studies_of_one_target_are_compared(curricle, refused, study_file, finished, tmp_path):

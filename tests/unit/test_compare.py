@@ -107,13 +107,6 @@ def test_scratch_has_the_settings_of_the_target():
     np.testing.assert_array_equal(found.scratch.training_return, alone.training_return)
 
 
-def test_equal_seeds_agree_and_different_ones_differ():
-    one, same, other = (compare(corner(), seeds=seeds) for seeds in ([0, 1], [0, 1], [2, 3]))
-    for name in one.arms:
-        assert_same(one[name], same[name])
-        assert (one[name].curve.values != other[name].curve.values).any()
-
-
 def test_the_steps_of_a_calibration_are_charged(calls):
     arms = {
         "raw": pursuit(),
@@ -267,10 +260,8 @@ def test_targets_that_differ_are_refused_with_all_their_differences(calls):
     ("which", "mine", "yours"),
     [
         ("evaluation", cr.GreedyEvaluation(), cr.GreedyEvaluation(discounted=False)),
-        ("budget", 100, 200),
         ("learner", cr.QLearning(), cr.QLearning(epsilon=0.2)),
         ("learner", cr.QLearning(), cr.SARSA()),
-        ("eval_freq", 10, 20),
     ],
 )
 def test_targets_with_different_settings_are_refused(which, mine, yours, calls):

@@ -325,8 +325,6 @@ def test_an_aggregate_may_be_any_object_that_can_be_called():
 
 
 def test_wrong_types_are_refused(trained):
-    with pytest.raises(cr.errors.CurriculumError, match="forecast must be a Curriculum: got"):
-        look(cr.GridWorld("S.T"))
     with pytest.raises(cr.errors.SettingError, match="episodes of an evaluation must be"):
         look(pursuit(3, cr.mean, budget=100), episodes=0)
     with pytest.raises(cr.errors.CurriculumError, match=r"must be a function \(N, S, A\).*: got 3"):

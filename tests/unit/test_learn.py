@@ -108,11 +108,6 @@ def test_a_number_of_seeds_means_the_first_ones():
     assert learn(LINE, budget=100, seeds=np.array([4])).seeds == (4,)
 
 
-def test_streams_draw_independently():
-    assert not same(learn(LINE, budget=500), learn(LINE, budget=500, stream="other"))
-    assert same(learn(LINE, budget=500, stream="a"), learn(LINE, budget=500, stream="a"))
-
-
 # -- evaluation ----------------------------------------------------------------------------------
 
 
@@ -172,11 +167,6 @@ def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
 
 
 # -- potentials ----------------------------------------------------------------------------------
-
-
-def test_initial_values_do_not_touch_terminal_rows():
-    result = learn(LINE, QLearning(initial_value=9), 100)
-    assert (result.values[:, 3] == 0).all()
 
 
 def test_each_seed_may_have_its_own_potential():
