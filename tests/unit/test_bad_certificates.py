@@ -12,8 +12,6 @@ from tests.certificates import ENDED, MAZE, PAIRS, difference
 from tests.refusals import check_refusal
 
 LARGE = cr.Pursuit(size=10, predators=3)
-
-
 OTHER = cr.GridWorld("S.T")
 NOT_A_NUMBER = ShapingReward(lambda s, a, t: np.where(s == t, np.nan, 0))
 

@@ -91,6 +91,7 @@ POTENTIALS = [
         r"phi must be finite: entry \(1, 2\) is nan",
     ),
     (lambda: StatePotential(LINE, [0, -INF, 0]), r"Phi .*entry \(1,\) is -inf"),
+    (lambda: StatePotential(LINE, [0, 0, NAN]), r"Phi must be finite: entry \(2,\)"),  # an end
     (lambda: StatePotential(LINE, np.ones((2, 3))), r"2 potentials: got \[0\]"),
     (lambda: StatePotential(LINE, np.ones(3), frame_steps=[1]), r"from 0.*got \[1\]"),
     (lambda: StatePotential(LINE, np.ones((3, 3)), frame_steps=[0, 5, 5]), r"0.*got \[0, 5, 5\]"),

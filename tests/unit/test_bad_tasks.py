@@ -68,6 +68,7 @@ TASKS = [
     (lambda: Component("row", 2, labels=("a",)), "'row' has 2 values and 1 labels"),
     (lambda: Space([Component("a", 1)] * 2), r"different names.*\['a', 'a'\]"),
     (lambda: Space([Component("a", 2)], [[1], [1]]), "2 given, 1 distinct"),
+    (lambda: Space([Component("a", 2)], [[0, 1]]), "S at least 1"),
     (lambda: Space([Component("a", 2)], [[0], [2]]), "'a' runs from 0 to 1: point 1 has 2"),
     (lambda: ROW.encode(row=0, x=1), "components row, column: got row, x"),
     (lambda: ROW.decode([0, 6]), r"0\.\.5: got 0\.\.6"),

@@ -288,8 +288,6 @@ RING = cr.ComputedMDP(
     lambda data, bits: 1,
     lambda data, state, action, bits: (state - 1 + 2 * action, -1.0, state < 1),
 )
-
-
 SPARSE = cr.Storage(kind="sparse")
 THREE = {"near": cr.Episodes(3), "far": 100}
 

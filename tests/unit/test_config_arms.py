@@ -11,9 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle import (
-    GridWorld,
-)
+from curricle import GridWorld
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig, read_study
 from curricle.study.config.merging import Positions, merged
@@ -207,9 +205,6 @@ def test_what_is_set_is_read_as_toml_or_else_as_text(read):
     assert study.seeds_per_unit == 10
     assert only(study).tasks["hunt"].size == 4
     assert only(study).setting("aggregate", "hunt") is aggregation.total
-
-
-# -- as plain data -------------------------------------------------------------------------------
 
 
 # As plain data.

@@ -1,7 +1,4 @@
-"""Study files with networks: tasks seen through observations, their learners, what maps into them.
-
-None of it needs torch.
-"""
+"""Study files with networks: observed tasks, learners, mappings into them; without torch."""
 
 import re
 

@@ -10,6 +10,7 @@ import curricle as cr
 from curricle.curriculum import node as training
 from curricle.planning import target as target_module
 from curricle.transfer.quality import potential_quality
+from tests.tasks import predator_edges
 
 SUMMED = cr.GreedyEvaluation(discounted=False)
 
@@ -18,10 +19,7 @@ def pursuit(size, aggregate, **settings):
     """Return the curriculum of one predator for two, and its tasks' names."""
     rules = {"discount": 0.95, "time_limit": 100}
     hunt, chase = cr.Pursuit(size, 2, **rules), cr.Pursuit(size, 1, **rules)
-    edges = [
-        cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name))
-        for name in hunt.predator_names
-    ]
+    edges = predator_edges(hunt, chase)
     tasks = {"chase": chase, "hunt": hunt}
     return cr.Curriculum(tasks=tasks, transfers=edges, aggregate=aggregate, **settings)
 

@@ -56,11 +56,8 @@ def test_a_lock_needs_its_keys():
 
 
 def search(lines):
-    """Return the states that an agent can meet and the best return, by the papers' rules.
-
-    The rewards of picking up and opening are earned once each, so the best return
-    is theirs less 10 for each move of a shortest way.
-    """
+    """Return by the papers' rules how many states can be met, the shortest way, the best return."""
+    # Picking up and opening pay once each: the best return is that less 10 a move.
     cells = {(r, c): what for r, line in enumerate(lines) for c, what in enumerate(line)}
     keys = [cell for cell, what in cells.items() if what == "K"]
     locks = [cell for cell, what in cells.items() if what == "L"]

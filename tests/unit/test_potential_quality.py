@@ -10,6 +10,7 @@ from curricle.tasks.mdp import reachable_states
 from curricle.transfer import quality
 from curricle.transfer.potentials import mapped_potential
 from curricle.transfer.quality import potential_quality
+from tests.tasks import predator_edges
 
 LINE = cr.GridWorld("S.T", discount=0.5)  # Q* = 98.5 and 199 to the east
 MAZE = cr.GridWorld(["F..T", ".P..", "S..#"], discount=0.9, time_limit=30)
@@ -254,10 +255,7 @@ def test_the_start_is_the_first_checkpoint_of_learning(task, largest, discounted
 
 def test_a_mapped_potential_has_the_quality_of_its_array():
     hunt, chase = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
-    edges = [
-        cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name))
-        for name in hunt.predator_names
-    ]
+    edges = predator_edges(hunt, chase)
     values = cr.solve(chase).action_values
     lazy = mapped_potential(hunt, edges, [values, values], cr.minimum)
     target = Target.of(hunt)
@@ -322,10 +320,7 @@ def test_a_discount_of_one_with_a_time_limit_is_estimated_too():
 def test_a_large_pursuit_is_estimated_by_rollouts():
     """6.6 million pairs. The minimum bounds Q* from above, the maximum ignores one predator."""
     hunt, chase = cr.Pursuit(8, 2, discount=0.9), cr.Pursuit(8, 1, discount=0.9)
-    edges = [
-        cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name))
-        for name in hunt.predator_names
-    ]
+    edges = predator_edges(hunt, chase)
     values, target = cr.solve(chase).action_values, Target.of(hunt, episodes=200)
     assert target.solution is None
     found = {

@@ -9,26 +9,12 @@ import curricle as cr
 from curricle.interop.potential_shaping import PotentialShaping
 
 N_STATES, N_ACTIONS, DISCOUNT, LIMIT = 6, 3, 0.9, 7
-
-
 RNG = np.random.default_rng(0)
-
-
 TRANSITION = RNG.dirichlet(np.full(N_STATES, 0.5), size=(N_STATES, N_ACTIONS))
-
-
 REWARD = RNG.normal(size=(N_STATES, N_ACTIONS, N_STATES))
-
-
 PHI = 3 * RNG.normal(size=N_STATES)
-
-
 SOME = np.arange(N_STATES) == N_STATES - 1
-
-
 NONE = np.zeros(N_STATES, bool)
-
-
 MODES = list(AutoresetMode)
 
 
