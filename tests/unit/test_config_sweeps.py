@@ -5,27 +5,11 @@ import pytest
 from curricle import QLearning
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
-from tests.studies import NUMBERED_HUNT
+from tests.studies import CORNER, NUMBERED_HUNT
 
-MAZES = """
-name = "mazes"
-seeds = 2
-learner.epsilon = 0.2
-[tasks.maze]
-type = "maze"
-map = '''
-    ....T
-    .PPP.
-    S....
-'''
-budget = 1_000
-[tasks]
-corner = { type = "crop", of = "maze", rows = [0, 2], columns = [2, 5], budget = 200 }
-[[transfers]]
-source = "corner"
-target = "maze"
-mapping = "same_position"
-"""
+MAZES = CORNER.replace('name = "maze"', 'name = "mazes"\nseeds = 2\nlearner.epsilon = 0.2')
+MAZES = MAZES.replace("[tasks.maze]", "[tasks.maze]\nbudget = 1_000")
+MAZES = MAZES.replace("[tasks.corner]", "[tasks.corner]\nbudget = 200")
 RATES = "sweep.learner.learning_rate=[0.1, 0.3]"
 
 

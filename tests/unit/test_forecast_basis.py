@@ -14,25 +14,10 @@ from curricle.learning.run import Run
 from curricle.study import read_study
 from curricle.study.cost import SLOWER
 from tests.comparisons import MAZE, copied, corner, pursuit
+from tests.studies import CORNER
 
-STUDY = """
-name = "maze"
-seeds = "0-3"
-[tasks.maze]
-type = "maze"
-map = '''
-....T
-.PPP.
-S....
-'''
-budget = 3_000
-[tasks]
-corner = { type = "crop", of = "maze", rows = [0, 2], columns = [2, 5], budget = 2_000 }
-[[transfers]]
-source = "corner"
-target = "maze"
-mapping = "same_position"
-"""
+STUDY = CORNER.replace("[tasks.maze]", 'seeds = "0-3"\n[tasks.maze]\nbudget = 3_000')
+STUDY = STUDY.replace("[tasks.corner]", "[tasks.corner]\nbudget = 2_000")
 
 
 @pytest.fixture

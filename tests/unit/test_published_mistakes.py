@@ -139,15 +139,6 @@ def test_training_the_target_leaves_the_source_as_it_was():
     assert not np.shares_memory(result["source"].values, result["target"].values)
 
 
-def test_a_second_run_starts_from_the_initial_table_again():
-    maze, learner = small_maze(), cr.QLearning(initial_value=3.0)
-    phi = cr.StateActionPotential(maze, np.arange(36.0).reshape(9, 4))
-    first, second = (
-        cr.learn(maze, learner, 500, shaping=cr.QInitialisation(phi), seeds=2) for _ in range(2)
-    )
-    np.testing.assert_array_equal(first.values, second.values)
-
-
 # -- choices -------------------------------------------------------------------------------------
 
 
