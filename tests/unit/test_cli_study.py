@@ -9,10 +9,10 @@ from itertools import islice
 
 import pytest
 
-import curricle as cr
 from curricle.cli.app import KINDS as COMPLETED
 from curricle.study import StudyResults, StudyStore, read_study
 from curricle.study.config.templates import KINDS
+from tests.unit.test_cli_open import interruptible
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -96,14 +96,7 @@ def test_the_words_are_explained_if_asked(curricle, finished):
     assert "\nphi: " not in out  # it was not printed
 
 
-def test_check_tells_all_and_trains_sources_only(curricle, study_file, monkeypatch, tmp_path):
-    trained, learn = [], cr.learn
-
-    def noted(task, *args, **settings):
-        trained.append(settings["stream"])
-        return learn(task, *args, **settings)
-
-    monkeypatch.setattr("curricle.curriculum.node.learn", noted)
+def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tmp_path):
     code, out, complaint = curricle("check", study_file)
     assert code == 0, complaint
     lines = out.splitlines()
@@ -123,6 +116,7 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, monkeypat
     assert "one processor" in out
     assert "arm chain\nForecast for 'maze': " in out
     # Of "state" and "calibrated" too. Trials train tasks of other names, the target's among them.
+    trained = [call["stream"] for call in calls]
     once = [name for name in trained if not name.endswith("/trial")]
     assert once == ["corner", "easy", "easy", "easy"]
     assert "maze/trial" in trained
@@ -237,11 +231,6 @@ def test_code_of_the_study_that_fails_is_told_with_its_traceback(curricle, study
     )
     assert last.endswith("LookupError: a rule of the thesis is not met")
     assert StudyStore(tmp_path / "chain-results").units()
-
-
-def interruptible():
-    """Make SIGINT interrupt a child, even where the suite itself ignores it (``nohup ... &``)."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")

@@ -196,32 +196,17 @@ def test_a_value_that_nobody_reads(complaints, which):
 # -- single keys ---------------------------------------------------------------------------------
 
 
-TYPES = (
-    "maze, crop, pursuit, four_rooms, key_lock_pit, block_dude, river_swim, deep_sea, gymnasium, "
-    "tabulated, factory, family, observation_task, distilled"
-)
-"""Of tasks, in the order in which they are listed."""
 LEARNER = "[learner]\nepsilon = 0.1"
 SIZE = "size = 3\npred"
+KIND = f'type = "pursuit"\n{SIZE}'
 PROJECT = 'project = { predator = "predator_1" }'
 
 
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        (
-            'type = "pursuit"\nsize = 3\npred',
-            'type = "persuit"\npred',
-            f"line 8: tasks.chase.type must be one of {TYPES}: got 'persuit', did you mean "
-            "'pursuit'?",
-        ),
-        (
-            PROJECT,
-            "mapping = 'same_positon'",
-            "line 20: transfers[0].mapping must be 'identity', 'same_position', "
-            "'relative_objects', 'family' or 'auto': got 'same_positon', did you mean "
-            "'same_position'?",
-        ),
+        (KIND, 'type = "persuit"\npred', "line 8: tasks.chase.type must be one of maze, crop, "),
+        (PROJECT, "mapping = 'same_positon'", "line 20: transfers[0].mapping must be 'identity',"),
         (SIZE, "torus = 1\npred", "line 9: tasks.chase.torus must be true or false: got 1"),
         (SIZE, "moves = 6\npred", "line 9: tasks.chase.moves must be 4 or 5: got 6"),
         (LEARNER, "shaping.guard = 3", "line 4: shaping.guard must be true, false or a table: got"),
@@ -239,7 +224,7 @@ def test_a_mistake_is_one_sentence_with_its_place(complaints, old, new, sentence
         (LEARNER, "[storage]\nqqq = 1", "line 5: storage.qqq is unknown: known are", "save_values"),
         (SIZE, "capture = 'al'\npred", "line 9: tasks.chase.capture must be", "mean 'all'?"),
         (SIZE, "prey = 'uni'\npred", "line 9: tasks.chase.prey must be", "mean 'uniform'?"),
-        ('type = "pursuit"\nsize = 3\npred', "pred", "line 7: tasks.chase.type is missing", TYPES),
+        (KIND, "pred", "line 7: tasks.chase.type is missing", "observation_task, distilled"),
         (LEARNER, "aggregate = 'minmum'", "line 4: aggregate must be one of", "mean 'minimum'?"),
         ("budget = 2_000", f"budget = 1{400 * '0'}", "line 11: tasks.chase.budget must", "00..."),
         ('source = "chase"', 'source = "chse"', "line 18: transfers[0].source must", "'chase'?"),

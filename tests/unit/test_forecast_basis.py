@@ -74,19 +74,6 @@ def test_a_budget_too_long_for_a_look_is_not_trained(check, monkeypatch):
     assert "seeds of" not in words
 
 
-def test_what_arms_share_is_trained_once(check, monkeypatch):
-    calls, learn = [], cr.learn
-
-    def noting(task, *args, **settings):
-        calls.append(settings["stream"])
-        return learn(task, *args, **settings)
-
-    monkeypatch.setattr("curricle.curriculum.node.learn", noting)
-    out, _ = check("arms={ low = {}, high = { shaping = 'StateShaping' } }")
-    assert [name for name in calls if not name.endswith("/trial")] == ["corner"]
-    assert " ".join(out.split()).count("from 3 seeds of corner") == 2
-
-
 def test_one_seed_where_three_would_be_slow(check, monkeypatch):
     pace = 1.0  # seconds that a seed's 2,000 steps take
     monkeypatch.setattr(study_preview, "LONGEST", 2 * pace)

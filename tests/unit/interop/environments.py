@@ -94,5 +94,3 @@ class Watched(gym.Env):
 def watched(log, fail=None, **settings):
     make = (lambda: Watched(log, fail)) if fail else (lambda: Watched(log))
     return cr.from_gymnasium(make, **{"discount": 0.9, "time_limit": 20, **settings})
-
-
