@@ -13,6 +13,7 @@ from curricle.cli.app import KINDS as COMPLETED
 from curricle.study import StudyResults, StudyStore, read_study
 from curricle.study.config.templates import KINDS
 from tests.unit.test_cli_open import interruptible
+from tests.unit.test_config_sweeps import MAZES
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -323,27 +324,16 @@ def test_parts_are_merged(curricle, refused, study_file, finished, tmp_path):
 
 # -- sweeps and tunings ------------------------------------------------------------------------
 
-SWEPT = """
-name = "line"
-seeds = 2
-[tasks]
-line = { type = "maze", map = "S...T", budget = 500 }
-end = { type = "crop", of = "line", rows = [0, 1], columns = [2, 5], budget = 100 }
-[[transfers]]
-source = "end"
-target = "line"
-mapping = "same_position"
-"""
 SWEEP = "[sweep]\nlearner.learning_rate = [0.1, 0.3]\n"
 TUNE = "[tune]\ntrials = 2\nseeds = 1\n[tune.space]\nlearner.epsilon = [0.1, 0.3]\n"
 
 
 def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
     pytest.importorskip("optuna")
-    (tmp_path / "line.toml").write_text(SWEPT + SWEEP + TUNE)
-    code, out, _ = curricle("check", "line.toml")
+    (tmp_path / "mazes.toml").write_text(MAZES + SWEEP + TUNE)
+    code, out, _ = curricle("check", "mazes.toml")
     assert code == 0
-    assert "line: 4 arms, 2 seeds, 6 units" in out
+    assert "mazes: 4 arms, 2 seeds, 6 units" in out
     assert "swept: learner.learning_rate = 0.1, 0.3" in out
     words = " ".join(out.split())
     assert "before that, tuning: 2 trials of each arm on seed 1000000, 8 trials in all" in words
@@ -352,23 +342,23 @@ def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
 
 def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
     pytest.importorskip("optuna")
-    (tmp_path / "line.toml").write_text(SWEPT + SWEEP + TUNE)
-    code, out, _ = curricle("run", "line.toml", "--dry-run")
+    (tmp_path / "mazes.toml").write_text(MAZES + SWEEP + TUNE)
+    code, out, _ = curricle("run", "mazes.toml", "--dry-run")
     assert code == 0
     assert out.startswith("first of all 2 trials of each arm")
-    code, _, told = curricle("run", "line.toml")
+    code, _, told = curricle("run", "mazes.toml")
     assert code == 0
     assert "tuning: trials 1 to 2 of 2, of each arm" in told
-    code, out, _ = curricle("show", "line-results")
+    code, out, _ = curricle("show", "mazes-results")
     assert code == 0
     assert "tuned on seed 1000000, " in out
     assert "shown here and not charged to the curves" in " ".join(out.split())
     assert out.count("main effects: mean return") == 2
     assert "scratch: learner.learning_rate = 0.3" in out
     assert "nan" not in out
-    code, out, _ = curricle("run", "line.toml", "--dry-run", "--resume")
+    code, out, _ = curricle("run", "mazes.toml", "--dry-run", "--resume")
     assert out.startswith("0 units to do")
-    code, _, told = curricle("run", "line.toml")
+    code, _, told = curricle("run", "mazes.toml")
     assert code == 1
     assert "go on with --resume" in told
 

@@ -10,7 +10,7 @@ from curricle.tasks.mdp import reachable_states
 from curricle.transfer import quality
 from curricle.transfer.potentials import mapped_potential
 from curricle.transfer.quality import potential_quality
-from tests.tasks import predator_edges
+from tests.tasks import dense_of, predator_edges
 
 LINE = cr.GridWorld("S.T", discount=0.5)  # Q* = 98.5 and 199 to the east
 MAZE = cr.GridWorld(["F..T", ".P..", "S..#"], discount=0.9, time_limit=30)
@@ -42,30 +42,12 @@ def optimum(task, shift=0.0):
 # -- against plain loops -------------------------------------------------------------------------
 
 
-def outcomes(mdp, s, a):
-    """Yield what the pair can lead to: probability, successor, reward."""
-    row = mdp.outcome_row[s, a]
-    for p, after, r in zip(
-        mdp.probability[row].tolist(),
-        mdp.next_state[row].tolist(),
-        mdp.reward[row].tolist(),
-        strict=True,
-    ):
-        if p > 0:
-            yield p, after, r
-
-
 def naive_optimum(mdp):
     """Return Q* by value iteration; 400 sweeps at discount 0.9 leave 5e-19 of the start."""
-    n_states, n_actions = mdp.outcome_row.shape
-    q = np.zeros((n_states, n_actions))
+    p, r = dense_of(mdp)
+    q = r
     for _ in range(400):
-        v = q.max(axis=1)
-        for s in range(n_states):
-            for a in range(n_actions):
-                if not mdp.terminal[s]:
-                    each = outcomes(mdp, s, a)
-                    q[s, a] = sum(p * (r + mdp.discount * v[after]) for p, after, r in each)
+        q = r + mdp.discount * p @ q.max(axis=1)
     return q
 
 

@@ -21,10 +21,10 @@ MODES = list(AutoresetMode)
 class World(gym.Env):
     """A random finite MDP; an episode begins anywhere it does not end."""
 
-    def __init__(self, terminal=SOME, observe=int, space=None):
-        self.terminal, self.observe = terminal, observe
-        self.observation_space = space or gym.spaces.Discrete(N_STATES)
-        self.action_space = gym.spaces.Discrete(N_ACTIONS)
+    def __init__(self, terminal=SOME, observe=int, space=None, p=TRANSITION, r=REWARD):
+        self.p, self.r, self.terminal, self.observe = p, r, terminal, observe
+        self.observation_space = space or gym.spaces.Discrete(len(p))
+        self.action_space = gym.spaces.Discrete(p.shape[1])
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -33,8 +33,8 @@ class World(gym.Env):
 
     def step(self, action):
         before = self.state
-        self.state = int(self.np_random.choice(N_STATES, p=TRANSITION[before, action]))
-        reward = float(REWARD[before, action, self.state])
+        self.state = int(self.np_random.choice(len(self.p), p=self.p[before, action]))
+        reward = float(self.r[before, action, self.state])
         return self.observe(self.state), reward, bool(self.terminal[self.state]), False, {"at": 1}
 
 
