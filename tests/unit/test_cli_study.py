@@ -216,24 +216,6 @@ def test_tracking_is_passed_on(curricle, study_file, tmp_path):
     assert list((tmp_path / "chain-results").rglob("events.out.tfevents*"))
 
 
-def test_code_of_the_study_that_fails_is_told_with_its_traceback(curricle, study_file, tmp_path):
-    (tmp_path / "rules.py").write_text(
-        "def mean(values):\n    raise LookupError('a rule of the thesis is not met')\n"
-    )
-    text = study_file.read_text().replace('shaping = "StateShaping"', 'aggregate = "rules:mean"')
-    (tmp_path / "chain.toml").write_text(text)
-    code, out, complaint = curricle("run", "chain.toml", "--workers", "1")
-    assert code == 3
-    assert not out
-    assert 'rules.py", line 2, in mean' in complaint
-    last = complaint.splitlines()[-1]
-    assert last.startswith(
-        "curricle: state: easy, seeds 0-1 failed, and all that is stored is whole"
-    )
-    assert last.endswith("LookupError: a rule of the thesis is not met")
-    assert StudyStore(tmp_path / "chain-results").units()
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_path):
     file = tmp_path / "long.toml"

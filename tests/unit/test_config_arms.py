@@ -12,7 +12,6 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle import GridWorld
-from curricle.errors import ConfigError
 from curricle.study import StudyConfig, read_study
 from curricle.study.config.merging import Positions, merged
 from curricle.study.config.reading import configured
@@ -335,11 +334,6 @@ def test_what_a_template_shows_as_defaults_are_the_defaults(read, kind):
     shown = re.sub(r"(?m)^# (?!threshold|encode)([\w.]+ = )", r"\1", template(kind))
     assert shown != template(kind)
     assert read(shown) == read(template(kind))
-
-
-def test_there_is_no_other_template():
-    with pytest.raises(ConfigError, match=r"'pursiut' is unknown, did you mean 'pursuit'\?"):
-        template("pursiut")
 
 
 def test_a_mistake_is_told_without_loading_anything_heavy(tmp_path):

@@ -76,13 +76,6 @@ def test_episodes_are_counted_when_they_end():
     np.testing.assert_array_equal(result.training_return, [expected])
 
 
-def test_a_time_limit_ends_an_episode_and_pays_for_it():
-    result = learn(
-        GridWorld("S..T", time_limit=3, ends=()), SARSA(learning_rate=0), 30, eval_freq=30
-    )
-    assert result.episodes_used.tolist() == [10]
-
-
 def test_the_training_return_is_unshaped_and_undiscounted():
     one_way = FiniteMDP.from_outcomes([[[(1.0, 1, 4.0, True)]], [[]]], start=0, discount=0.5)
     phi = StatePotential(one_way, [-100, 0])

@@ -101,17 +101,6 @@ def test_a_state_potential_is_zero_in_terminal_states_in_every_frame():
     assert (phi.values[:, ~maze.mdp.terminal] == 50.0).all()
 
 
-def test_no_pair_of_pursuit_is_left_unmapped_when_predators_meet():
-    hunt, chase = cr.Pursuit(size=3, predators=2), cr.Pursuit(size=3, predators=1)
-    where = hunt.states.decode()
-    together = (where["predator_1"] == where["predator_2"]) & ~hunt.mdp.terminal
-    assert together.any()
-    for name in hunt.predator_names:
-        mapping = cr.project(hunt, chase, predator=name)
-        assert mapping.coverage().unmapped == 0
-        assert (mapping.index[together] >= 0).all()
-
-
 # -- tables that change behind one's back --------------------------------------------------------
 
 
@@ -185,26 +174,6 @@ def test_the_discount_has_one_owner():
     ]  # fmt: skip
     for consumer in consumers:
         assert not {"discount", "gamma"} & set(inspect.signature(consumer).parameters), consumer
-
-
-def test_shaping_uses_the_discount_of_the_task():
-    for discount in (0.5, 1.0):
-        maze = small_maze(discount=discount)
-        phi = cr.StatePotential(maze, np.arange(9.0))
-        assert phi.shaping_reward(1, 2) == discount * 2.0 - 1.0
-
-
-def test_a_cycle_is_paid_nothing_only_at_discount_1():
-    cycle = np.array([0, 1, 2, 1, 0])
-    for discount in (1.0, 0.9):
-        phi = cr.StatePotential(small_maze(discount=discount), [2.0, -1.0, 4.0] + [0.0] * 6)
-        paid = phi.shaping_reward(cycle[:-1], cycle[1:])
-        if discount == 1:
-            assert paid.sum() == 0.0
-        else:
-            assert paid.sum() == pytest.approx((discount - 1) * (2.0 - 1.0 + 4.0 - 1.0))
-        telescoped = (discount ** np.arange(4) * paid).sum()
-        assert telescoped == pytest.approx(discount**4 * 2.0 - 2.0)
 
 
 # -- seeds ---------------------------------------------------------------------------------------

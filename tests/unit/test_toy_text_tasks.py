@@ -81,15 +81,17 @@ def test_the_cliff_is_that_of_gymnasium(slippery):
     assert walk.time_limit == gym.spec("CliffWalking-v1").max_episode_steps
 
 
-@pytest.mark.parametrize("rainy", [False, True])
-def test_the_taxi_is_that_of_gymnasium(rainy):
-    assert_equal_to_gymnasium(Taxi(rainy=rainy), "Taxi-v4", is_rainy=rainy)
-    assert Taxi().time_limit == gym.spec("Taxi-v4").max_episode_steps
-
-
-def test_a_taxi_in_other_rain_is_that_of_gymnasium():
-    theirs = {"is_rainy": True, "rainy_probability": 0.5}
-    assert_equal_to_gymnasium(Taxi(rainy=True, success_rate=0.5), "Taxi-v4", **theirs)
+@pytest.mark.parametrize(
+    ("taxi", "theirs"),
+    [
+        (Taxi(), {"is_rainy": False}),
+        (Taxi(rainy=True), {"is_rainy": True}),
+        (Taxi(rainy=True, success_rate=0.5), {"is_rainy": True, "rainy_probability": 0.5}),
+    ],
+)
+def test_the_taxi_is_that_of_gymnasium(taxi, theirs):
+    assert_equal_to_gymnasium(taxi, "Taxi-v4", **theirs)
+    assert taxi.time_limit == gym.spec("Taxi-v4").max_episode_steps
 
 
 # -- relatives that Gymnasium lacks --------------------------------------------------------------
