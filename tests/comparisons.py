@@ -5,7 +5,10 @@ import pytest
 
 import curricle as cr
 from curricle import Curriculum, GreedyEvaluation, GridWorld, Pursuit, StoppingRule, Transfer
+from curricle.comparison import Arm
 from curricle.learning.stopping import limits
+from curricle.statistics import Curve
+from tests.tasks import predator_edges
 
 MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
@@ -44,16 +47,20 @@ def pursuit(**settings):
     changes = {"calibrate": settings.pop("calibrate", False)}
     return Curriculum(
         tasks={"chase": chase, "hunt": hunt},
-        transfers=[
-            Transfer("chase", "hunt", cr.project(hunt, chase, predator=name), **changes)
-            for name in hunt.predator_names
-        ],
+        transfers=predator_edges(hunt, chase, **changes),
         aggregate=cr.minimum,
         budget={"chase": StoppingRule(5000), "hunt": 8000},
         eval_freq={"hunt": 100},
         evaluation=GreedyEvaluation(method="rollouts", episodes=10),
         **({"shaping": cr.QInitialisation()} | settings),
     )
+
+
+def flat(returns, control=False, **kind):
+    """Return an arm whose seeds have constant curves of these heights."""
+    values = np.repeat(np.asarray(returns, dtype=float)[:, None], 2, axis=1)
+    curve = Curve(np.array([0, 10]), values)
+    return Arm(curve, values, np.full_like(values, np.nan), control, **kind)
 
 
 @pytest.fixture

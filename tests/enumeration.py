@@ -1,7 +1,4 @@
-"""The oracle of certificates: small MDPs solved in exact rational arithmetic.
-
-It does not use the library: policy iteration on linear systems of fractions, so that ties are ties.
-"""
+"""The oracle of certificates: small MDPs solved in exact fractions, without the library."""
 
 from fractions import Fraction
 

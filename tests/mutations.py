@@ -25,8 +25,6 @@ COMPILED = ("tasks/", "planning/", "learning/")
 """Where loops are compiled. Numba's disk cache would not notice a change in what they call."""
 LIMIT = 300
 """Seconds of processor time that tests of a changed library may take: endless loops are caught."""
-
-
 TABULATE = "tests/unit/interop/test_tabulate.py"
 
 

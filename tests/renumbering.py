@@ -6,10 +6,7 @@ from curricle import Component, FiniteMDP, Space
 
 
 def renumbered(task, rng):
-    """Return a task with its states renumbered, and its actions anew in every state.
-
-    Also where each state went, (S,), and for each new pair the old action, (S, A).
-    """
+    """Return a task renumbered, where each state went (S,), and each pair's old action (S, A)."""
     n_states, n_actions = task.outcome_row.shape
     new = rng.permutation(n_states)
     old = np.argsort(new)
@@ -20,10 +17,7 @@ def renumbered(task, rng):
 
 
 def nameless(task, rng):
-    """Return a task whose components are shuffled, renamed, their values and moves renumbered.
-
-    Also the new number of each state, (S,), and of each action, (A,).
-    """
+    """Return a task of shuffled, renamed components, and its states' and actions' new numbers."""
     (states, new), (actions, moved) = (
         _shuffled(space, rng) for space in (task.states, task.actions)
     )

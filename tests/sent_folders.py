@@ -79,10 +79,7 @@ def a_unit(folder):
 
 
 def put(unit, change=None, **members):
-    """Change the members of a unit's file, as somebody would who wants it to be read.
-
-    A member is its content, its content and how it is compressed, or None, for none.
-    """
+    """Change members of a unit's sealed file: content, content and compression, or None."""
     with zipfile.ZipFile(unit) as archive:
         found = {one.filename: (archive.read(one), one.compress_type) for one in archive.infolist()}
     for name, member in members.items():

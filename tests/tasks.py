@@ -7,17 +7,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numba import njit
 
-from curricle import Component, ComputedMDP, FiniteMDP, Space
+from curricle import Component, ComputedMDP, FiniteMDP, Space, Transfer, project
 from curricle.tasks.draws import integers, uniform
 
 # -- random MDPs, from a seed --------------------------------------------------------------------
 
 
 def random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, time_limit=None):
-    """Return an MDP with real-valued rewards, about a quarter of it terminal.
-
-    Each pair has `width` outcomes, some of them impossible.
-    """
+    """Return an MDP of `width` outcomes a pair, some impossible; a quarter of it is terminal."""
     rng = np.random.default_rng(seed)
     shape = (n_states, n_actions, width)
     probability = rng.dirichlet(np.ones(width), size=shape[:2])
@@ -40,6 +37,26 @@ def random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, time_lim
         discount=discount,
         time_limit=time_limit,
     )
+
+
+def predator_edges(hunt, chase, **settings):
+    """Return a transfer for each predator of a hunt from a chase by one."""
+    return [
+        Transfer("chase", "hunt", project(hunt, chase, predator=name), **settings)
+        for name in hunt.predator_names
+    ]
+
+
+def dense_of(mdp):
+    """Return P (S, A, S) and the mean reward (S, A) of a task's tables, 0 in terminal states."""
+    n_states, n_actions = mdp.outcome_row.shape
+    p, r = np.zeros((n_states, n_actions, n_states)), np.zeros((n_states, n_actions))
+    for s in np.flatnonzero(~mdp.terminal):
+        for a in range(n_actions):
+            row = mdp.outcome_row[s, a]
+            np.add.at(p[s, a], mdp.next_state[row], mdp.probability[row])
+            r[s, a] = mdp.probability[row] @ mdp.reward[row]
+    return p, r
 
 
 # -- MDPs that Hypothesis draws ------------------------------------------------------------------
@@ -78,11 +95,7 @@ class DenseMDP:
 
 @st.composite
 def mdps(draw, discounts=(0.3, 0.75, 0.95), max_states=4, max_actions=3, loose=False):
-    """Draw a DenseMDP with whole rewards.
-
-    At discount 1 every policy ends. In a loose one every transition is possible and every policy
-    ends.
-    """
+    """Draw a DenseMDP with whole rewards; at discount 1, and in a loose one, every policy ends."""
     n, a = draw(st.integers(2, max_states)), draw(st.integers(1, max_actions))
     discount = draw(st.sampled_from(discounts))
     weights = draw(arrays(np.int64, (n, a, n), elements=st.integers(0, 3))) + loose
@@ -119,10 +132,7 @@ def ring_step(n, state, action, bits):
 
 
 def ring(n=9, **settings):
-    """Return n places in a ring: -1 a step until place 0, where the episode ends.
-
-    Its functions are compiled once for all rings, and loops with them once in a process.
-    """
+    """Return n places in a ring: -1 a step to the end at 0. All rings share compiled functions."""
     settings = {"discount": 0.9, "time_limit": 30, **settings}
     spaces = Space([Component("place", n)]), Space([LEFT_OR_RIGHT])
     return ComputedMDP(*spaces, ring_start, ring_step, data=n, **settings)
@@ -161,10 +171,7 @@ def tree(discount=0.9):
 
 
 def meeting_paths():
-    """Return a task, and advice on the worse action of state 0 that look-back does not take back.
-
-    States 1 and 2 are entered from state 0 with advice, but nine times in ten from 4 without.
-    """
+    """Return a task and advice on a worse action that look-back does not take back: paths meet."""
     choice, after = [[(1.0, 1, 1.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2
     elsewhere = [[(0.5, 1, 0.0), (0.5, 2, 0.0)]] * 2
     task = FiniteMDP.from_outcomes(

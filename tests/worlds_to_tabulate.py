@@ -44,31 +44,12 @@ class Counting(Corridor):
         return super().step(action)
 
 
-class Writing(Corridor):
-    """Notes every action in a list, which is part of its state."""
-
-    def reset(self, *, seed=None, options=None):
-        self.taken = []
-        return super().reset(seed=seed)
-
-    def step(self, action):
-        self.taken.append(int(action))
-        return super().step(action)
-
-
 class OldStep(Corridor):
     """Steps return what they did before Gymnasium: four parts."""
 
     def step(self, action):
         seen, reward, terminated, _, info = super().step(action)
         return seen, reward, terminated, info
-
-
-class OldReset(Corridor):
-    """Resets return what they did before Gymnasium: an observation alone."""
-
-    def reset(self, *, seed=None, options=None):
-        return super().reset(seed=seed)[0]
 
 
 class OwnClock(Counting):
@@ -127,24 +108,6 @@ class Uncopyable(Corridor):
 
     def close(self):
         self.file.close()
-
-
-class Unreadable(Corridor):
-    """Can be copied, but holds what has no parts to be compared."""
-
-    def __init__(self):
-        super().__init__()
-        self.part = Opaque()
-
-
-class Opaque:
-    __slots__ = ()
-
-    def __deepcopy__(self, memo):
-        return self
-
-    def __reduce_ex__(self, protocol):
-        raise TypeError("no parts")
 
 
 class Written(gym.Env):

@@ -16,31 +16,19 @@ from stable_baselines3.common.vec_env import (
 )
 
 from curricle.deep.vec_env import ShapedVecEnv
+from tests.unit.interop import shaping
 
 DISCOUNT = 0.9
 
 
-class World(gym.Env):
-    """A finite MDP, P and r (S, A, S), that begins anywhere but where it ends: its last state."""
+class World(shaping.World):
+    """A finite MDP, P and r (S, A, S), that ends in its last state; each has a seed of its own."""
 
     made = count()
 
     def __init__(self, p, r, observe=int, space=None):
-        self.p, self.r, self.observe = p, r, observe
-        self.observation_space = space or gym.spaces.Discrete(len(p))
-        self.action_space = gym.spaces.Discrete(p.shape[1])
+        super().__init__(np.arange(len(p)) == len(p) - 1, observe, space, p, r)
         self.np_random = np.random.default_rng(next(World.made))
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.state = int(self.np_random.integers(len(self.p) - 1))
-        return self.observe(self.state), {}
-
-    def step(self, action):
-        before = self.state
-        self.state = int(self.np_random.choice(len(self.p), p=self.p[before, action]))
-        reward = float(self.r[before, action, self.state])
-        return self.observe(self.state), reward, self.state == len(self.p) - 1, False, {}
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import torch
-from gymnasium.wrappers import FlattenObservation
 from stable_baselines3 import DQN, PPO
 
 import curricle as cr
@@ -13,14 +12,8 @@ from curricle.interop import MiniGridView
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.analysis import played_episode, stored_episode
 
-from .worlds import one_hot, table_potential
+from .worlds import ACTOR, DEEP_Q, LAKE, MAZE, one_hot, table_potential
 
-MAZE = cr.GridWorld(["..T", ".#.", "S.."], time_limit=30, rewards=cr.Rewards(treasure=10))
-DEEP_Q = DeepLearner("DQN", settings={"learning_starts": 20, "policy_kwargs": {"net_arch": [16]}})
-ACTOR = DeepLearner("PPO", settings={"n_steps": 64, "policy_kwargs": {"net_arch": [16]}})
-LAKE = cr.observation_task(
-    "FrozenLake-v1", is_slippery=False, encode=FlattenObservation, time_limit=20
-)
 CNN = DeepLearner(
     "PPO",
     "CnnPolicy",

@@ -2,21 +2,14 @@
 
 import numpy as np
 import pytest
-from gymnasium.wrappers import FlattenObservation
 
 import curricle as cr
 from curricle.curriculum import CurriculumResult
 from curricle.deep import DeepLearner, DeepResult, learn_deep
 from curricle.errors import SettingError, StoreError
 
-from .worlds import one_hot, table_potential
+from .worlds import ACTOR, DEEP_Q, LAKE, MAZE, one_hot, table_potential
 
-MAZE = cr.GridWorld(["..T", ".#.", "S.."], time_limit=30, rewards=cr.Rewards(treasure=10))
-DEEP_Q = DeepLearner("DQN", settings={"learning_starts": 20, "policy_kwargs": {"net_arch": [16]}})
-ACTOR = DeepLearner("PPO", settings={"n_steps": 64, "policy_kwargs": {"net_arch": [16]}})
-LAKE = cr.observation_task(
-    "FrozenLake-v1", is_slippery=False, encode=FlattenObservation, time_limit=20
-)
 ROWS = np.eye(16, dtype=np.int64)
 
 

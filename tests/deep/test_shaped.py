@@ -29,7 +29,6 @@ import curricle as cr
 from curricle.deep.networks import NetworkValues
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import SettingError
-from curricle.interop.potential_shaping import PotentialShaping
 from curricle.transfer.observation_mapping import FunctionValues
 from curricle.transfer.potentials import ObservationPotential
 
@@ -221,18 +220,6 @@ def test_normalised_rewards_inside_would_be_stored_unshaped():
     phi = np.where(after == SIZE - 1, 0.0, PHI[after])
     expected = R[before, stored.actions[:, 0, 0], after] + DISCOUNT * phi - PHI[before]
     np.testing.assert_allclose(stored.rewards[:, 0], expected, atol=1e-5)
-
-
-def test_an_environment_is_shaped_once():
-    twice = shape(shape(worlds()))
-    twice.reset()
-    with pytest.raises(SettingError, match="must be shaped once"):
-        twice.step([0, 0])
-    inside = DummyVecEnv([lambda: PotentialShaping(world(), height, discount=DISCOUNT)])
-    venv = shape(inside)
-    venv.reset()
-    with pytest.raises(SettingError, match="must be shaped once"):
-        venv.step([0])
 
 
 def some_steps(venv):

@@ -3,8 +3,17 @@
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.wrappers import FlattenObservation
 
 import curricle as cr
+from curricle.deep import DeepLearner
+
+MAZE = cr.GridWorld(["..T", ".#.", "S.."], time_limit=30, rewards=cr.Rewards(treasure=10))
+DEEP_Q = DeepLearner("DQN", settings={"learning_starts": 20, "policy_kwargs": {"net_arch": [16]}})
+ACTOR = DeepLearner("PPO", settings={"n_steps": 64, "policy_kwargs": {"net_arch": [16]}})
+LAKE = cr.observation_task(
+    "FrozenLake-v1", is_slippery=False, encode=FlattenObservation, time_limit=20
+)
 
 
 class OneHot(gymnasium.ObservationWrapper):

@@ -20,8 +20,6 @@ COMPILING = 60
 """Of processor time, for what seems to hang and may be compiling loops: it is then tried again."""
 WAITING = 6
 """Seconds on the clock for one of processor time: what waits for something takes none."""
-
-
 CALL = "made = make(**self.arguments)"
 """Calls own code; what that leaves behind is freed there."""
 

@@ -1,8 +1,4 @@
-"""Slow and obvious references: a tabular learner in plain Python.
-
-The learner draws from the same random stream in the same order as the compiled loops and does
-its sums in the same order, so that results can be compared to the last bit.
-"""
+"""A slow, obvious learner in plain Python: draws and sums in the order of the compiled loops."""
 
 import math
 from functools import partial

@@ -28,11 +28,7 @@ GUARD = Guard(share_behind=0.3, share_ahead=0.8, memory=7)
 
 
 def assert_same(task, learner, steps, shaping, *, seed=0):
-    """Equal to the last bit.
-
-    Where there is no time limit a turn ends after 3 / (1 - discount) steps, and the other learner
-    goes on from there.
-    """
+    """Equal to the last bit; without a time limit a turn ends after 3 / (1 - discount) steps."""
     mdp = task.mdp
     cut = mdp.time_limit is None and mdp.discount < 1
     turn = round(3 / (1 - mdp.discount)) if cut else np.inf

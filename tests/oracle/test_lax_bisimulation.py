@@ -9,7 +9,7 @@ from curricle.errors import MappingError
 from curricle.planning import solve
 from curricle.transfer import bisimulation, lax_bisimulation
 from curricle.transfer.bisimulation import UNSET, scratch, transport_cost
-from tests.tasks import mdps, random_mdp
+from tests.tasks import dense_of, mdps, random_mdp
 
 
 def transport_naively(p, q, cost):
@@ -38,16 +38,9 @@ def test_transport_is_exact_also_from_the_last_basis(n, m, seed, even):
 
 def dense(task):
     """Return P (S, A, S) and r (S, A), terminal states absorbing and without reward."""
-    n_states, n_actions = task.outcome_row.shape
-    p, r = np.zeros((n_states, n_actions, n_states)), np.zeros((n_states, n_actions))
-    for s in range(n_states):
-        for a in range(n_actions):
-            if task.terminal[s]:
-                p[s, a, s] = 1
-                continue
-            row = task.outcome_row[s, a]
-            np.add.at(p[s, a], task.next_state[row], task.probability[row])
-            r[s, a] = task.probability[row] @ task.reward[row]
+    p, r = dense_of(task)
+    ends = np.flatnonzero(task.terminal)
+    p[ends, :, ends] = 1
     return p, r
 
 

@@ -160,10 +160,7 @@ def splitmix64(z):
 
 
 def q_learning(env, q, steps, *, seed, epsilon, rate, discount, limit):
-    """Learn in place as `learn` does; q must have no two equal values in a row.
-
-    Ends are worth 0 as soon as an episode has ended there, since nothing is learnt of them.
-    """
+    """Learn in place as `learn` does, ends worth 0; q must have no two equal values in a row."""
     start = stream_start(seed, "")
     counter = start
     state, _ = env.reset(seed=splitmix64(start ^ 1) >> 33)

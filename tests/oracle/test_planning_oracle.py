@@ -15,6 +15,7 @@ from scipy.optimize import linprog
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.planning import solution as planning_module
+from tests.tasks import dense_of
 
 MAZE = """
     .........T
@@ -32,15 +33,8 @@ MAZE = """
 
 def dense(task):
     """Return P (S, A, S) without the ways into terminal states, and the mean reward (S, A)."""
-    mdp = task.mdp
-    n_states, n_actions = mdp.outcome_row.shape
-    transition, reward = np.zeros((n_states, n_actions, n_states)), np.zeros((n_states, n_actions))
-    for s in np.flatnonzero(~mdp.terminal):
-        for a in range(n_actions):
-            row = mdp.outcome_row[s, a]
-            np.add.at(transition[s, a], mdp.next_state[row], mdp.probability[row])
-            reward[s, a] = mdp.probability[row] @ mdp.reward[row]
-    transition[:, :, mdp.terminal] = 0.0
+    transition, reward = dense_of(task.mdp)
+    transition[:, :, task.mdp.terminal] = 0.0
     return transition, reward
 
 

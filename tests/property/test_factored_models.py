@@ -1,7 +1,4 @@
-"""Planning on factored models against planning on tables, on random pursuits.
-
-Two exact solutions must agree within the sum of their proven error bounds.
-"""
+"""Factored models and tables of random pursuits: solutions agree within their error bounds."""
 
 import itertools
 import subprocess

@@ -182,10 +182,7 @@ def test_a_calibrated_learner_finds_the_optimum(problem, data, guard):
 
 @given(problems(), st.data(), st.integers(0, 1000))
 def test_values_are_in_the_tasks_own_rewards_whatever_shaped_them(problem, data, seed):
-    """What a transfer hands on: Q* of the task, with what shaping took off it put back.
-
-    That Q starts at phi is tested above; half of the advice is left in the end.
-    """
+    """What a transfer hands on is Q* of the task; half of the advice is left in the end."""
     phi = data.draw(potentials(problem))
     state = phi.to_state()
     of_states = cr.StateActionPotential(

@@ -114,14 +114,12 @@ def test_the_best_policy_reaches_the_treasure_and_the_maze_can_be_drawn(corner):
     ("values", "said"),
     [
         ({"size": 1}, "size of a maze must be a whole number, at least 2: got 1"),
-        ({"size": 201}, r"size of a maze must lie in \[2, 200\]: got 201"),
         ({"walls": 1.5}, r"walls of a maze must lie in \[0, 1\]: got 1.5"),
         ({"pits": "many"}, "pits of a maze must be a number: got 'many'"),
         ({"walls": 0.9, "fires": 0.2}, "must sum to at most 1: got 0.9, 0.05 and 0.2"),
         ({"seed": -1}, "seed of a maze must be a whole number, at least 0: got -1"),
         ({"corner": "north"}, "corner of a maze must be one of north-west"),
         ({"start": "near"}, "start of a maze must be one of far, uniform"),
-        ({"step": float("nan")}, "reward step must be finite"),
     ],
 )
 def test_bad_values_are_refused(values, said):

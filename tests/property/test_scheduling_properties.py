@@ -44,10 +44,7 @@ class Held:
 
 
 class Checked:
-    """Workers that check what they are sent, and end units in an order that is drawn.
-
-    `first` says naively what must be sent now: the first of all units that is ready and needed.
-    """
+    """Workers that check what they are sent (`first` says it naively), ending in a drawn order."""
 
     share_folders = False
 

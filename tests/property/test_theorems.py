@@ -1,8 +1,6 @@
-"""The theorems of reward shaping, on random MDPs.
+"""The theorems of reward shaping, on random MDPs whose shaped tables are written out here.
 
-Shaped MDPs are written out here as tables, apart from the library's shaping code. Numbers that
-two exact solutions must share are compared within the sum of their proven error bounds.
-"""
+Two exact solutions are compared within the sum of their proven error bounds."""
 
 import numpy as np
 import pytest

@@ -105,8 +105,6 @@ def test_a_plain_bonus_can_change_the_optimal_policy():
 # above 2/3, in 3,300 episodes, each leaf is reached with probability 3^-3 or more, so that it
 # goes unseen with less than e^-120; the first visit, at rate 1, wipes out the misleading start.
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
-
-
 SHAPINGS = {
     cr.QInitialisation: LEARNERS,
     cr.LookAheadAdvice: LEARNERS,

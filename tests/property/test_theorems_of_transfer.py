@@ -22,8 +22,6 @@ def test_identity_mapping_lifts_q_to_itself(mdp, data):
 stacks = arrays(
     np.float64, st.tuples(*(st.integers(1, 4) for _ in range(3))), elements=st.floats(-1e6, 1e6)
 )
-
-
 AGGREGATES = [cr.minimum, cr.mean, cr.maximum, cr.total]
 
 

@@ -1,7 +1,4 @@
-"""The site that `make docs` has built: no dead link, nothing fetched, pages fit, search works.
-
-`make docs` runs this on what it has just built; elsewhere it is skipped where there is no site.
-"""
+"""The site that `make docs` has built, if any: no dead link, nothing fetched, search works."""
 
 import re
 import shutil

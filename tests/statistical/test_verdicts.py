@@ -1,7 +1,4 @@
-"""False alarms of verdicts, over simulated studies of plain returns.
-
-A verdict may be wrong in 5 % of studies; allowed are 3 standard errors of the simulated rate more.
-"""
+"""Verdicts are wrong in 5 % of simulated studies at most, and 3 standard errors of the rate."""
 
 import numpy as np
 import pytest

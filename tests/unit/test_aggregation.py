@@ -67,12 +67,3 @@ def test_no_aggregate_is_asked_of_pairs_that_no_source_knows():
     assert aggregate(most_optimistic, UNKNOWN).tolist() == [[3, 5, 0]]
     assert aggregate(lambda phi: np.nanmean(phi, axis=0), UNKNOWN).tolist() == [[2.5, 1.5, 0]]
     assert chosen[0][0, :2].tolist() == [1, 0]
-
-
-def test_an_aggregate_that_does_not_skip_is_refused():
-    message = (
-        r"an aggregate must skip NaN, .*: <lambda> returned nan at state 0, action 0, of which 1 "
-        r"of 3 sources know nothing; numpy\.nanmean skips NaN, and mappings with an unmapped_value"
-    )
-    with pytest.raises(CurriculumError, match=message):
-        aggregate(lambda phi: np.median(phi, axis=0), UNKNOWN)

@@ -1,8 +1,4 @@
-"""The rules of the layers: imports point down, stay public and form no cycle; code is short.
-
-The library is read with ``ast`` and never imported, so imports inside functions and under
-``TYPE_CHECKING`` count too. ``__init__.pyi`` is read as part of its ``__init__.py``.
-"""
+"""The rules of the layers: all imports point down, stay public, form no cycle; code is short."""
 
 import ast
 import re
@@ -94,10 +90,7 @@ def rank(package: str) -> int:
 
 
 def upward_imports(package: Path) -> list[str]:
-    """Imports across packages that do not point down.
-
-    The facade ``curricle`` stands above the packages it names, so only `paper` and `cli` use it.
-    """
+    """Imports across packages that do not point down; the facade stands above what it names."""
     found = []
     for each in all_imports(package)[1]:
         source, target = package_of(each.source), package_of(each.target)

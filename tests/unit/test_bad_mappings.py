@@ -17,10 +17,10 @@ from curricle import (
     same_position,
 )
 from curricle.errors import CurriculumError, MappingError, PotentialError, TaskError
-from curricle.transfer import StateActionMapping, compose, identity, relative_objects
+from curricle.transfer import StateActionMapping, compose, identity
 from tests.refusals import check_refusal
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
 LINE = GridWorld("S.T")
 HUNT, CHASE = Pursuit(size=2, predators=2), Pursuit(size=2, predators=1)
 FIRST = project(HUNT, CHASE, predator="predator_1")
@@ -46,23 +46,13 @@ MAPPINGS = [
     (lambda: StateActionMapping(LINE, LINE, np.where(INDEX == 5, 12, INDEX)), r"action 1 has 12"),
     (lambda: StateActionMapping(LINE, LINE, np.where(INDEX == 2, -3, INDEX)), "0, action 2 has -3"),
     (lambda: StateActionMapping(LINE, LINE, np.where(INDEX == 4, 8, INDEX)), "at source state 2"),
-    (lambda: same_position(LINE, LINE, unmapped_value=NAN), "finite: got nan"),
     (lambda: identity(LINE).read(np.ones((4, 3))), r"\(3, 4\): got \(4, 3\)"),
-    (lambda: Transfer("chase", "hunt", FIRST).potential(np.ones((3, 3))), r"5\): got \(3, 3\)"),
     (lambda: same_position(LINE, CHASE), "GridWorld: the source is Pursuit"),
-    (lambda: relative_objects(CHASE, LINE), "GridWorld: the target is Pursuit"),
     (lambda: project(HUNT, CHASE), "must be read .*prey, predator_1, predator_2.*got 'predator'"),
-    (lambda: project(HUNT, CHASE, predator="wolf"), r"predator_1, predator_2\): got 'wolf'"),
-    (lambda: project(HUNT, CHASE, wolf="prey"), "of the source, predator, prey: got 'wolf'"),
     (lambda: from_function(LINE, LINE, lambda s, a: ({"row": s["row"]}, a)), "column: got row"),
     (
         lambda: from_function(cr.Pursuit(10, predators=3), LINE, lambda s, a: (s, a)),
         "lists all pairs of the target, at most 1,000,000,000: it has 12,500,000,000",
-    ),
-    (lambda: from_function(LINE, LINE, lambda s, a: (s, {"jump": a["move"]})), "move: got jump"),
-    (
-        lambda: from_function(LINE, LINE, lambda s, a: ({"row": 0, "column": 0}, {"move": 0})),
-        r"shape \(3, 4\): got int64 of shape \(\)",
     ),
     (lambda: compose(identity(LINE), FIRST), "source to be the second's"),
 ]
@@ -70,14 +60,10 @@ MAPPINGS = [
 CURRICULA = [
     (lambda: Curriculum({}), "at least one task"),
     (lambda: curriculum(transfers=[Transfer("x", "hunt", FIRST)]), "one of chase, hunt: got 'x'"),
-    (lambda: curriculum(transfers=[Transfer("chase", "x", FIRST)]), "of chase, hunt: got 'x'"),
     (lambda: curriculum(transfers=[Transfer("hunt", "chase", FIRST)]), "'hunt' in hunt -> chase"),
-    (lambda: around("a"), "no cycle: a -> a"),
     (lambda: around("a", "b", "c"), "cycle: (a -> b -> c -> a|b -> c -> a -> b|c -> a -> b -> c)$"),
     (lambda: curriculum(budget={"x": 9}), "budget .*chase, hunt: got 'x'"),
     (lambda: Transfer("chase", "hunt", FIRST, scale=NAN), "chase -> hunt must be finite: got nan"),
-    (lambda: Transfer("chase", "hunt", FIRST, shift=INF), "chase -> hunt must be finite: got inf"),
-    (lambda: curriculum().train(trained={"x": learn(CHASE, budget=9)}), "of the curriculum: 'x'"),
     (lambda: curriculum().train(trained={"hunt": learn(CHASE, budget=9)}), "'hunt' does not"),
     (
         lambda: curriculum().train(2, trained={"chase": learn(CHASE, budget=9)}),

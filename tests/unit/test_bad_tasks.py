@@ -15,7 +15,7 @@ from curricle import (
 from curricle.errors import CurricleError, TaskError
 from tests.refusals import check_refusal
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
 LINE = GridWorld("S.T")
 ROW = Space([Component("row", 2), Component("column", 3)])
 ONE_WAY = [[[0.0, 1.0]], [[0.0, 1.0]]]
@@ -40,10 +40,8 @@ def tables(**changes):
 
 TASKS = [
     (lambda: dense([[[0, 0.9]], [[0, 1]]]), "sum to 1: state 0, action 0 sums to 0.9"),
-    (lambda: dense([[[0, 1], [0.2, 0.9]], [[0, 1], [0, 1]]]), "state 0, action 1 sums to 1.1"),
     (lambda: dense([[[0, NAN]], [[0, 1]]]), "sum to 1: state 0, action 0 .*nan"),
     (lambda: dense([[[-0.1, 1.1]], [[0, 1]]]), "not be negative: state 0, .*-0.1"),
-    (lambda: outcomes([[[]], [[]]], terminal=[False, True]), "state 0, action 0 sums to 0"),
     (lambda: dense(reward=[NAN, 0]), "rewards must be finite, .*: state 0, action 0 has .*nan"),
     (lambda: dense(reward=[[1e101], [0]]), r"at most 1e\+100 in size: state 0, action 0 has"),
     (lambda: dense(reward=[1, 2, 3]), r"\(2, 1, 2\), \(2, 1\) or \(2,\): got \(3,\)"),
@@ -55,32 +53,25 @@ TASKS = [
     (lambda: outcomes([[[(0.5, 1, 0.0, True), (0.5, 1, 0.0, False)]], [[]]]), "state 1 does both"),
     (lambda: outcomes([[[(1.0, 1, 0.0, True)]], [[]]], start=2), r"must lie in 0\.\.1: got 2"),
     (lambda: outcomes([[[(1, 2, 0, True)]], [[]]]), r"0\.\.1: got 0\.\.2"),
-    (lambda: outcomes([[[(1, -1, 0, True)]], [[]]]), r"0\.\.1: got -1"),
     (lambda: tables(outcome_row=np.full((3, 4), 6)), r"outcome.rows? .* 0\.\.5: got 6"),
-    (lambda: tables(reward=np.zeros((5, 1))), r"reward .* \(6, 1\): got \(5, 1\)"),
-    (lambda: dense(start=1), "start in a terminal state: state 1"),
     (lambda: dense(start=[0.5, 0.5]), "state 1 has start probability 0.5"),
     (lambda: dense(start=[0.5, 0.4]), "sum to 1: they sum to 0.9"),
     (lambda: dense(start=[NAN, 1]), "start probabilities must be finite"),
     (lambda: dense(start=[2, -1]), "not negative"),
     (lambda: dense(start=[1]), r"shape \(2,\): got \(1,\)"),
-    (lambda: dense(start=None), "start must be a state"),
     (lambda: dense(discount=1.01), r"\[0, 1\]: got 1.01"),
-    (lambda: dense(discount=-0.1), r"\[0, 1\]: got -0.1"),
     (lambda: dense(discount=NAN), "discount must be finite: got nan"),
     (lambda: dense(ROUND, discount=1), "discount 1 needs .*from state 0"),
     (lambda: Pursuit(size=2, discount=1, time_limit=None).mdp, "discount 1 needs .*from state 1"),
     (lambda: dense(time_limit=0), "time_limit in steps must be a whole number, at least 1: got 0"),
     (lambda: Component("row", 0), "of component 'row' must be a whole number, at least 1: got 0"),
     (lambda: Component("row", 2, labels=("a",)), "'row' has 2 values and 1 labels"),
-    (lambda: Space([]), r"at least one: got \[\]"),
     (lambda: Space([Component("a", 1)] * 2), r"different names.*\['a', 'a'\]"),
     (lambda: Space([Component("a", 2)], [[1], [1]]), "2 given, 1 distinct"),
+    (lambda: Space([Component("a", 2)], [[0, 1]]), "S at least 1"),
     (lambda: Space([Component("a", 2)], [[0], [2]]), "'a' runs from 0 to 1: point 1 has 2"),
-    (lambda: ROW.component("x"), "one of row, column: got 'x'"),
     (lambda: ROW.encode(row=0, x=1), "components row, column: got row, x"),
     (lambda: ROW.decode([0, 6]), r"0\.\.5: got 0\.\.6"),
-    (lambda: ROW.label(-1), r"0\.\.5: got -1"),
     (lambda: GridWorld(["S.", "T"]), "line 1 has 1 character, line 0 has 2"),
     (lambda: GridWorld(["S.", "xT"]), "S T F P # .: row 1, column 0 has 'x'"),
     (lambda: GridWorld("S.."), "needs a treasure T"),
@@ -89,8 +80,6 @@ TASKS = [
     (lambda: GridWorld("S.T", start="here"), "'map', 'uniform' or cells: got 'here'"),
     (lambda: GridWorld("S.T", start=[]), r"or cells such as .*: got \[\]"),
     (lambda: GridWorld("S.T", start=[(0, 3)]), r"free cell of the map: got \(0, 3\)"),
-    (lambda: GridWorld("S.T", start=[(0, 2)]).mdp, "start in a terminal state: state 2"),
-    (lambda: GridWorld("S#T").state(0, 1), r"free cell of the map: got \(0, 1\)"),
     (lambda: GridWorld("S.T", combine="max"), "combine must be one of sum, worst: got 'max'"),
     (lambda: GridWorld("S.T", ends=["lava"]), "one of treasure, fire, pit: got 'lava'"),
     (lambda: GridWorld("S.T", representation="polar"), "absolute, relative: got 'polar'"),
@@ -98,19 +87,11 @@ TASKS = [
     (lambda: LINE.crop(rows=(0, 2), columns=(0, 3)), r"rows 0\.\.1: got 0\.\.2"),
     (lambda: LINE.crop(rows=(0, 1), columns=(-1, 3)), r"columns 0\.\.3: got -1"),
     (lambda: LINE.crop(rows=(0, 1), columns=(2, 2)), r"got 2\.\.2"),
-    (lambda: LINE.crop(rows=(0, 1), columns=(3, 1)), r"got 3\.\.1"),
-    (lambda: LINE.crop(rows=(0, 1), columns=(0, 2)), "treasure T"),
-    (
-        lambda: LINE.crop(rows=(0, 1), columns=(1, 3)).crop(rows=(0, 1), columns=(0, 3)),
-        r"columns 1\.\.3: got 0\.\.3",
-    ),
-    (lambda: LINE.crop(rows=(0, 1), columns=(1, 3), start="map"), "needs an S"),
     (lambda: Pursuit(size=1), "size must be a whole number, at least 2: got 1"),
     (lambda: Pursuit(predators=0), "predators must be a whole number, at least 1: got 0"),
     (lambda: Pursuit(moves=6), "moves must be one of 4, 5: got 6"),
     (lambda: Pursuit(capture="some"), "'any', 'as_published' or .* 1 to 2: got 'some'"),
     (lambda: Pursuit(capture=3), "from 1 to 2: got 3"),
-    (lambda: Pursuit(capture=0), "from 1 to 2: got 0"),
     (lambda: Pursuit(prey="lazy").mdp, "'uniform', an array or a function: got 'lazy'"),
     (lambda: Pursuit(size=2, prey=np.full((3, 5), 0.2)).mdp, r"5\) or \(64, 5\): got \(3, 5\)"),
     (lambda: Pursuit(size=2, prey=np.full((4, 5), 0.1)).mdp, "sum to 1: row 0 is .0.1"),
@@ -137,17 +118,11 @@ def test_bad_input_is_refused_in_one_sentence(call, says):
         lambda: dense(reward=[1, NAN]),
         lambda: GridWorld("S.T", discount=1, time_limit=5).mdp,
         lambda: GridWorld("S.T", ends=()).mdp,
+        lambda: GridWorld("S.T", ends="treasure", start=[(0, 0), (0, 0)]).mdp,
     ],
 )
 def test_what_is_just_within_the_rules_is_allowed(allowed):
     assert allowed() is not None
-
-
-def test_a_refused_table_can_be_asked_for_again():
-    game = Pursuit(size=10, predators=3)
-    for _ in range(2):
-        with pytest.raises(TaskError):
-            _ = game.mdp
 
 
 # -- sizes and types that no task has ------------------------------------------------------------
@@ -160,10 +135,8 @@ REFUSED = [
     (lambda: Pursuit(predators=2_000_000), r"predators must lie in \[1, 100\]"),
     (lambda: Pursuit(10**9), r"size must lie in \[2, 1000\]"),
     (lambda: Pursuit(size=1e308), "size must be a whole number below 2.63"),
-    (lambda: Pursuit(torus="yes"), "torus must be a bool: got 'yes'"),
     (lambda: Pursuit(torus=1), "torus must be a bool: got 1"),
     (lambda: Pursuit(capture=True), "got True"),
-    (lambda: Pursuit(capture=[1]), r"got \[1\]"),
     (lambda: Component(None, 2), "name of a component must be text, not empty"),
     (lambda: Component("a", 2, low=2**63), "lowest value of component 'a' must be"),
     (lambda: Component("a", 2, low=2**63 - 1), "highest value of component 'a' must be"),
@@ -172,23 +145,12 @@ REFUSED = [
     (lambda: Space(["a"]), "components must be a list of Component"),
     (lambda: Space([Component("a", 2)], np.zeros((0, 1), int)), "S at least 1"),
     (lambda: HUGE.encode(**ORIGIN), r"fewer than 2\^63: this one has 2\^100"),
-    (lambda: HUGE.decode(3), r"fewer than 2\^63"),
     (lambda: len(HUGE), r"fewer than 2\^63"),
     (WIDE.states.decode, "all points of a space must fit half of the machine's"),
     (lambda: WIDE.terminal, "a flag for each state of a pursuit must fit half"),
     (lambda: cr.GridWorld("S.T", ends=5), "ends must be names of objects: got 5"),
-    (
-        lambda: cr.FiniteMDP.from_dense(
-            np.zeros((0, 2, 0)), [], terminal=[], start=0, discount=0.9
-        ),
-        r"shape \(S, A, S\)",
-    ),
-    (
-        lambda: cr.FiniteMDP.from_dense(
-            [[[0.0, 1.0]], [[0.0, 1.0]]], [1, 0], terminal=[0.5, 1], start=0, discount=0.9
-        ),
-        "terminal must be flags",
-    ),
+    (lambda: dense(np.zeros((0, 2, 0)), [], terminal=[]), r"shape \(S, A, S\)"),
+    (lambda: dense(terminal=[0.5, 1]), "terminal must be flags"),
 ]
 
 

@@ -10,13 +10,11 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.transfer.calibration import fit_calibration
 from curricle.transfer.edges import Calibrate
 from curricle.transfer.potentials import mapped_potential
+from tests.tasks import predator_edges
 
 LINE = cr.GridWorld("S..T", discount=0.5, time_limit=10)
 HUNT, CHASE = cr.Pursuit(3, 2, time_limit=30), cr.Pursuit(3, 1, time_limit=30)
-EDGES = [
-    cr.Transfer("chase", "hunt", cr.project(HUNT, CHASE, predator=name))
-    for name in HUNT.predator_names
-]
+EDGES = predator_edges(HUNT, CHASE)
 
 
 def optimum(task):
@@ -259,16 +257,3 @@ def test_a_budget_must_exceed_its_warm_up(budget, n):
         cr.errors.SettingError, match=r"must exceed what was used|one warm-up a seed"
     ):
         cr.learn(HUNT, budget=budget, warm_up=[warm_up] * n)
-
-
-def test_a_guard_needs_dense_tables():
-    storage = cr.Storage(kind="sparse")
-    with pytest.raises(
-        cr.errors.SettingError, match=r"without a guard: got QLearning.* and a guard"
-    ):
-        cr.learn(
-            HUNT,
-            budget=100,
-            shaping=cr.QInitialisation(mapped(), guard=cr.Guard()),
-            storage=storage,
-        )

@@ -14,6 +14,7 @@ from curricle.transfer.calibration import fit_calibration
 from curricle.transfer.edges import Calibrate
 from curricle.transfer.observation_rollouts import greedy_observation_rollouts
 from curricle.transfer.potentials import mapped_potential
+from tests.tasks import predator_edges
 
 HUNT, CHASE = cr.Pursuit(3, 2, time_limit=30), cr.Pursuit(3, 1, time_limit=30)
 LOOP = cr.FiniteMDP.from_outcomes(
@@ -23,10 +24,7 @@ LOOP = cr.FiniteMDP.from_outcomes(
 
 
 def mapped(values, function):
-    edges = [
-        cr.Transfer("chase", "hunt", cr.project(HUNT, CHASE, predator=name))
-        for name in HUNT.predator_names
-    ]
+    edges = predator_edges(HUNT, CHASE)
     return mapped_potential(HUNT, edges, values, function)
 
 

@@ -92,21 +92,3 @@ def test_what_compiles_says_so_once(tmp_path):
         )
         told.append((done.stdout, done.stderr.count("curricle: compiling, once")))
     assert told == [("2\n", 1), ("0\n", 0)]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code"), [(["--figure", "9"], 1), (["--seeds", "0"], 1), (["--seeds", "few"], 2)]
-)
-def test_a_mistake_is_one_sentence_and_writes_nothing(tmp_path, arguments, code):
-    done = curricle("paper", *arguments, cwd=tmp_path)
-    assert done.returncode == code
-    assert "Traceback" not in done.stderr
-    assert done.stderr.strip()
-    assert not list(tmp_path.iterdir())
-
-
-def test_figure_one_runs_from_the_shell(tmp_path):
-    done = curricle("paper", "--figure", "1", "--out", "out", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "reproduced  f1.coverage" in done.stdout
-    assert (tmp_path / "out" / "index.html").exists()

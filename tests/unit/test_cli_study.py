@@ -9,10 +9,11 @@ from itertools import islice
 
 import pytest
 
-import curricle as cr
 from curricle.cli.app import KINDS as COMPLETED
 from curricle.study import StudyResults, StudyStore, read_study
 from curricle.study.config.templates import KINDS
+from tests.unit.test_cli_open import interruptible
+from tests.unit.test_config_sweeps import MAZES
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -96,14 +97,7 @@ def test_the_words_are_explained_if_asked(curricle, finished):
     assert "\nphi: " not in out  # it was not printed
 
 
-def test_check_tells_all_and_trains_sources_only(curricle, study_file, monkeypatch, tmp_path):
-    trained, learn = [], cr.learn
-
-    def noted(task, *args, **settings):
-        trained.append(settings["stream"])
-        return learn(task, *args, **settings)
-
-    monkeypatch.setattr("curricle.curriculum.node.learn", noted)
+def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tmp_path):
     code, out, complaint = curricle("check", study_file)
     assert code == 0, complaint
     lines = out.splitlines()
@@ -123,6 +117,7 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, monkeypat
     assert "one processor" in out
     assert "arm chain\nForecast for 'maze': " in out
     # Of "state" and "calibrated" too. Trials train tasks of other names, the target's among them.
+    trained = [call["stream"] for call in calls]
     once = [name for name in trained if not name.endswith("/trial")]
     assert once == ["corner", "easy", "easy", "easy"]
     assert "maze/trial" in trained
@@ -214,39 +209,11 @@ def test_a_command_line_that_makes_no_sense(refused, study_file, tmp_path, argum
     assert not list(tmp_path.iterdir())
 
 
-def test_an_unknown_tracker_is_refused_before_a_folder_is_made(refused, study_file, tmp_path):
-    refused(1, "a tracker must be one of", "run", study_file, "--track", "tensorbord")
-    assert not list(tmp_path.iterdir())
-
-
 def test_tracking_is_passed_on(curricle, study_file, tmp_path):
     pytest.importorskip("tensorboardX")
     code, _, complaint = curricle("run", study_file, "--seeds", "1", "--track", "tensorboard")
     assert code == 0, complaint
     assert list((tmp_path / "chain-results").rglob("events.out.tfevents*"))
-
-
-def test_code_of_the_study_that_fails_is_told_with_its_traceback(curricle, study_file, tmp_path):
-    (tmp_path / "rules.py").write_text(
-        "def mean(values):\n    raise LookupError('a rule of the thesis is not met')\n"
-    )
-    text = study_file.read_text().replace('shaping = "StateShaping"', 'aggregate = "rules:mean"')
-    (tmp_path / "chain.toml").write_text(text)
-    code, out, complaint = curricle("run", "chain.toml", "--workers", "1")
-    assert code == 3
-    assert not out
-    assert 'rules.py", line 2, in mean' in complaint
-    last = complaint.splitlines()[-1]
-    assert last.startswith(
-        "curricle: state: easy, seeds 0-1 failed, and all that is stored is whole"
-    )
-    assert last.endswith("LookupError: a rule of the thesis is not met")
-    assert StudyStore(tmp_path / "chain-results").units()
-
-
-def interruptible():
-    """Make SIGINT interrupt a child, even where the suite itself ignores it (``nohup ... &``)."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
@@ -308,16 +275,6 @@ def test_decisions_are_sentences(curricle, refused, finished):
     refused(2, "a seed is that of --decisions", "show", finished, "--seed", "1")
 
 
-def test_show_refuses_an_arm_or_a_task_that_is_not_there(refused, finished):
-    refused(1, "chian", "show", finished, "--arm", "chian")
-    refused(1, "mace", "show", finished, "--task", "mace", "--decisions")
-
-
-@pytest.mark.parametrize("command", ["show", "compare", "watch"])
-def test_what_is_no_study_cannot_be_read(refused, tmp_path, command):
-    refused(1, "a folder of results holds a study.json: nowhere has none", command, "nowhere")
-
-
 def test_studies_of_one_target_are_compared(curricle, refused, study_file, finished, tmp_path):
     quick = ["--seeds", "0-2", "--workers", "2"]
     less = ["--set", "name=less", "--set", "tasks.easy.budget=500"]
@@ -349,27 +306,16 @@ def test_parts_are_merged(curricle, refused, study_file, finished, tmp_path):
 
 # -- sweeps and tunings ------------------------------------------------------------------------
 
-SWEPT = """
-name = "line"
-seeds = 2
-[tasks]
-line = { type = "maze", map = "S...T", budget = 500 }
-end = { type = "crop", of = "line", rows = [0, 1], columns = [2, 5], budget = 100 }
-[[transfers]]
-source = "end"
-target = "line"
-mapping = "same_position"
-"""
 SWEEP = "[sweep]\nlearner.learning_rate = [0.1, 0.3]\n"
 TUNE = "[tune]\ntrials = 2\nseeds = 1\n[tune.space]\nlearner.epsilon = [0.1, 0.3]\n"
 
 
 def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
     pytest.importorskip("optuna")
-    (tmp_path / "line.toml").write_text(SWEPT + SWEEP + TUNE)
-    code, out, _ = curricle("check", "line.toml")
+    (tmp_path / "mazes.toml").write_text(MAZES + SWEEP + TUNE)
+    code, out, _ = curricle("check", "mazes.toml")
     assert code == 0
-    assert "line: 4 arms, 2 seeds, 6 units" in out
+    assert "mazes: 4 arms, 2 seeds, 6 units" in out
     assert "swept: learner.learning_rate = 0.1, 0.3" in out
     words = " ".join(out.split())
     assert "before that, tuning: 2 trials of each arm on seed 1000000, 8 trials in all" in words
@@ -378,23 +324,23 @@ def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
 
 def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
     pytest.importorskip("optuna")
-    (tmp_path / "line.toml").write_text(SWEPT + SWEEP + TUNE)
-    code, out, _ = curricle("run", "line.toml", "--dry-run")
+    (tmp_path / "mazes.toml").write_text(MAZES + SWEEP + TUNE)
+    code, out, _ = curricle("run", "mazes.toml", "--dry-run")
     assert code == 0
     assert out.startswith("first of all 2 trials of each arm")
-    code, _, told = curricle("run", "line.toml")
+    code, _, told = curricle("run", "mazes.toml")
     assert code == 0
     assert "tuning: trials 1 to 2 of 2, of each arm" in told
-    code, out, _ = curricle("show", "line-results")
+    code, out, _ = curricle("show", "mazes-results")
     assert code == 0
     assert "tuned on seed 1000000, " in out
     assert "shown here and not charged to the curves" in " ".join(out.split())
     assert out.count("main effects: mean return") == 2
     assert "scratch: learner.learning_rate = 0.3" in out
     assert "nan" not in out
-    code, out, _ = curricle("run", "line.toml", "--dry-run", "--resume")
+    code, out, _ = curricle("run", "mazes.toml", "--dry-run", "--resume")
     assert out.startswith("0 units to do")
-    code, _, told = curricle("run", "line.toml")
+    code, _, told = curricle("run", "mazes.toml")
     assert code == 1
     assert "go on with --resume" in told
 

@@ -12,7 +12,7 @@ from curricle.comparison.comparison import MEASURES
 from curricle.statistics import Curve
 from curricle.statistics.curves import charge_source
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test
-from tests.comparisons import HERE, corner
+from tests.comparisons import HERE, corner, flat
 
 STEPS = np.array([0, 10, 20, 30, 40])
 
@@ -41,9 +41,7 @@ def test_measures_by_hand():
     helped, misled = (BY_HAND.contrasts[name] for name in ("helped", "misled"))
     assert BY_HAND.seeds == 2
     assert helped.jumpstart.estimate == 2.0
-    assert (
-        helped.weak_steps_saved.estimate == 20.0
-    )  # scratch never within its own 20 steps, hence 20
+    assert helped.weak_steps_saved.estimate == 20.0  # scratch never within its own 20 steps
     assert helped.strong_steps_saved.estimate == 10.0  # 30 against 20
     assert helped.strong_gain.estimate == (0 + 10 + 30 + 40) / 40 - (0 + 5 + 15 + 25) / 40
     assert helped.asymptotic_gain.estimate == 1.0
@@ -51,10 +49,8 @@ def test_measures_by_hand():
     assert misled.jumpstart.estimate == -2.0
     assert misled.weak_steps_saved.estimate == 0.0  # 20 and 20 at most, and 20 and 20
     assert misled.strong_steps_saved.estimate == (30 - 40 + 30 - 30) / 2
-    assert (
-        misled.strong_gain.estimate
-        == ((-10 - 20 - 10 - 0) / 40 + (-10 - 10 + 10 + 20) / 40) / 2 - 1.125
-    )
+    returned = ((-10 - 20 - 10 - 0) / 40 + (-10 - 10 + 10 + 20) / 40) / 2
+    assert misled.strong_gain.estimate == returned - 1.125
     assert misled.asymptotic_gain.estimate == -2.0
     assert misled.probability_of_improvement.estimate == 0.0
     assert BY_HAND.times("misled").reached.tolist() == [False, True]
@@ -103,15 +99,7 @@ def test_measures_are_those_of_the_metrics():
 
 @pytest.mark.parametrize(("more", "gain"), [(1e-9, 0.0), (1e-5, 1e-5), (-1e-5, -1e-5)])
 def test_a_gain_within_rounding_is_none(more, gain):
-    scratch, helped = (
-        Arm(
-            curve=Curve(np.array([0, 10]), np.full((1, 2), height)),
-            training_return=np.zeros((1, 2)),
-            guard_share=np.zeros((1, 2)),
-            control=False,
-        )
-        for height in (1.0, 1.0 + more)
-    )
+    scratch, helped = flat([1.0]), flat([1.0 + more])
     np.testing.assert_allclose(helped.strong_gain(scratch), [gain], rtol=1e-3)
 
 

@@ -24,6 +24,7 @@ from curricle.study.config import settings, tasks
 from curricle.study.config.tables import table_of
 from curricle.transfer import Calibrate, aggregation
 from tests.studies import HUNT, MAZE, only
+from tests.tasks import predator_edges
 
 
 @dataclass(frozen=True)
@@ -306,10 +307,7 @@ def test_what_is_built_learns_as_what_is_written_by_hand(read):
     hunt, chase = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
     by_hand = cr.Curriculum(
         tasks={"chase": chase, "hunt": hunt},
-        transfers=[
-            cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name), scale=2)
-            for name in hunt.predator_names
-        ],
+        transfers=predator_edges(hunt, chase, scale=2),
         aggregate=cr.minimum,
         learner=cr.QLearning(learning_rate=0.2, epsilon=0.1),
         budget={"chase": 2_000, "hunt": 4_000},

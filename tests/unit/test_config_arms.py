@@ -11,10 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle import (
-    GridWorld,
-)
-from curricle.errors import ConfigError
+from curricle import GridWorld
 from curricle.study import StudyConfig, read_study
 from curricle.study.config.merging import Positions, merged
 from curricle.study.config.reading import configured
@@ -209,9 +206,6 @@ def test_what_is_set_is_read_as_toml_or_else_as_text(read):
     assert only(study).setting("aggregate", "hunt") is aggregation.total
 
 
-# -- as plain data -------------------------------------------------------------------------------
-
-
 # As plain data.
 
 
@@ -340,11 +334,6 @@ def test_what_a_template_shows_as_defaults_are_the_defaults(read, kind):
     shown = re.sub(r"(?m)^# (?!threshold|encode)([\w.]+ = )", r"\1", template(kind))
     assert shown != template(kind)
     assert read(shown) == read(template(kind))
-
-
-def test_there_is_no_other_template():
-    with pytest.raises(ConfigError, match=r"'pursiut' is unknown, did you mean 'pursuit'\?"):
-        template("pursiut")
 
 
 def test_a_mistake_is_told_without_loading_anything_heavy(tmp_path):

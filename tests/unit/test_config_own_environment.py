@@ -123,20 +123,12 @@ def test_tables_and_networks_take_a_class_too(built):
 MISTAKES = [
     ('factory = "own:Room"', 'id = "own:Room"', "; a class or function of your own is named by"),
     ('factory = "own:Room"', 'id = "a", factory = "own:Room"', "id or factory: got both"),
-    ('factory = "own:Room", ', "", "tasks.room must have id or factory: got neither"),
     ("own:Room", "owm:Room", "owm is neither beside the study file nor on Python's"),
     ("own:Room", "own:Rom", "own has no Rom to call, did you mean 'Room'?"),
-    ("own:Room", "own:Wall", "own has no Wall to call: it has Room, "),
-    ("own:Room", "Room", "factory must name a function as module:function: got"),
     ("time_limit", "arguments = { sise = 3 }, time_limit", "own:Room failed: TypeError:"),
-    ("time_limit", "arguments = 3, time_limit", "arguments must be a table: got 3"),
     (', "column"', "", "in the order of state_1, state_2: got 1, row"),
     ('["row", "column"]', '"row"', "tasks.room.names must be a list: got 'row'"),
     ('"column"', '""', "tasks.room.names[1] must have 1 to 100 characters: got ''"),
-    ('"column"', '"row"', "names of a state's components must differ: got row, row"),
-    ("time_limit", "sizes = [3, 4], time_limit", "these have state_1, state_2"),
-    ('names = ["row", "column"]', "sizes = [12]", "sizes need names of what has them: got sizes"),
-    ("time_limit", 'actions = ["go"], time_limit', "label each, 2 in all: got 1, go"),
     ("names", "nmaes", "tasks.room.nmaes is unknown, did you mean 'names'?"),
 ]
 

@@ -39,6 +39,8 @@ def test_more_than_one_target(complaints):
         ("rows = [0, 2]", "", "line 10: tasks.corner.rows is missing"),
         ("rows = [0, 2]", "rows = [0, 2]\nstart = 'here'", "line 14: tasks.corner.start must be"),
         ("map = '''", "file = 'm.txt'\nmap = '''", "line 3: tasks.maze has both map and file: one"),
+        ("...T\nS...", "...T\nS..", "line 3: tasks.maze is refused: all lines of a map must be"),
+        ('mapping = "same_position"', "project.row = 'raw'", "component (row, column): got 'raw'"),
     ],
 )
 def test_mistakes_in_mazes(complaints, old, new, sentence):
@@ -66,12 +68,8 @@ def test_a_map_s_file_that_cannot_be_read(complaints, tmp_path):
     ("arms", "sentence"),
     [
         ("[arms.scratch]", "line 21: arms.scratch must have another name: it is the arm without"),
-        (
-            "[arms.a]\ntasks.chace.budget = 5",
-            "line 22: arms.a.tasks.chace is unknown, did you",
-        ),
+        ("[arms.a]\ntasks.chace.size = 5", "line 22: arms.a.tasks.chace is unknown, did you"),
         ("[arms.a]\nseeds = 3", "line 22: arms.a.seeds is unknown: known are tasks, transfers, "),
-        ("[arms.a]\ntasks.chase.size = 'x'", "line 22: arms.a.tasks.chase.size must be a whole"),
         ("[arms.a]\ntransfers = [1]", "line 22: arms.a.transfers[0] must name transfers of the"),
         ("[arms.a]\ntasks.chase.budget = 2_000", "line 21: arms.a changes nothing: its settings"),
         ("[arms]\na = 3", "line 22: arms.a must be a table: got 3"),
@@ -93,23 +91,6 @@ def test_a_mistake_of_the_study_is_told_once_however_many_arms_share_it(complain
 
 
 # What Curricle refuses when it is built.
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        ("...T\nS...", "...T\nS..", "line 3: tasks.maze is refused: all lines of a map must be"),
-        (
-            "[tasks.corner]",
-            "learner.epsilon = 2\n[tasks.corner]",
-            "maze.learner is refused: epsilon",
-        ),
-        ('mapping = "same_position"', "project.row = 'raw'", "component (row, column): got 'raw'"),
-    ],
-)
-def test_what_curricle_refuses_has_its_place(complaints, old, new, sentence):
-    (line,) = complaints(MAZES, (old, new))
-    assert sentence in line
 
 
 def test_all_that_is_refused_is_told_at_once(complaints):
@@ -145,10 +126,6 @@ def test_transfers_that_disagree_are_refused_as_a_whole(complaints):
         ("tasks.chase.size=x", "as set: tasks.chase.size must be a whole number: got 'x'"),
         ("arms.a.budget=3", "as set: arms.a is unknown"),
         ("transfers.4.scale=3", "as set: transfers[4] is unknown: known are 0"),
-        (
-            "tasks.chase.budget=0",
-            "as set: tasks.chase.budget is refused: a budget in steps must be",
-        ),
         ("tasks.chase.time_limit=0", "line 7, as set: tasks.chase is refused: time_limit in"),
         ("snapshots=-1", "as set: snapshots must be at least 0: got -1"),
     ],
@@ -172,12 +149,7 @@ def test_what_is_no_assignment(tmp_path, change):
     ("reference", "text"),
     [
         ("own", "a function is named as module:function: got 'own'"),
-        ("own.:make", "a function is named as module:function: got 'own.:make'"),
-        (
-            "nobody_has_this:make",
-            "nobody_has_this:make names no module: nobody_has_this is neither",
-        ),
-        ("own:nothing", "own:nothing names no function: own has no nothing to call"),
+        ("nobody_has:make", "nobody_has:make names no module: nobody_has is neither"),
         ("own:NUMBER", "own:NUMBER names no function: own has no NUMBER to call"),
         ("broken:make", "broken:make failed: ModuleNotFoundError: No module named 'nobody_has'"),
         ("false:make", "false:make failed: SyntaxError: "),
@@ -224,59 +196,26 @@ def test_a_value_that_nobody_reads(complaints, which):
 # -- single keys ---------------------------------------------------------------------------------
 
 
-TYPES = (
-    "maze, crop, pursuit, four_rooms, key_lock_pit, block_dude, river_swim, deep_sea, gymnasium, "
-    "tabulated, factory, family, observation_task, distilled"
-)
-"""Of tasks, in the order in which they are listed."""
-
-
 LEARNER = "[learner]\nepsilon = 0.1"
 SIZE = "size = 3\npred"
+KIND = f'type = "pursuit"\n{SIZE}'
 PROJECT = 'project = { predator = "predator_1" }'
 
 
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        (
-            "predators",
-            "predatrs",
-            "line 10: tasks.chase.predatrs is unknown, did you mean 'predators'?",
-        ),
-        (
-            'type = "pursuit"\nsize = 3\npred',
-            'type = "persuit"\npred',
-            f"line 8: tasks.chase.type must be one of {TYPES}: got 'persuit', did you mean "
-            "'pursuit'?",
-        ),
-        (
-            PROJECT,
-            "mapping = 'same_positon'",
-            "line 20: transfers[0].mapping must be 'identity', 'same_position', "
-            "'relative_objects', 'family' or 'auto': got 'same_positon', did you mean "
-            "'same_position'?",
-        ),
-        (
-            SIZE,
-            "size = 'three'\npred",
-            "line 9: tasks.chase.size must be a whole number: got 'three'",
-        ),
+        (KIND, 'type = "persuit"\npred', "line 8: tasks.chase.type must be one of maze, crop, "),
+        (PROJECT, "mapping = 'same_positon'", "line 20: transfers[0].mapping must be 'identity',"),
         (SIZE, "torus = 1\npred", "line 9: tasks.chase.torus must be true or false: got 1"),
         (SIZE, "moves = 6\npred", "line 9: tasks.chase.moves must be 4 or 5: got 6"),
-        ('name = "hunt"', "name = ''", "line 1: name must have 1 to 100 characters: got ''"),
-        (
-            LEARNER,
-            "shaping.guard = 3",
-            "line 4: shaping.guard must be true, false or a table: got 3",
-        ),
+        (LEARNER, "shaping.guard = 3", "line 4: shaping.guard must be true, false or a table: got"),
         (LEARNER, "seeds_per_unit = 0", "line 4: seeds_per_unit must be at least 1: got 0"),
-        (LEARNER, "tasks.a = 3", "line 4: tasks.a must be a table: got 3"),
         ("epsilon = 0.1", "epsilon = nan", "line 5: learner.epsilon must be finite: got nan"),
     ],
 )
 def test_a_mistake_is_one_sentence_with_its_place(complaints, old, new, sentence):
-    assert sentence in complaints(HUNT, (old, new))
+    assert any(line.startswith(sentence) for line in complaints(HUNT, (old, new)))
 
 
 @pytest.mark.parametrize(
@@ -285,7 +224,7 @@ def test_a_mistake_is_one_sentence_with_its_place(complaints, old, new, sentence
         (LEARNER, "[storage]\nqqq = 1", "line 5: storage.qqq is unknown: known are", "save_values"),
         (SIZE, "capture = 'al'\npred", "line 9: tasks.chase.capture must be", "mean 'all'?"),
         (SIZE, "prey = 'uni'\npred", "line 9: tasks.chase.prey must be", "mean 'uniform'?"),
-        ('type = "pursuit"\nsize = 3\npred', "pred", "line 7: tasks.chase.type is missing", TYPES),
+        (KIND, "pred", "line 7: tasks.chase.type is missing", "observation_task, distilled"),
         (LEARNER, "aggregate = 'minmum'", "line 4: aggregate must be one of", "mean 'minimum'?"),
         ("budget = 2_000", f"budget = 1{400 * '0'}", "line 11: tasks.chase.budget must", "00..."),
         ('source = "chase"', 'source = "chse"', "line 18: transfers[0].source must", "'chase'?"),

@@ -3,30 +3,13 @@
 import pytest
 
 from curricle import QLearning
-from curricle.errors import CurriculumError
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
-from tests.studies import NUMBERED_HUNT
+from tests.studies import CORNER, NUMBERED_HUNT
 
-MAZES = """
-name = "mazes"
-seeds = 2
-learner.epsilon = 0.2
-[tasks.maze]
-type = "maze"
-map = '''
-    ....T
-    .PPP.
-    S....
-'''
-budget = 1_000
-[tasks]
-corner = { type = "crop", of = "maze", rows = [0, 2], columns = [2, 5], budget = 200 }
-[[transfers]]
-source = "corner"
-target = "maze"
-mapping = "same_position"
-"""
+MAZES = CORNER.replace('name = "maze"', 'name = "mazes"\nseeds = 2\nlearner.epsilon = 0.2')
+MAZES = MAZES.replace("[tasks.maze]", "[tasks.maze]\nbudget = 1_000")
+MAZES = MAZES.replace("[tasks.corner]", "[tasks.corner]\nbudget = 200")
 RATES = "sweep.learner.learning_rate=[0.1, 0.3]"
 
 
@@ -91,12 +74,6 @@ def test_an_arm_that_sets_the_key_itself_is_there_once(read):
     assert len(Arms.of(study).curricula) == 5
 
 
-def test_a_learner_that_never_learns_from_scratch_is_refused(read):
-    text = f"{MAZES}[arms.swept]\n[arms.own]\nlearner.learning_rate = 0.7\n"
-    with pytest.raises(CurriculumError, match="arms must share their target's learner"):
-        Arms.of(read(text, set=[RATES]))
-
-
 def test_tables_and_transfers_are_swept_by_number(read):
     study = read(MAZES, set=["sweep.transfers.0.scale=[1.0, 2.0]"])
     scales = [one.transfers[0].scale for one in study.curricula.values()]
@@ -143,26 +120,15 @@ NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.ep
     [
         ("sweep={}", "sweep must name a setting to sweep: got none"),
         ("sweep.tasks.corner.rows=[[0, 9]]", "sweep.tasks.corner.rows is refused: a crop must lie"),
-        (
-            "sweep.learner.epsilon=0.1",
-            "sweep.learner.epsilon must be a list of one or more values: got 0.1",
-        ),
         ("sweep.learner.epsilon=[1, 1]", "must be a list of different values: 1 is there twice"),
         ("sweep.learner.epsilon=[3.0]", "sweep.learner.epsilon is refused: epsilon must"),
-        (
-            "sweep={ mode = 'pairs', unknown_value = [1.0] }",
-            "must be 'grid' or 'paired': got 'pairs', did you mean 'paired'?",
-        ),
         ("sweep.budget=[1, 2]", "changes nothing: each task or arm that it could apply to sets it"),
         ("sweep.tasks.maze.budget=[1, 2]", "must leave the target maze as it is"),
         ("sweep.tasks=[1]", "a key of one of the tasks, such as tasks.maze.budget"),
-        ("sweep.transfers.0=[1]", "a key of one of the transfers, such as transfers.0.scale"),
         ("sweep.transfers.1.scale=[1]", "must name a key of one of the transfers: 1 is unknown"),
         ("sweep.seeds=[1, 2]", "must name a setting of tasks or transfers: seeds is unknown"),
         (f"sweep.unknown_value={[*range(101)]}", "must make at most 100 arms: got 101 values"),
-        ("tune=1", "tune must be a table: got 1"),
         ("tune.trials=0", "tune.trials must be at least 1: got 0"),
-        ("tune.trials=2000", "tune.trials must be at most 1,000: got 2000"),
         ("tune.seeds=0", "tune.seeds must be a number of seeds, a list of different ones"),
         ("tune.space={}", "tune.space must name a setting to tune: got none"),
         ("tune.space.learner.epsilon=1", "must be a list of two or more different values, or {"),

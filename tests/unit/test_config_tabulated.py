@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from tests.studies import complaints_of, only, reader
+from tests.studies import only, reader
 from tests.worlds_to_tabulate import Corridor
 
 WORLD = """
@@ -59,17 +59,3 @@ def test_a_tabulated_environment_is_what_python_makes(folder):
     assert (folder / "kept.npz").exists()
     door = built(folder, "door")
     assert (door.states.size, door.mdp.time_limit) == (34, None)
-
-
-@pytest.mark.parametrize(
-    ("name", "old", "new", "sentence"),
-    [
-        ("long", "[0, 2]", "[]", "tasks.long is refused: seeds must be different, at least one"),
-        ("long", "cache", "cahce", "tasks.long.cahce is unknown, did you mean 'cache'?"),
-        ("short", "cells = 3", 'cells = "a"', "tasks.short is refused: own:corridor failed: "),
-    ],
-)
-def test_mistakes_are_one_sentence(folder, name, old, new, sentence):
-    (said,) = complaints_of(alone(name), (old, new))
-    assert said.startswith("line 7: ")
-    assert sentence in said

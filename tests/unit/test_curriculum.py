@@ -155,17 +155,6 @@ def test_results_do_not_depend_on_the_order_of_the_tasks_or_edges():
         assert same(one[name], turned[name])
 
 
-def test_results_do_not_depend_on_other_tasks():
-    alone, among = build([("near", "left")]).train(), build(DIAMOND).train()
-    assert same(alone["near"], among["near"])
-    assert same(alone["left"], among["left"])
-
-
-def test_results_do_not_depend_on_the_number_of_workers():
-    many, one = build(CHAIN).train(seeds=4), build(CHAIN).train(seeds=4, workers=1)
-    assert all(same(many[name], one[name]) for name in one.nodes)
-
-
 def test_trained_results_are_reused_bit_for_bit():
     fresh = build(DIAMOND).train(seeds=2)
     before = {name: fresh[name].values.copy() for name in TASKS}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gymnasium.spaces import Box, Dict, Discrete, Text, Tuple
+from gymnasium.spaces import Box, Dict, Discrete, Text
 from gymnasium.wrappers import TransformAction
 
 import curricle as cr
@@ -49,17 +49,13 @@ def test_these_are_taken(space, policy, settings):
     ("space", "policy", "sentence"),
     [
         (Text(4), "MlpPolicy", r"or a Dict of these: got Text\(.*encode=FunctionEncoder"),
-        (Tuple([VECTOR]), "MlpPolicy", r"got Tuple\(Box"),
         (Dict(a=VECTOR, b=Text(4)), "MultiInputPolicy", r"the part 'b' is Text\(.*FlatDict"),
         (Dict(a=Dict(b=VECTOR)), "MultiInputPolicy", r"the part 'a' is Dict\('b'"),
         (Dict(a=VECTOR, b=VECTOR), "MlpPolicy", r"reads one array: got Dict.*MultiInputPolicy.*Fl"),
-        (Dict(a=VECTOR, b=VECTOR), "CnnPolicy", r"reads one array: got Dict"),
         (VECTOR, "MultiInputPolicy", r"reads a Dict: got Box\(0.0, 1.0, \(4,\), float32\); Mlp"),
         (VECTOR, "CnnPolicy", r"three dimensions: got Box\(0.0, 1.0, \(4,\), float32\); MlpPol"),
-        (Discrete(3), "CnnPolicy", r"got Discrete\(3\)"),
         (PLANES, "CnnPolicy", r"normalize_images=False, .* SmallCNN: got Box\(0.0, 1.0, \(4, 40"),
         (SMALL, "CnnPolicy", r"36 cells a side: got Box\(0, 255, \(7, 7, 3\), uint8\); .*SmallC"),
-        (Dict(a=SMALL), "MultiInputPolicy", r"36 cells a side: the part 'a' is Box\(0, 255"),
     ],
 )
 def test_the_others_are_refused_by_name(space, policy, sentence):

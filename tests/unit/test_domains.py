@@ -91,25 +91,6 @@ def test_what_is_no_word_and_no_list_is_refused_in_one_sentence(tmp_path, keys, 
     assert f"line 2: tasks.one.{said}" in line
 
 
-def test_a_crop_of_rooms_in_a_study_file(tmp_path):
-    study = reader(tmp_path)("""
-        name = "rooms"
-        tasks.rooms = { type = "four_rooms" }
-        tasks.room = { type = "crop", of = "rooms", rows = [7, 12], columns = [7, 12] }
-        [[transfers]]
-        source = "room"
-        target = "rooms"
-        project = {}
-    """)
-    plan = only(study, *study.arms)
-    rooms = cr.tasks.FourRooms()
-    assert plan.tasks == {
-        "rooms": rooms,
-        "room": rooms.crop(rows=(7, 12), columns=(7, 12)),
-    }
-    assert plan.transfers[0].mapping.coverage().mapped == pytest.approx(20 / 103, abs=0.01)
-
-
 def toml(value):
     if isinstance(value, str):
         return f'"{value}"'

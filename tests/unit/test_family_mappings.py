@@ -124,7 +124,6 @@ def test_members_that_do_not_fit_are_refused(target, source, said):
     ("returned", "said"),
     [
         ([], "at least one mapping"),
-        (3, "must return a ComponentsByName"),
         ("place", "or a list of them: got 'place'"),
         (np.eye(2, dtype=int), r"or a list of them: got array\(\[\[1, 0\], \[0, 1\]\]\)$"),
         ([list(range(500))], r"or a list of them: got \[0, 1, 2, .*, 5\d,? \[\.\.\.\]$"),

@@ -14,25 +14,10 @@ from curricle.learning.run import Run
 from curricle.study import read_study
 from curricle.study.cost import SLOWER
 from tests.comparisons import MAZE, copied, corner, pursuit
+from tests.studies import CORNER
 
-STUDY = """
-name = "maze"
-seeds = "0-3"
-[tasks.maze]
-type = "maze"
-map = '''
-....T
-.PPP.
-S....
-'''
-budget = 3_000
-[tasks]
-corner = { type = "crop", of = "maze", rows = [0, 2], columns = [2, 5], budget = 2_000 }
-[[transfers]]
-source = "corner"
-target = "maze"
-mapping = "same_position"
-"""
+STUDY = CORNER.replace("[tasks.maze]", 'seeds = "0-3"\n[tasks.maze]\nbudget = 3_000')
+STUDY = STUDY.replace("[tasks.corner]", "[tasks.corner]\nbudget = 2_000")
 
 
 @pytest.fixture
@@ -87,19 +72,6 @@ def test_a_budget_too_long_for_a_look_is_not_trained(check, monkeypatch):
     assert str(cr.forecast(study.curriculum("transfer"), perfect=True)) in out
     assert "if corner were learnt perfectly: optimum" in words
     assert "seeds of" not in words
-
-
-def test_what_arms_share_is_trained_once(check, monkeypatch):
-    calls, learn = [], cr.learn
-
-    def noting(task, *args, **settings):
-        calls.append(settings["stream"])
-        return learn(task, *args, **settings)
-
-    monkeypatch.setattr("curricle.curriculum.node.learn", noting)
-    out, _ = check("arms={ low = {}, high = { shaping = 'StateShaping' } }")
-    assert [name for name in calls if not name.endswith("/trial")] == ["corner"]
-    assert " ".join(out.split()).count("from 3 seeds of corner") == 2
 
 
 def test_one_seed_where_three_would_be_slow(check, monkeypatch):

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from curricle.study import read_study, run_study
 from curricle.study.arms import arms_from_json
 from curricle.transfer import UNMAPPED, found_mappings
+from tests.unit.test_resuming import again
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -25,24 +25,10 @@ mapping = "auto"
 """
 
 
-def again(folder):
-    """Resume the study; return what was trained, as "arm: task", and what was told."""
-    units, told = [], []
-    run_study(
-        read_study(folder / "mirror.toml"),
-        folder / "out",
-        resume=True,
-        workers=1,
-        report=told.append,
-        progress=lambda one: units.append(one.stored),
-    )
-    return [f"{unit.arm}: {unit.task}" for unit in units[1:]], told
-
-
 @pytest.fixture
 def mirror(tmp_path, capsys):
     """A study that finds its mapping, which was run, and what was printed then."""
-    (tmp_path / "mirror.toml").write_text(STUDY)
+    (tmp_path / "own.toml").write_text(STUDY)
     again(tmp_path)
     return tmp_path, capsys.readouterr().out
 

@@ -120,8 +120,3 @@ def test_names_are_text_in_a_page(folder):
 
     change(folder / "study.json", edit)
     assert bad not in write_report(folder).read_text()
-
-
-def test_another_version_is_refused_in_one_sentence(folder):
-    change(folder / "study.json", lambda study: study.update(schema_version=1))
-    refuses(folder, r"has schema version 1 and this Curricle reads 3: run the study again")

@@ -14,16 +14,9 @@ from curricle.statistics.hypothesis_tests import (
     sign_flip_test,
 )
 from tests.refusals import check_values
+from tests.unit.test_intervals import bounds, normal
 
 NAN, INF = np.nan, np.inf
-
-
-def normal(*shape, seed=7):
-    return np.random.default_rng(seed).normal(size=shape)
-
-
-def bounds(interval):
-    return (interval.low, interval.high)
 
 
 # Performance profile

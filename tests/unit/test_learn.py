@@ -14,16 +14,13 @@ from curricle import (
     Pursuit,
     QInitialisation,
     QLearning,
-    RewardBonus,
     StateActionPotential,
     StatePotential,
     StateShaping,
-    evaluate,
     learn,
     solve,
 )
 from curricle.learning import linear
-from curricle.planning import greedy_policy
 
 LINE = GridWorld("S..T")
 ARRAYS = ("values", "steps", "training_return", "greedy_return", "episodes", "steps_used")
@@ -79,17 +76,7 @@ def test_episodes_are_counted_when_they_end():
     np.testing.assert_array_equal(result.training_return, [expected])
 
 
-def test_a_time_limit_ends_an_episode_and_pays_for_it():
-    result = learn(
-        GridWorld("S..T", time_limit=3, ends=()), SARSA(learning_rate=0), 30, eval_freq=30
-    )
-    assert result.episodes_used.tolist() == [10]
-
-
 def test_the_training_return_is_unshaped_and_undiscounted():
-    bonus = StateActionPotential(LINE, np.full((4, 4), 1000.0))
-    shaped = learn(LINE, budget=500, eval_freq=50, shaping=RewardBonus(bonus))
-    assert np.nanmax(shaped.training_return) <= 197
     one_way = FiniteMDP.from_outcomes([[[(1.0, 1, 4.0, True)]], [[]]], start=0, discount=0.5)
     phi = StatePotential(one_way, [-100, 0])
     assert (
@@ -108,11 +95,6 @@ def test_a_number_of_seeds_means_the_first_ones():
     assert learn(LINE, budget=100, seeds=np.array([4])).seeds == (4,)
 
 
-def test_streams_draw_independently():
-    assert not same(learn(LINE, budget=500), learn(LINE, budget=500, stream="other"))
-    assert same(learn(LINE, budget=500, stream="a"), learn(LINE, budget=500, stream="a"))
-
-
 # -- evaluation ----------------------------------------------------------------------------------
 
 
@@ -121,16 +103,6 @@ def test_checkpoint_0_judges_the_initial_values():
     result = learn(LINE, budget=10, shaping=QInitialisation(optimal))
     assert result.greedy_return[0, 0] == pytest.approx(solve(LINE).start_value)
     assert learn(LINE, budget=10).greedy_return[0, 0] < 150  # all tie: a random walk
-
-
-def test_exact_evaluation_is_the_value_of_the_tie_breaking_greedy_policy():
-    task = Pursuit(size=2, predators=1, time_limit=2000)
-    phi = StateActionPotential(task, np.random.default_rng(0).integers(-2, 2, size=(16, 5)))
-    result = learn(
-        task, budget=1, shaping=QInitialisation(phi), evaluation=GreedyEvaluation("exact")
-    )
-    expected = evaluate(task, greedy_policy(phi.values)).start_value
-    assert result.greedy_return[0, 0] == pytest.approx(expected, abs=1e-6)
 
 
 def test_exact_evaluation_stops_at_the_time_limit():
@@ -151,15 +123,6 @@ def test_returns_are_discounted_unless_asked_otherwise():
             assert result.greedy_return[0, 0] == pytest.approx(value)
 
 
-def test_rollouts_agree_with_the_exact_evaluation():
-    task = Pursuit(size=2, predators=1)
-    exact = learn(task, budget=1, evaluation=GreedyEvaluation("exact")).greedy_return[0, 0]
-    many = GreedyEvaluation("rollouts", episodes=20_000)
-    assert learn(task, budget=1, evaluation=many).greedy_return[0, 0] == pytest.approx(
-        exact, rel=0.05
-    )
-
-
 def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
     exact, auto = GreedyEvaluation("exact"), GreedyEvaluation("auto")
     assert same(learn(LINE, budget=200, evaluation=exact), learn(LINE, budget=200, evaluation=auto))
@@ -172,11 +135,6 @@ def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
 
 
 # -- potentials ----------------------------------------------------------------------------------
-
-
-def test_initial_values_do_not_touch_terminal_rows():
-    result = learn(LINE, QLearning(initial_value=9), 100)
-    assert (result.values[:, 3] == 0).all()
 
 
 def test_each_seed_may_have_its_own_potential():

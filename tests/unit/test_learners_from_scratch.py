@@ -5,17 +5,11 @@ import pytest
 
 import curricle as cr
 from curricle import QLearning, compare
-from curricle.comparison import Arm, Comparison, verdicts_of
+from curricle.comparison import Comparison, verdicts_of
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics import Curve
-from tests.comparisons import MAZE, assert_same, copied, corner, pursuit
+from tests.comparisons import MAZE, assert_same, copied, corner, flat, pursuit
 
 FAST = QLearning(learning_rate=0.5)
-
-
-def flat(returns, **kind):
-    values = np.repeat(np.asarray(returns, dtype=float)[:, None], 2, axis=1)
-    return Arm(Curve(np.array([0, 10]), values), values, values, False, **kind)
 
 
 def column(height, seed=0):

@@ -39,13 +39,6 @@ def source_states(mapping):
 # -- identity and same_position ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("task", [LINE, Pursuit(size=2, predators=2)], ids=["maze", "pursuit"])
-def test_identity_lifts_values_to_themselves(task):
-    q = np.random.default_rng(0).normal(size=(task.states.size, task.actions.size))
-    q[task.mdp.terminal] = 0
-    assert (identity(task).read(q) == q).all()
-
-
 def test_same_position_by_hand():
     mapping = same_position(LINE, END)
     assert source_states(mapping) == [UNMAPPED, UNMAPPED, 0, ENDED]

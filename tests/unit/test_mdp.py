@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
-from gymnasium.envs.toy_text.taxi import TaxiEnv
 
 from curricle import FiniteMDP, GridWorld, Pursuit, evaluate, solve
 from curricle.errors import TaskError
+from tests.tasks import dense_of
 
 P = np.array(
     [[[0.5, 0.5, 0.0], [0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [0.0, 0.25, 0.75]], np.eye(3)[[2, 2]]]
@@ -19,40 +19,27 @@ def dense(reward, **changes):
     return FiniteMDP.from_dense(P, reward, **(settings | changes))
 
 
-def expand(mdp):
-    """Return dense P (S, A, S) and expected R (S, A), zero for terminal states."""
-    n = mdp.states.size
-    p, r = np.zeros((n, mdp.actions.size, n)), np.zeros((n, mdp.actions.size))
-    for s in np.flatnonzero(~mdp.terminal):
-        for a in range(mdp.actions.size):
-            row = mdp.outcome_row[s, a]
-            for o in range(mdp.probability.shape[1]):
-                p[s, a, mdp.next_state[row, o]] += mdp.probability[row, o]
-                r[s, a] += mdp.probability[row, o] * mdp.reward[row, o]
-    return p, r
-
-
 def test_from_dense_keeps_the_transitions():
-    p, _ = expand(dense(np.zeros(3)))
+    p, _ = dense_of(dense(np.zeros(3)))
     assert (p[:2] == P[:2]).all()
     assert dense(np.zeros(3)).probability.shape == (6, 2)
 
 
 def test_from_dense_takes_rewards_of_states_pairs_or_transitions():
-    _, r = expand(dense([1.0, 2.0, 9.0]))
+    _, r = dense_of(dense([1.0, 2.0, 9.0]))
     assert r.tolist() == [[1, 1], [2, 2], [0, 0]]
-    _, r = expand(dense([[1.0, 2.0], [3.0, 4.0], [9.0, 9.0]]))
+    _, r = dense_of(dense([[1.0, 2.0], [3.0, 4.0], [9.0, 9.0]]))
     assert r.tolist() == [[1, 2], [3, 4], [0, 0]]
     reward = np.zeros((3, 2, 3))
     reward[0, 0, 1], reward[1, 1, 2], reward[0, 0, 2] = 4.0, 8.0, 99.0  # the last is impossible
-    _, r = expand(dense(reward))
+    _, r = dense_of(dense(reward))
     assert r.tolist() == [[2, 0], [0, 6], [0, 0]]
 
 
 def test_from_outcomes_pads_lists_and_reads_ends():
     lists = [[[(0.5, 0, -1.0), (0.5, 1, 3.0)], [(1.0, 1, 7.0)]], [[], []]]
     mdp = FiniteMDP.from_outcomes(lists, terminal=[False, True], start=0, discount=0.5)
-    p, r = expand(mdp)
+    p, r = dense_of(mdp)
     assert p[0].tolist() == [[0.5, 0.5], [0, 1]]
     assert r[0].tolist() == [1, 7]
     lists = {0: {0: [(1.0, 1, 0.0, False)]}, 1: {0: [(1.0, 2, 1.0, True)]}, 2: {0: []}}
@@ -107,7 +94,7 @@ def test_arrays_that_nobody_can_write_to_are_shared_and_others_copied():
 def test_sharing_outcome_rows_changes_nothing(task):
     shared = task.mdp
     assert len(shared.probability) < shared.states.size * shared.actions.size
-    p, _ = expand(shared)
+    p, _ = dense_of(shared)
     r = np.zeros_like(p)
     for s in np.flatnonzero(~shared.terminal):
         for a in range(shared.actions.size):
@@ -125,29 +112,6 @@ def test_frozen_lake_ends_in_its_holes_and_at_the_goal():
     lake = FiniteMDP.from_outcomes(FrozenLakeEnv().P, start=0, discount=0.99)
     assert np.flatnonzero(lake.terminal).tolist() == [5, 7, 11, 12, 15]
     assert solve(lake).start_value == pytest.approx(0.5420, abs=5e-5)  # the textbook value
-
-
-TAXI_ENDS = [0, 85, 410, 475]  # taxi and passenger at the destination
-
-
-def check_taxi(environment, taxi):
-    assert np.flatnonzero(taxi.terminal).tolist() == TAXI_ENDS
-    beside = environment.encode(0, 0, 4, 0)  # passenger in the taxi, at the destination
-    assert solve(taxi).values[beside] == pytest.approx(20)
-
-
-def test_taxi_pays_20_for_the_drop_off():
-    taxi, terminal = TaxiEnv(), np.zeros(500, dtype=bool)
-    terminal[TAXI_ENDS] = True
-    start = taxi.initial_state_distrib
-    check_taxi(taxi, FiniteMDP.from_outcomes(taxi.P, terminal=terminal, start=start, discount=0.99))
-
-
-def test_taxi_ends_are_read_off_its_table():
-    # Moves enter the ending states too, but only from states that no episode can be in.
-    taxi = TaxiEnv()
-    start = taxi.initial_state_distrib
-    check_taxi(taxi, FiniteMDP.from_outcomes(taxi.P, start=start, discount=0.99))
 
 
 def test_next_states_beyond_32_bits_are_refused_and_not_wrapped_round():

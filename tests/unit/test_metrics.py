@@ -54,7 +54,6 @@ def test_source_steps_are_one_number_or_one_a_seed():
         ([0, 1, 2], [[1, NAN, 2]], 0, "first measurement: seed 0, checkpoint 1 is NaN"),
         ([0, 1], [[1, 2]], [1, 2], r"source_steps must have shape \(1,\), one per seed"),
         ([0, 1], [[1, 2]], -3, "source_steps must be at least 0: got -3"),
-        ([0, 1], [[1, 2]], 0.5, "source_steps must be integers"),
     ],
 )
 def test_curve_refuses(steps, values, source, message):

@@ -85,21 +85,6 @@ def test_a_run_goes_on_where_it_was_and_the_result_is_the_same(played):
     assert second.drop_columns(apart).equals(first.drop_columns(apart))
 
 
-def test_other_seeds_arms_or_code_are_other_parts():
-    names = {
-        run.part_name(*given)
-        for given in (
-            ("a", [RAW], 2, "code"),
-            ("b", [RAW], 2, "code"),
-            ("a", ["guarded"], 2, "code"),
-            ("a", [RAW], 3, "code"),
-            ("a", [RAW], 2, "other"),
-        )
-    }
-    assert len(names) == 5
-    assert run.part_name("a", [RAW, "state"], 2, "x") == run.part_name("a", ["state", RAW], 2, "x")
-
-
 def test_the_tables_print_every_bar(played, capsys):
     tables.main([str(played)])
     text = capsys.readouterr().out

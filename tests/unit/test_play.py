@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import curricle as cr
-from curricle.errors import SettingError, StoreError
+from curricle.errors import StoreError
 from curricle.learning import TabularPolicy
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.analysis import played_episode, stored_episode
@@ -96,13 +96,12 @@ def test_the_policies_of_tables_are_read_from_a_folder(finished, study_file):
         results.policies("chain", curriculum, [9])
 
 
-NO_VALUES = """
+NO_EPISODE = """
 name = "hall"
 seeds = 1
 budget = 300
 snapshots = 0
 scratch = false
-{storage}
 [tasks.hall]
 type = "maze"
 map = "S..T"
@@ -110,9 +109,9 @@ time_limit = 20
 """
 
 
-def hall(folder, storage=""):
+def hall(folder):
     file = folder / "hall.toml"
-    file.write_text(NO_VALUES.format(storage=storage))
+    file.write_text(NO_EPISODE)
     run_study(read_study(file), folder / "out", workers=1)
     return file
 
@@ -154,14 +153,6 @@ def test_where_nothing_is_stored_it_says_how_to_play(tmp_path):
     with pytest.raises(StoreError, match=r"stores no episode of 'hall' in arm .*; --study FILE"):
         stored_episode(results, arm, "hall")
     assert played_episode(results, read_study(file), arm, "hall")[1].terminated
-
-
-def test_values_that_were_not_kept_play_nothing(tmp_path):
-    file = hall(tmp_path, "storage = { save_values = false }")
-    results = StudyResults(tmp_path / "out")
-    (arm,) = results.record.arms
-    with pytest.raises(SettingError, match="these were not saved"):
-        played_episode(results, read_study(file), arm, "hall")
 
 
 def test_an_episode_off_its_grid_is_refused(copied):

@@ -3,24 +3,12 @@
 import numpy as np
 import pytest
 
-from curricle import GridWorld, Pursuit, StateActionPotential, StatePotential
+from curricle import GridWorld, StateActionPotential, StatePotential
 from curricle.errors import PotentialError
 from curricle.learning import linear
 from tests.tasks import ring, ring_by_tables
 
 MAZE = GridWorld("S.T", discount=0.5)
-
-
-def test_terminal_rows_are_zero():
-    assert StatePotential(MAZE, [1, 2, 3]).values.tolist() == [[1, 2, 0]]
-    assert StateActionPotential(MAZE, np.ones((3, 4))).values.tolist() == [
-        [1] * 4,
-        [1] * 4,
-        [0] * 4,
-    ]
-    hunt = Pursuit(size=2, predators=2)
-    ones = StateActionPotential(hunt, np.ones((64, 25)))
-    assert ((ones.values == 0).all(axis=1) == hunt.mdp.terminal).all()
 
 
 def test_the_shaping_reward_is_the_discounted_difference():
@@ -57,9 +45,3 @@ def test_the_state_potential_of_a_pair_potential_is_its_maximum():
     phi = StateActionPotential(MAZE, [[1, -5, 2, 0], [-3, -1, -2, -9], [7] * 4])
     state = phi.to_state()
     assert state.values.tolist() == [[2, -1, 0]]
-
-
-@pytest.mark.parametrize("end", [np.nan, np.inf])
-def test_values_must_be_finite_even_at_the_end(end):
-    with pytest.raises(ValueError, match=r"Phi must be finite: entry \(2,\)"):
-        StatePotential(MAZE, [0, 0, end])

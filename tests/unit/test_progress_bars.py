@@ -14,8 +14,6 @@ from curricle.progress import Bars, Screen, shown
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
-
-
 SEARCHES = [cr.transfer.by_name, cr.transfer.by_homomorphism]
 LINE, LENGTHS = cr.GridWorld("S.T"), count(1)
 

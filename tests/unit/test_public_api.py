@@ -76,8 +76,3 @@ def test_the_tree_of_exceptions():
         assert issubclass(error, curricle.CurricleError)
         assert issubclass(error, ValueError)
     assert issubclass(curricle.errors.StoreError, curricle.CurricleError)
-
-
-def test_unmapped_and_ended_are_told_apart_by_sign():
-    assert curricle.transfer.UNMAPPED != curricle.transfer.ENDED
-    assert max(curricle.transfer.UNMAPPED, curricle.transfer.ENDED) < 0

@@ -29,10 +29,6 @@ def one_step_task(reward=8.0):
     )
 
 
-def arrays_of(owner):
-    return {name: x for name, x in vars(owner).items() if isinstance(x, np.ndarray)}
-
-
 # -- ends of episodes ----------------------------------------------------------------------------
 
 
@@ -105,40 +101,7 @@ def test_a_state_potential_is_zero_in_terminal_states_in_every_frame():
     assert (phi.values[:, ~maze.mdp.terminal] == 50.0).all()
 
 
-def test_no_pair_of_pursuit_is_left_unmapped_when_predators_meet():
-    hunt, chase = cr.Pursuit(size=3, predators=2), cr.Pursuit(size=3, predators=1)
-    where = hunt.states.decode()
-    together = (where["predator_1"] == where["predator_2"]) & ~hunt.mdp.terminal
-    assert together.any()
-    for name in hunt.predator_names:
-        mapping = cr.project(hunt, chase, predator=name)
-        assert mapping.coverage().unmapped == 0
-        assert (mapping.index[together] >= 0).all()
-
-
 # -- tables that change behind one's back --------------------------------------------------------
-
-
-def test_arrays_handed_out_are_read_only():
-    maze = small_maze()
-    result = cr.learn(maze, budget=500)
-    solution = cr.solve(maze)
-    owners = [
-        maze.mdp,
-        result,
-        solution,
-        cr.evaluate(maze, solution.policy),
-        cr.StatePotential(maze, np.zeros(9)),
-        cr.StateActionPotential(maze, np.zeros((9, 4))),
-        cr.transfer.identity(maze),
-    ]
-    writable = [
-        f"{type(owner).__name__}.{name}"
-        for owner in owners
-        for name, array in arrays_of(owner).items()
-        if array.flags.writeable
-    ]
-    assert writable == []
 
 
 def test_training_leaves_the_callers_table_alone():
@@ -163,15 +126,6 @@ def test_training_the_target_leaves_the_source_as_it_was():
     alone = cr.learn(maze, budget=1000, seeds=2, stream="source")
     np.testing.assert_array_equal(result["source"].values, alone.values)
     assert not np.shares_memory(result["source"].values, result["target"].values)
-
-
-def test_a_second_run_starts_from_the_initial_table_again():
-    maze, learner = small_maze(), cr.QLearning(initial_value=3.0)
-    phi = cr.StateActionPotential(maze, np.arange(36.0).reshape(9, 4))
-    first, second = (
-        cr.learn(maze, learner, 500, shaping=cr.QInitialisation(phi), seeds=2) for _ in range(2)
-    )
-    np.testing.assert_array_equal(first.values, second.values)
 
 
 # -- choices -------------------------------------------------------------------------------------
@@ -220,26 +174,6 @@ def test_the_discount_has_one_owner():
     ]  # fmt: skip
     for consumer in consumers:
         assert not {"discount", "gamma"} & set(inspect.signature(consumer).parameters), consumer
-
-
-def test_shaping_uses_the_discount_of_the_task():
-    for discount in (0.5, 1.0):
-        maze = small_maze(discount=discount)
-        phi = cr.StatePotential(maze, np.arange(9.0))
-        assert phi.shaping_reward(1, 2) == discount * 2.0 - 1.0
-
-
-def test_a_cycle_is_paid_nothing_only_at_discount_1():
-    cycle = np.array([0, 1, 2, 1, 0])
-    for discount in (1.0, 0.9):
-        phi = cr.StatePotential(small_maze(discount=discount), [2.0, -1.0, 4.0] + [0.0] * 6)
-        paid = phi.shaping_reward(cycle[:-1], cycle[1:])
-        if discount == 1:
-            assert paid.sum() == 0.0
-        else:
-            assert paid.sum() == pytest.approx((discount - 1) * (2.0 - 1.0 + 4.0 - 1.0))
-        telescoped = (discount ** np.arange(4) * paid).sum()
-        assert telescoped == pytest.approx(discount**4 * 2.0 - 2.0)
 
 
 # -- seeds ---------------------------------------------------------------------------------------

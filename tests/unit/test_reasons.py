@@ -3,20 +3,12 @@
 import numpy as np
 import pytest
 
-from curricle.comparison import Arm, Comparison
+from curricle.comparison import Comparison
 from curricle.comparison.levels import Level
 from curricle.comparison.verdicts import ASKING
-from curricle.statistics import Curve
+from tests.comparisons import flat
 
 NOISE = 0.1 * np.random.default_rng(5).permutation(12)
-
-
-def flat(returns, level=None, control=False):
-    values = np.repeat(np.asarray(returns, dtype=float)[:, None], 2, axis=1)
-    control = control or level is not None
-    return Arm(
-        Curve(np.array([0, 10]), values), values, np.full_like(values, np.nan), control, level=level
-    )
 
 
 def level_of(mean, base=0.0, constant=True):
@@ -27,10 +19,12 @@ def compared(pays, constant, *, placebo=None, level=4.0, base=0.0):
     """A comparison of an arm that gains `pays` with constants that gain as much as `constant`."""
     arms = {"scratch": flat(NOISE[::-1]), "mean": flat(pays + NOISE)}
     if constant is not None:
-        arms["mean, constant mean"] = flat(constant + np.roll(NOISE, 1), level_of(level, base))
+        arms["mean, constant mean"] = flat(
+            constant + np.roll(NOISE, 1), True, level=level_of(level, base)
+        )
     if placebo is not None:
         values = placebo + np.roll(NOISE, 3)
-        arms["mean, placebo"] = flat(values, level_of(level, None, constant=False))
+        arms["mean, placebo"] = flat(values, True, level=level_of(level, None, constant=False))
     return Comparison("maze", arms, 10, 10, 0.5, 1)
 
 
@@ -99,7 +93,7 @@ def test_the_strongest_of_those_that_know_nothing_decides():
     assert found.knowledge_verdicts["mean"].rival == "mean, placebo"
     assert found.contrasts["mean"].answer == "pays, by optimism alone"
     # The other controls do not: a source that is the target itself knows the task.
-    arms = {**compared(10.0, 4.0).arms, "mean, pretraining": flat(20.0 + NOISE, control=True)}
+    arms = {**compared(10.0, 4.0).arms, "mean, pretraining": flat(20.0 + NOISE, True)}
     other = Comparison("maze", arms, 10, 10, 0.5, 1)
     assert other.control_verdicts["mean"].rival == "mean, pretraining"
     assert other.contrasts["mean"].reason == "by what it knows"

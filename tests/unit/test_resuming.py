@@ -107,7 +107,7 @@ def stale(unit, why, seeds="0-1"):
     return f"{unit}, seeds {seeds}, is stale and trained again: {why}"
 
 
-@pytest.mark.parametrize("text", ["[1]", '[{"versions": 3}]', "{}"])
+@pytest.mark.parametrize("text", ["{", "[1]", '[{"versions": 3}]', "{}"])
 def test_a_list_of_runs_that_is_none_is_refused(own, text):
     (own / "out" / "runs.json").write_text(text)
     with pytest.raises(StoreError, match=r"runs\.json"):

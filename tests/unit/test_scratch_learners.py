@@ -18,8 +18,6 @@ initial_value = 50.0
 type = "SARSA"
 """
 NAMES = ("scratch", "scratch, optimistic", "scratch, sarsa")
-
-
 SET = [
     *("seeds=2", "window=1", "learner.learning_rate=0.2", "tasks.maze.time_limit=50"),
     *("tasks.maze.budget=1_000", "tasks.corner.budget=200"),
@@ -67,7 +65,6 @@ def test_they_survive_as_plain_data(tmp_path):
     [
         ("[scratch_learners.a]\nepsilon = 2.0", [], r"scratch_learners\.a cannot be compared: eps"),
         ("[scratch_learners.a]\nepsilom = 0.2", [], r"scratch_learners\.a\.epsilom is unknown"),
-        ("[scratch_learners.a]\nlearning_rate = 0.2", [], "must differ from the target's own"),
         (FURTHER, ["scratch=false"], "scratch_learners are compared with the target's own"),
         (f'{FURTHER}[arms."scratch, sarsa"]', [], "must have another name: a learner has it"),
     ],

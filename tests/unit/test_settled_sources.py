@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle.errors import ConfigError
 from curricle.learning.stopping import SETTLED, share_of_rise
-from curricle.study import read_study
+from tests.studies import CORNER as STUDY
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
@@ -141,40 +141,19 @@ def test_arms_and_controls_spend_one_total():
     assert own.tolist() == control.tolist()
 
 
-STUDY = """
-name = "maze"
-[tasks.maze]
-type = "maze"
-map = "S.T"
-budget = 500
-[tasks.easy]
-type = "crop"
-of = "maze"
-rows = [0, 1]
-columns = [0, 3]
-budget = { max_steps = 4_000, settled = 0.05 }
-[[transfers]]
-source = "easy"
-target = "maze"
-mapping = "same_position"
-"""
+STATED = "[tasks.corner]\nbudget = { max_steps = 4_000, settled = 0.05 }"
 
 
-def test_a_study_file_has_the_rule(tmp_path):
-    (tmp_path / "study.toml").write_text(STUDY)
-    study = read_study(tmp_path / "study.toml")
-    assert study.curriculum("transfer").node("easy").budget == rule(4_000)
-    over = read_study(tmp_path / "study.toml", set=["tasks.easy.budget.max_steps=70"])
-    assert over.curriculum("transfer").node("easy").budget == rule(70)
+def test_a_study_file_has_the_rule(read):
+    text = STUDY.replace("[tasks.corner]", STATED)
+    assert read(text).curriculum("transfer").node("corner").budget == rule(4_000)
+    over = read(text, set=["tasks.corner.budget.max_steps=70"])
+    assert over.curriculum("transfer").node("corner").budget == rule(70)
 
 
-def test_a_study_file_that_states_no_budget_has_the_defaults_of_a_curriculum(tmp_path):
-    stated = "budget = { max_steps = 4_000, settled = 0.05 }\n"
-    (tmp_path / "study.toml").write_text(STUDY.replace(stated, "").replace("budget = 500\n", ""))
-    arm, own = read_study(tmp_path / "study.toml").curriculum("transfer"), plan()
-    assert [arm.setting("budget", name) for name in ("easy", "maze")] == [rule(10_000), 100_000]
-    assert arm.node("easy").eval_freq == own.node("corner").eval_freq
+def test_a_study_file_that_states_no_budget_has_the_defaults_of_a_curriculum(read):
+    arm, own = read(STUDY).curriculum("transfer"), plan()
+    assert [arm.setting("budget", name) for name in ("corner", "maze")] == [rule(10_000), 100_000]
+    assert arm.node("corner").eval_freq == own.node("corner").eval_freq
     with pytest.raises(ConfigError, match=r"maze\.eval_freq.*must not exceed the budget of 100000"):
-        read_study(tmp_path / "study.toml", set=["tasks.maze.eval_freq=100_001"]).curriculum(
-            "transfer"
-        )
+        read(STUDY, set=["tasks.maze.eval_freq=100_001"]).curriculum("transfer")

@@ -397,7 +397,6 @@ REFUSALS = {
             "a family needs a member that is easier than the target: pursuit",
         ),
         "no kinds": (lambda: source_candidates(CORRIDOR, kinds=[]), "at least one kind"),
-        "no family": (lambda: only("member", CORRIDOR), "no candidates of the kinds member"),
         "propose returns tasks": (own(NEAR), "propose must return SourceCandidates: got GridWorld"),
         "propose one name twice": (own(proposed(NEAR), proposed(NEAR)), "'mine' is given twice"),
         "mapping of another target": (

@@ -56,8 +56,3 @@ def test_spaces_are_equal_when_components_and_points_are():
     assert Space(LISTED.components, points=[[1, 0]]) != LISTED
     assert Space([Component("row", 2), Component("column", 3)]) != BOX
     assert BOX != "a space"
-
-
-def test_points_need_one_column_for_each_component():
-    with pytest.raises(TaskError):
-        Space([Component("a", 2)], points=[[0, 1]])

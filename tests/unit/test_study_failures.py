@@ -1,6 +1,7 @@
 """An arm that fails is reported as failed; the other arms are trained, stored and compared."""
 
 import pickle
+import re
 import sys
 from concurrent.futures import Executor, Future
 
@@ -212,8 +213,9 @@ def test_a_damaged_list_of_failures_is_a_sentence(copied, content):
 
 def test_the_exit_code_and_show_tell_of_it(study, tmp_path, curricle):
     out = tmp_path / "out"
-    code, _, complaint = curricle("run", tmp_path / "chain.toml", "--out", out, "--workers", "1")
-    assert code == 3
+    code, told, complaint = curricle("run", tmp_path / "chain.toml", "--out", out, "--workers", "1")
+    assert (code, told) == (3, "")
+    assert re.search(r'rules\.py", line \d+, in mean', complaint)
     # The arm's other seeds may have begun before these failed; then they are named as well.
     assert complaint.splitlines()[-1].startswith(
         "curricle: state: easy, seeds 0-1 failed, and all that is stored is whole: "

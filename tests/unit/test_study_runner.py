@@ -100,11 +100,6 @@ def test_block_and_workers_change_nothing(study_file, finished, tmp_path, seeds_
     assert_same_results(tmp_path / "out", finished)
 
 
-def test_an_executor_that_trains_at_once_changes_nothing(study_file, finished, tmp_path):
-    run_study(read_study(study_file), tmp_path / "out", executor=Inline())
-    assert_same_results(tmp_path / "out", finished)
-
-
 def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
     pool, ended = LastFirst(), []
     monkeypatch.setattr(scheduling, "wait", pool.wait)
@@ -147,21 +142,6 @@ def test_an_interrupted_run_goes_on_with_other_blocks(study_file, finished, tmp_
     other = read_study(study_file, set=["seeds_per_unit=3"])
     run_study(other, tmp_path / "out", resume=True, workers=2)
     assert_same_results(tmp_path / "out", finished)
-
-
-def test_more_seeds_give_what_one_run_of_all_gives(study_file, finished, tmp_path, contents):
-    out = tmp_path / "out"
-    first = run_study(read_study(study_file, set=['seeds="0-1"']), out, workers=2)
-    assert first.seeds == (0, 1)
-    study = run_study(read_study(study_file), out, resume=True, workers=2)
-    assert study.seeds == (0, 1, 2, 3)
-    assert contents(out) == contents(finished)
-
-
-def test_fewer_seeds_forget_none(study_file, finished, copied, contents):
-    study = run_study(read_study(study_file, set=['seeds="2-2"']), copied, resume=True)
-    assert study.seeds == (0, 1, 2, 3)
-    assert contents(copied) == contents(finished)
 
 
 def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):

@@ -164,14 +164,9 @@ def test_a_live_task_is_played_in_its_environment(kind):
     ("wrong", "words"),
     [
         (lambda p: TabularPolicy(None, p.values).predict([0, 0]), "without its task reads numbers"),
-        (lambda p: TabularPolicy(None, p.values).episode(), "an episode needs the task"),
         (
             lambda p: TabularPolicy(random_mdp(1), np.zeros((6, 3))).episode(),
             "without a time limit needs max_steps",
-        ),
-        (
-            lambda p: TabularPolicy(MAZE, SparseValues(np.array([9]), np.zeros((1, 4)))),
-            "sparse values of 5 states x 4 actions",
         ),
         (
             lambda p: cr.learn(MAZE, budget=50, storage=cr.Storage(save_values=False)).policy,

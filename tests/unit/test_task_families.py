@@ -155,11 +155,9 @@ def test_members_that_the_constraint_or_their_number_rules_out():
         ),
         (lambda: corridor(length=9, slope="steep"), "a long corridor must be flat: got corridor"),
         (lambda: list(corridor.members(length=[3, 99])), r"must lie in \[2, 9\]: got 99"),
-        (lambda: list(corridor.members(size=3)), "a parameter of corridor must be one of"),
         (lambda: corridor(length=3)["size"], "a parameter of corridor must be one of"),
         (lambda: list(corridor.easier(3)), "easier than must be a FamilyMember: got 3"),
         (lambda: list(corridor.easier(maze_family())), "corridor has only members of its own"),
-        (lambda: pursuit_family(predators=1, capture=2), "at most the number of predators, 1: got"),
     ],
 )
 def test_bad_members_are_refused_in_a_sentence(wrong, said):
@@ -187,7 +185,6 @@ def one_word(word: str = "a") -> GridWorld:
         (lambda: Parameter("a", values=("x", "y"), harder="larger"), "must be 'later'"),
         (lambda: TaskFamily("f", one_word, ["word"]), "must be a Parameter: got 'word'"),
         (lambda: TaskFamily("f", one_word, [Parameter("x")]), "different ones of its function"),
-        (lambda: TaskFamily("f", one_word, [Parameter("word")] * 2), "different ones of its"),
         (
             lambda: TaskFamily("f", one_word, [Parameter("word", values=("b",))]),
             "word of f, its default, must be one of b: got 'a'",
@@ -197,7 +194,6 @@ def one_word(word: str = "a") -> GridWorld:
             lambda: TaskFamily("f", one_word, constraint=lambda values: False)(),
             "constraint of f must return None or what is wrong as a sentence: got False for f",
         ),
-        (lambda: TaskFamily("f", lambda: 1)(x=2), "parameter of f must be one of none: got 'x'"),
         (lambda: task_family()(lambda x: x), "parameter 'x' of <lambda> must have a kind"),
     ],
 )

@@ -188,10 +188,6 @@ def says(probabilities):
                     lambda: teach({**BOTH, "s": cr.GridWorld("S.T")}, target="far"),
                     "share their states.*'s'",
                 ),
-                "actions": (
-                    lambda: teach({"c": chain(), "m": random_mdp(0, n_states=3)}, target="c"),
-                    "share their",
-                ),
                 "limit": (
                     lambda: teach({**BOTH, "o": OTHER}, target="far"),
                     "share their time_limit: 'o' has 60 and 'far' has 50",
@@ -213,7 +209,6 @@ def says(probabilities):
                     lambda: teach({"n": NO_GOAL}, Learnability(), target="n"),
                     "goal needs at least one state.*task 'n'",
                 ),
-                "live": (lambda: teach({"n": 3}, target="n"), "a task must be"),
             },
         }
     ),

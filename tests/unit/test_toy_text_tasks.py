@@ -81,15 +81,17 @@ def test_the_cliff_is_that_of_gymnasium(slippery):
     assert walk.time_limit == gym.spec("CliffWalking-v1").max_episode_steps
 
 
-@pytest.mark.parametrize("rainy", [False, True])
-def test_the_taxi_is_that_of_gymnasium(rainy):
-    assert_equal_to_gymnasium(Taxi(rainy=rainy), "Taxi-v4", is_rainy=rainy)
-    assert Taxi().time_limit == gym.spec("Taxi-v4").max_episode_steps
-
-
-def test_a_taxi_in_other_rain_is_that_of_gymnasium():
-    theirs = {"is_rainy": True, "rainy_probability": 0.5}
-    assert_equal_to_gymnasium(Taxi(rainy=True, success_rate=0.5), "Taxi-v4", **theirs)
+@pytest.mark.parametrize(
+    ("taxi", "theirs"),
+    [
+        (Taxi(), {"is_rainy": False}),
+        (Taxi(rainy=True), {"is_rainy": True}),
+        (Taxi(rainy=True, success_rate=0.5), {"is_rainy": True, "rainy_probability": 0.5}),
+    ],
+)
+def test_the_taxi_is_that_of_gymnasium(taxi, theirs):
+    assert_equal_to_gymnasium(taxi, "Taxi-v4", **theirs)
+    assert taxi.time_limit == gym.spec("Taxi-v4").max_episode_steps
 
 
 # -- relatives that Gymnasium lacks --------------------------------------------------------------
@@ -220,13 +222,7 @@ def test_wrong_values_are_named(made):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (lambda: FrozenLake(["SX", "FG"]), "drawn with S F H G: row 0, column 1 has 'X'"),
-        (lambda: FrozenLake(["FF", "FG"]), "start='map' needs S on the map"),
         (lambda: FrozenLake(["HH", "HG"], start="uniform"), "needs S or F on the map"),
-        (
-            lambda: FrozenLake().crop(rows=(0, 5), columns=(0, 4)),
-            r"a crop must lie within the map's rows 0\.\.4: got 0\.\.5",
-        ),
         (lambda: FrozenLake().crop(rows=(0, 2), columns=(0, 2)), "a lake needs a goal G"),
     ],
 )

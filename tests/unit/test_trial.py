@@ -187,25 +187,9 @@ def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():
 # -- where there is none ---------------------------------------------------------------------------
 
 
-class Ring:
-    """An environment: home is 0."""
-
-    def reset(self, seed=None):
-        self.place = 3
-        return self.place, {}
-
-    def step(self, action):
-        self.place = (self.place + (1 if action else -1)) % 8
-        return self.place, -1.0, self.place == 0, False, {}
-
-    def close(self):
-        pass
-
-
 def live_plan():
-    place, move = cr.Space([cr.Component("place", 8)]), cr.Space([cr.Component("move", 2)])
-    ring = cr.tasks.LiveMDP(place, move, Ring, time_limit=20)
-    return copied(ring, budget=60)
+    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9, live=True, time_limit=20)
+    return copied(lake, budget=60)
 
 
 def test_a_live_task_has_no_trial_and_its_words_are_weak():

@@ -63,6 +63,12 @@ def tuned(tuned_file, pool, tmp_path_factory):
     return folder
 
 
+@pytest.fixture
+def found(tuned):
+    """What that tuning found."""
+    return read_tuning(StudyStore(tuned))
+
+
 def assert_same(folder, tuned):
     for name in (TUNING, RESULTS):
         assert (folder / name).read_bytes() == (tuned / name).read_bytes(), name
@@ -91,11 +97,7 @@ def test_a_killed_run_goes_on_to_the_same(tuned_file, tuned, pool, tmp_path, lef
     run_study(study, tmp_path / "out", resume=True, executor=again)
     assert_same(tmp_path / "out", tuned)
     assert killed.trained + again.trained == pool.trained
-
-
-def test_a_finished_run_trains_nothing_again(tuned_file, tuned, tmp_path):
-    run_study(read_study(tuned_file), tmp_path / "out", workers=1)
-    run_study(read_study(tuned_file), tmp_path / "out", resume=True, executor=Inline(0))
+    run_study(study, tmp_path / "out", resume=True, executor=Inline(0))  # all is there
     assert_same(tmp_path / "out", tuned)
 
 
@@ -225,8 +227,7 @@ def test_show_says_how_far_a_tuning_is(tuned_file, tuned, tmp_path, curricle, fi
 # -- what it is --------------------------------------------------------------------------------
 
 
-def test_every_arm_has_as_many_trials_and_steps(tuned):
-    found = read_tuning(StudyResults(tuned).store)
+def test_every_arm_has_as_many_trials_and_steps(found):
     assert {name: len(one.trials) for name, one in found.arms.items()} == {
         "scratch": 12,
         "transfer": 12,
@@ -234,8 +235,7 @@ def test_every_arm_has_as_many_trials_and_steps(tuned):
     assert found.steps("scratch") == found.steps("transfer") == 12 * 2 * found.total
 
 
-def test_an_arm_is_tuned_in_what_it_has(tuned):
-    found = read_tuning(StudyResults(tuned).store)
+def test_an_arm_is_tuned_in_what_it_has(found):
     assert {*found.arms["scratch"].best.values} == {
         "learner.learning_rate",
         "learner.initial_value",
@@ -247,8 +247,7 @@ def test_an_arm_is_tuned_in_what_it_has(tuned):
         assert trial.values["unknown_value"] in (0.0, 1.0)
 
 
-def test_a_trial_is_scored_as_arms_are_compared(tuned_file, tuned):
-    found = read_tuning(StudyResults(tuned).store)
+def test_a_trial_is_scored_as_arms_are_compared(tuned_file, found):
     trial = found.arms["transfer"].trials[3]
     sets = [f"{key}={value}" for key, value in trial.values.items()]
     plain = read_study(tuned_file, set=sets).curriculum("transfer")
@@ -258,9 +257,8 @@ def test_a_trial_is_scored_as_arms_are_compared(tuned_file, tuned):
     np.testing.assert_allclose(by_hand.returns["transfer"].mean(), trial.score, rtol=1e-12)
 
 
-def test_arms_are_run_with_their_best_settings_on_other_seeds(tuned):
+def test_arms_are_run_with_their_best_settings_on_other_seeds(tuned, found):
     results = StudyResults(tuned)
-    found = read_tuning(results.store)
     assert not {*results.seeds} & {*found.seeds}
     for name, arm in found.arms.items():
         assert results.record.arms[name].variant.values == arm.best.values
@@ -269,8 +267,7 @@ def test_arms_are_run_with_their_best_settings_on_other_seeds(tuned):
         assert arm.best.score == max(one.score for one in arm.trials)
 
 
-def test_effects_are_means_of_trials(tuned):
-    found = read_tuning(StudyResults(tuned).store)
+def test_effects_are_means_of_trials(found):
     effects = tuning_effects(found)
     trials = found.arms["transfer"].trials
     for level in effects.levels["transfer", "unknown_value"]:

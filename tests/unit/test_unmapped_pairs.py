@@ -7,7 +7,7 @@ import curricle as cr
 from curricle.errors import CurriculumError, MappingError
 from curricle.interop.gymnasium import observation_task
 from curricle.transfer import FunctionValues, ObservationMapping, ObservationPotential
-from tests.studies import only, reader
+from tests.studies import CORNER, only
 
 LINE = cr.GridWorld("S...T")
 END = LINE.crop(rows=(0, 1), columns=(2, 5))
@@ -74,35 +74,14 @@ def test_a_users_aggregate_skips_or_has_the_values_stated():
     assert potential(curriculum(0.0, aggregate=median)) == [-1, -1, -3, -3, 0]
 
 
-STUDY = """
-name = "lines"
-[tasks.far]
-type = "maze"
-map = "S...T"
-[tasks.end]
-type = "crop"
-of = "far"
-rows = [0, 1]
-columns = [2, 5]
-[[transfers]]
-source = "end"
-target = "far"
-mapping = "same_position"
-"""
-
-
-def test_a_study_file_states_either(tmp_path):
-    def read(text):
-        return only(reader(tmp_path)(text))
-
-    plan = read(STUDY)
+def test_a_study_file_states_either(read):
+    plan = only(read(CORNER))
     assert plan.transfers[0].mapping.unmapped_value is None
-    assert plan.setting("unknown_value", "far") == 0
-    as_published = read(STUDY + "unmapped_value = 0\n")
+    assert plan.setting("unknown_value", "maze") == 0
+    as_published = only(read(CORNER + "unmapped_value = 0\n"))
     assert as_published.transfers[0].mapping.unmapped_value == 0
-    assert potential(as_published, ["end"]) == [0, 0, -4, -4, 0]
-    plan = read(STUDY.replace("[tasks.far]", "[tasks.far]\nunknown_value = -9"))
-    assert potential(plan, ["end"]) == [-9, -9, -4, -4, 0]
+    plan = only(read(CORNER, set=["tasks.maze.unknown_value=-9"]))
+    assert plan.setting("unknown_value", "maze") == -9
 
 
 def test_observations_without_counterpart_are_skipped_too():

@@ -14,6 +14,7 @@ from curricle.transfer import (
     identity,
 )
 from curricle.transfer.mapping_scores import EXPECTILE, fitted_constant
+from tests.studies import CORNER
 from tests.tasks import mdps
 
 COSTS = cr.Rewards(step=-1, treasure=0)
@@ -101,31 +102,9 @@ def test_a_curriculum_states_it_where_one_transfer_says_all():
     assert edge.mapping.unmapped_value is None
 
 
-STUDY = """
-name = "line"
-[tasks.line]
-type = "maze"
-map = "S.......T"
-rewards = {{ step = -1.0, treasure = 0.0 }}
-time_limit = 50
-budget = 100
-{more}
-[tasks.end]
-type = "crop"
-of = "line"
-rows = [0, 1]
-columns = [5, 9]
-budget = 100
-[[transfers]]
-source = "end"
-target = "line"
-mapping = "auto"
-"""
-
-
-@pytest.mark.parametrize(("more", "stated"), [("", True), ("unknown_value = -2.0", False)])
-def test_a_study_states_it_as_a_curriculum_does(tmp_path, more, stated):
-    path = tmp_path / "line.toml"
-    path.write_text(STUDY.format(more=more))
-    (edge,) = cr.read_study(path).curriculum("transfer").transfers
+@pytest.mark.parametrize(("more", "stated"), [([], True), (["unknown_value=-2.0"], False)])
+def test_a_study_states_it_as_a_curriculum_does(read, more, stated):
+    costs = "tasks.maze.rewards={ step = -1.0, treasure = 0.0 }"
+    study = read(CORNER, set=["transfers.0.mapping=auto", costs, *more])
+    (edge,) = study.curriculum("transfer").transfers
     assert (edge.mapping.unmapped_value is not None) is stated

@@ -9,24 +9,18 @@ from hypothesis import given, settings, strategies as st
 
 from curricle import compare
 from curricle.cli.app import main
-from curricle.comparison import Arm, Comparison, seeds_needed, verdicts_of
+from curricle.comparison import Comparison, seeds_needed, verdicts_of
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics import Curve, Looks, mean_interval, sign_flip_test
+from curricle.statistics import Looks, mean_interval, sign_flip_test
 from curricle.statistics.hypothesis_tests import holm
 from curricle.study import StudyResults
-from tests.comparisons import corner
-
-
-def flat_arm(returns, control=False):
-    """An arm whose seeds have constant curves of these heights."""
-    values = np.repeat(np.asarray(returns, dtype=float)[:, None], 2, axis=1)
-    return Arm(Curve(np.array([0, 10]), values), values, values, control)
+from tests.comparisons import corner, flat
 
 
 def compared(**returns):
     """A comparison of flat arms; those whose name ends with "_control" are controls."""
-    arms = {name: flat_arm(each, name.endswith("_control")) for name, each in returns.items()}
+    arms = {name: flat(each, name.endswith("_control")) for name, each in returns.items()}
     return Comparison("maze", arms, 10, 10, 0.5, 1)
 
 

@@ -5,38 +5,20 @@ import numpy as np
 from gymnasium import spaces
 
 import curricle as cr
-from curricle import Component, ComputedMDP, GridWorld, Pursuit, Space
-from curricle.tasks.draws import integers, uniform
+from curricle import GridWorld, Pursuit
+from tests.tasks import ring
 
 WALLED = GridWorld(["S.#T", "FP.."])
 CROP = GridWorld(["......", "S....T"]).crop(rows=(0, 2), columns=(3, 6))
 
 
-def ring_start(n, bits):
-    return 1 + integers(bits, n - 1)
-
-
-def ring_step(n, state, action, bits):
-    right = (action == 1) != (uniform(bits) < 0.1)
-    place = (state + (1 if right else n - 1)) % n
-    return place, -1.0, place == 0
-
-
-RING = ComputedMDP(
-    Space([Component("place", 7)]),
-    Space([Component("move", 2, labels=("left", "right"))]),
-    ring_start,
-    ring_step,
-    data=7,
-    time_limit=30,
-)
 TASKS = {
     "walled": WALLED,
     "crop": CROP,
     "relative": GridWorld(["S.T", ".F."], representation="relative"),
     "pursuit": Pursuit(3, 2),
     "tables": Pursuit(3, 1).mdp,
-    "ring": RING,
+    "ring": ring(7, time_limit=30),
 }
 
 OFF = cr.GreedyEvaluation("off")
@@ -112,8 +94,3 @@ class Watched(gym.Env):
 def watched(log, fail=None, **settings):
     make = (lambda: Watched(log, fail)) if fail else (lambda: Watched(log))
     return cr.from_gymnasium(make, **{"discount": 0.9, "time_limit": 20, **settings})
-
-
-def every_cell(pursuit):
-    """The cells of every state, (S, 1 + N)."""
-    return np.stack(list(pursuit.states.decode().values()), axis=1)

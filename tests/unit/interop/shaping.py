@@ -9,36 +9,22 @@ import curricle as cr
 from curricle.interop.potential_shaping import PotentialShaping
 
 N_STATES, N_ACTIONS, DISCOUNT, LIMIT = 6, 3, 0.9, 7
-
-
 RNG = np.random.default_rng(0)
-
-
 TRANSITION = RNG.dirichlet(np.full(N_STATES, 0.5), size=(N_STATES, N_ACTIONS))
-
-
 REWARD = RNG.normal(size=(N_STATES, N_ACTIONS, N_STATES))
-
-
 PHI = 3 * RNG.normal(size=N_STATES)
-
-
 SOME = np.arange(N_STATES) == N_STATES - 1
-
-
 NONE = np.zeros(N_STATES, bool)
-
-
 MODES = list(AutoresetMode)
 
 
 class World(gym.Env):
     """A random finite MDP; an episode begins anywhere it does not end."""
 
-    def __init__(self, terminal=SOME, observe=int, space=None):
-        self.terminal, self.observe = terminal, observe
-        self.observation_space = space or gym.spaces.Discrete(N_STATES)
-        self.action_space = gym.spaces.Discrete(N_ACTIONS)
+    def __init__(self, terminal=SOME, observe=int, space=None, p=TRANSITION, r=REWARD):
+        self.p, self.r, self.terminal, self.observe = p, r, terminal, observe
+        self.observation_space = space or gym.spaces.Discrete(len(p))
+        self.action_space = gym.spaces.Discrete(p.shape[1])
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -47,8 +33,8 @@ class World(gym.Env):
 
     def step(self, action):
         before = self.state
-        self.state = int(self.np_random.choice(N_STATES, p=TRANSITION[before, action]))
-        reward = float(REWARD[before, action, self.state])
+        self.state = int(self.np_random.choice(len(self.p), p=self.p[before, action]))
+        reward = float(self.r[before, action, self.state])
         return self.observe(self.state), reward, bool(self.terminal[self.state]), False, {"at": 1}
 
 

@@ -103,20 +103,6 @@ def test_ends_are_told_apart_and_the_tasks_own_limit_is_the_only_one():
     assert not any(endless.step(WEST)[3] for _ in range(300))
 
 
-def test_equal_seeds_give_equal_episodes_and_others_others():
-    environment = to_gymnasium(Pursuit(4, 2))
-
-    def episodes(seed):
-        seen = [environment.reset(seed=seed)[0]]
-        for _ in range(60):
-            state, _, terminated, truncated, _ = environment.step(7)
-            seen.append(environment.reset()[0] if terminated or truncated else state)
-        return seen
-
-    assert episodes(1) == episodes(1)
-    assert episodes(1) != episodes(2)
-
-
 @pytest.mark.parametrize(
     "given",
     [118, np.int64(118), {"prey": 1, "predator_1": "(1,1)", "predator_2": np.int32(1)}],

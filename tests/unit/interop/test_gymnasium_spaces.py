@@ -136,8 +136,6 @@ def test_bins_make_numbers_states():
 
 
 BOX = spaces.Box(0, 1, (2,))
-
-
 REFUSED = {
     "a box": ({"observation_space": BOX, "action_space": TWO}, "observations must be discrete"),
     "no states": (

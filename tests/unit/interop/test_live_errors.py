@@ -18,8 +18,6 @@ class Trouble(Exception):
 
 
 ERRORS = [Trouble("x"), KeyboardInterrupt(), SystemExit(3), StopIteration()]
-
-
 LOOPS = {
     "fast": {},
     "general": {"learner": cr.SARSA()},

@@ -51,10 +51,7 @@ def test_ends_have_potential_0_under_any_aggregate(mode, batched):
 
 
 def vector_oracle(mode, actions, terminal, limit):
-    """Sub-environments stepped one by one, reset as the mode says, F written out for each.
-
-    Yields (reward, F, Phi(s'), stepped, ended, original return) of each sub-environment and step.
-    """
+    """Step one by one, F written out: reward, F, Phi(s'), stepped, ended, original return."""
     n = actions.shape[1]
     envs = [world(terminal, limit) for _ in range(n)]
     states = [env.reset(seed=10 + i)[0] for i, env in enumerate(envs)]

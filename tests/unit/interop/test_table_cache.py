@@ -131,9 +131,3 @@ def test_a_cache_that_cannot_be_written_is_refused_before_states_are_visited(tmp
     monkeypatch.setattr("curricle.interop.tabulation.tabulate.Search", None)
     with pytest.raises(StoreError, match="a cache must be a file in a folder that can be written"):
         tabulated(tmp_path / "no folder" / "lamps")
-
-
-def test_a_cache_is_named_by_a_path():
-    for cache in (3, True, ["tables"], ""):
-        with pytest.raises(StoreError, match=r"a file must be a path|a file needs a name"):
-            tabulated(cache)

@@ -200,9 +200,6 @@ def test_a_seed_ends_where_its_budget_did_and_holds_no_nan():
     assert not any("curricle/guard_share" in values for _, values in checkpoints(result, 0))
 
 
-# TensorBoard
-
-
 def read_board(folder):
     """Tag -> steps and float32 values, as TensorBoard reads a run's folder."""
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator

@@ -3,6 +3,7 @@
 import pytest
 
 import curricle as cr
+from tests.tasks import predator_edges
 
 from .studies import ODD, chain_plan, hunt_plan, maze_plan, page_of, record
 
@@ -46,10 +47,7 @@ def plan(hunt):
     chase = cr.Pursuit(3, 1, discount=0.9, time_limit=30)
     return cr.Curriculum(
         tasks={"chase": chase, "hunt": hunt},
-        transfers=[
-            cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name))
-            for name in hunt.predator_names
-        ],
+        transfers=predator_edges(hunt, chase),
         budget={"chase": cr.StoppingRule(5_000), "hunt": 500},
     )
 

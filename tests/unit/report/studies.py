@@ -11,6 +11,7 @@ from curricle.learning.record import Snapshots
 from curricle.study.analysis import analysed
 from curricle.study.recording import curricula_record
 from tests.study_pages import study_page
+from tests.tasks import predator_edges
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $\\frac{a$ </script>"
@@ -86,10 +87,7 @@ def hunt_plan(aggregate, **transfer):
     hunt, chase = (cr.Pursuit(3, n, discount=0.9, time_limit=30) for n in (2, 1))
     return cr.Curriculum(
         {"chase": chase, "hunt": hunt},
-        [
-            cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=name), **transfer)
-            for name in hunt.predator_names
-        ],
+        predator_edges(hunt, chase, **transfer),
         aggregate=aggregate,
         budget={"chase": 4000, "hunt": 8000},
         shaping=cr.QInitialisation(),
@@ -166,10 +164,6 @@ class Reader(HTMLParser):
 def labelled(axes):
     """The lines with a name of their own."""
     return {line.get_label(): line for line in axes.lines if line.get_label()[0] != "_"}
-
-
-def caption_of(figure):
-    return figure.get_supxlabel().replace("\n", " ")
 
 
 def texts_of(axes):

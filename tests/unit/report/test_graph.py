@@ -1,9 +1,5 @@
 """The curriculum graph of a page."""
 
-import math
-
-import pytest
-
 import curricle as cr
 from curricle.report.graph import CARD, graphs
 
@@ -79,29 +75,3 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
     (skipping,) = [edge for edge in graph.edges if (edge.source, edge.target) == ("a", "d")]
     (card,) = [card for card in graph.cards if card.name == "c"]
     assert not card.left <= skipping.place[0] <= card.left + CARD
-
-
-@pytest.mark.parametrize(
-    "pairs",
-    [
-        ["ab", "bc", "ac", "cd", "ad", "bd"],  # three arrows go round other cards
-        ["ac", "ad", "bc", "bd", "ce", "de"],  # two cross
-        [one + other for n, one in enumerate("abcdef") for other in "abcdef"[n + 1 :]],
-    ],
-)
-def test_numbers_of_arrows_are_apart(pairs):
-    maze = cr.GridWorld(["..T", "S.."])
-    names = sorted(set("".join(pairs)))
-    edges = [cr.Transfer(*pair, cr.transfer.identity(maze)) for pair in pairs]
-    (graph,) = graphs_of(
-        {"all": cr.Curriculum(dict.fromkeys(names, maze), edges, budget=50).train()}
-    )
-    assert len({edge.path for edge in graph.edges}) == len(pairs)
-    spots = [edge.place for edge in graph.edges]
-    for i, (x, y) in enumerate(spots):
-        assert 10 <= x <= graph.width - 10
-        for other in spots[:i]:
-            assert math.dist((x, y), other) >= 24
-        for card in graph.cards:
-            beside = not card.left - 10 < x < card.left + CARD + 10
-            assert beside or not card.top - 10 < y < card.top + card.height + 10

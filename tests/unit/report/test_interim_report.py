@@ -188,12 +188,6 @@ def test_a_page_of_a_run_that_broke_off_says_so_and_is_read_no_more(live, error,
     assert live.banner[1] == 0
 
 
-def test_a_run_that_is_refused_leaves_no_page(live):
-    with pytest.raises(StoreError), interim_report(live.folder, *live.settings):
-        raise StoreError("already holds results")
-    assert not (live.folder / "report.html").exists()
-
-
 def test_a_study_without_scratch_has_no_report(live):
     (live.folder / "failures.json").write_text(
         f'[{{"key": "{live.keys["scratch", "maze"]}", "seeds": [0], "error": "lost"}}]'
