@@ -91,6 +91,8 @@ class Miniatures(ObservationTask):
     def examined(self, values: Any) -> "tuple[Examined, ...]":
         """Return how a network acts on held-out levels, by each member's tables.
 
+        A member with a single level has none held out: its network was trained on it.
+
         Those of `tested_on` come last. Returns are exact, and no step is taken.
         """
         return tuple(each.examined(values) for each in (*self.solved, *self.solved_tests))
@@ -176,11 +178,12 @@ def miniatures(
 class Examined(NamedTuple):
     """Expected discounted returns on held-out levels of a member, from their starts.
 
-    Where a member has a single level, on that.
+    Where none is held out, as of a member with a single level, on those that were trained on.
     """
 
     member: ObservationTask
     levels: int
+    held_out: bool
     optimal: float
     random: float
     greedy: float
@@ -252,7 +255,7 @@ class SolvedMember:
         return Knowledge.read(replace(potential, unknown_value=np.nan), seen)
 
     def examined(self, values: Any) -> Examined:
-        """Return how a network acts on the held-out levels."""
+        """Return how a network acts on the held-out levels, on all where none is held out."""
         apart = np.where(self.training, 0.0, self.table.mdp.start)
         start = apart if apart.any() else self.table.mdp.start
         n_levels = len(np.unique(self.level[start > 0]))
@@ -266,6 +269,7 @@ class SolvedMember:
         return Examined(
             self.member,
             n_levels,
+            bool(apart.any()),
             float(self.solution.values @ start / start.sum()),
             worth(random),
             worth(self.table.policy(values.policy)),
@@ -305,9 +309,9 @@ def learn_miniatures(
     """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
 
     ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
-    held-out levels, mean over members. Where there are `potentials`, one for each seed, the
+    held-out levels (:class:`Examined`), mean over members. Where there are `potentials`, one for each seed, the
     networks are fitted to what they say of the observations, instead of exact answers. TaskError
-    when a network acts no better than at random on held-out levels.
+    when a network acts no better than at random there.
     """
     from curricle.deep.distillation import distil  # loads torch
 
@@ -333,8 +337,10 @@ def _outcome(task: Miniatures, values: Any) -> Outcome:
     shares = [one.regained for one in examined if not np.isnan(one.regained)]
     regained = np.mean(shares) if shares else 1.0
     if regained < WORTH and not task.shuffled:
+        all_held = all(one.held_out for one in examined)
+        where = "held-out levels" if all_held else "levels, some of which it was fitted to"
         raise TaskError(
-            "a network distilled from miniatures must act better than at random on held-out "
-            f"levels: it regains {regained:.0%} of the way to the optimum of {task}"
+            f"a network distilled from miniatures must act better than at random on {where}: it "
+            f"regains {regained:.0%} of the way to the optimum of {task}"
         )
     return Outcome(record, values, 0, 0, out_of_memory=False, evaluation_steps=0)

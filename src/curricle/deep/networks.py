@@ -12,6 +12,7 @@ from gymnasium.spaces import Box, Space
 from curricle.array_types import FloatArray
 from curricle.checks import whole_number
 from curricle.errors import PotentialError, SettingError
+from curricle.interop.tabulation.tabulated_task import actions_by_sight, takes_masks
 from curricle.transfer.observation_mapping import no_actions
 from curricle.transfer.potentials import ObservationPotential
 
@@ -114,9 +115,9 @@ class NetworkValues:
         """Return the action taken in each of n observations, without exploring.
 
         If `sampled`, an actor-critic's actions are drawn from its policy by torch's generator.
+        SettingError where the policy has memory or needs masks of actions.
         """
-        actions, _ = self.policy.predict(observations, deterministic=not sampled)
-        return np.asarray(actions)
+        return np.asarray(actions_by_sight(self.policy, observations, deterministic=not sampled))
 
     def parameters(self) -> dict[str, npt.NDArray[Any]]:
         """Return the policy's parameters by name, as plain arrays."""
@@ -147,6 +148,11 @@ class NetworkValues:
     def _by_torch(self, observations: Any) -> FloatArray:
         """Return the network's output, computed by PyTorch, (n, ...)."""
         heads = self.kind == "value_net"
+        if hasattr(self.policy, "lstm_actor"):
+            raise PotentialError(
+                "values are read of networks without memory, as a potential is of one observation: "
+                f"got {type(self.policy).__name__}; WeightTransfer and PolicyReuse hand it on"
+            )
         network = self.policy.predict_values if heads else getattr(self.policy, self.kind)
         with torch.no_grad():
             return _array(network(self._seen(observations)))
@@ -164,6 +170,38 @@ class NetworkValues:
 
 def _array(tensor: Any) -> FloatArray:
     return np.asarray(tensor.cpu().numpy(), dtype=np.float64)
+
+
+class Actor:
+    """How a model acts in episodes side by side: with its memory, and with masks of actions.
+
+    It is a :data:`Policy` of rollouts in `environments`, which predicts nothing, and does what
+    ``evaluate_policy`` of Stable-Baselines3 and sb3-contrib do. If `sampled`, an actor-critic's
+    actions are drawn from its policy by torch's generator.
+    """
+
+    def __init__(self, model: Any, environments: Sequence[Any], *, sampled: bool = False):
+        self.model, self.environments, self.sampled = model, environments, sampled
+        self.memory: tuple[npt.NDArray[Any], ...] | None = None  # each (layers, running, size)
+        self.running: Sequence[int] = ()
+
+    def __call__(self, observations: Any, running: Sequence[int]) -> tuple[Any, Any]:
+        """Return the actions in the next observations of the episodes that are still running."""
+        memory, masks = self.memory, {}
+        if memory is not None:
+            memory = tuple(part[:, np.isin(self.running, running)] for part in memory)
+        if takes_masks(self.model):
+            each = [self.environments[k].get_wrapper_attr("action_masks")() for k in running]
+            masks["action_masks"] = np.stack(each)
+        actions, self.memory = self.model.predict(
+            observations,
+            state=memory,
+            episode_start=np.full(len(running), not self.running),
+            deterministic=not self.sampled,
+            **masks,
+        )
+        self.running = running
+        return actions, np.zeros(len(running))
 
 
 # -- plain layers, computed by NumPy, which is quicker for few observations --------------------

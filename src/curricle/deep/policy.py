@@ -12,8 +12,10 @@ from curricle.array_types import IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.knowledge import actor_of
 from curricle.deep.learner import DeepLearner
+from curricle.deep.networks import Actor
 from curricle.errors import CurricleError, SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
+from curricle.interop.tabulation.tabulated_task import actions_by_sight
 from curricle.planning.episode import Episode, played
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
@@ -65,9 +67,15 @@ class TrainedPolicy:
         deterministic : bool
             Whether to take the likeliest action, as evaluations do; else it is sampled, which
             DQN does not do.
+
+        Raises
+        ------
+        SettingError
+            When the observation is not of the task's space, or the policy needs more than it:
+            memory (RecurrentPPO) or masks of actions (MaskablePPO).
         """
         try:
-            actions, _ = self.model.predict(observation, deterministic=deterministic)
+            actions = actions_by_sight(self.model, observation, deterministic=deterministic)
         except CurricleError:
             raise
         except ValueError as error:
@@ -164,9 +172,10 @@ class TrainedPolicy:
         drawn = replace(self.task, make=with_pictures(self.task.make))
         with closing(drawn.environment()) as env, isolated(torch.get_num_threads()):
             set_random_seed(seed)
+            actor = Actor(self.model, [env], sampled=not deterministic)
             return played(
                 env,
-                lambda seen: self.predict(seen, deterministic=deterministic),
+                lambda seen: actor(seen, [0])[0][()],  # a number where it is one
                 seed=seed,
                 limit=limit,
                 picture=lambda _: frame_of(env),
@@ -219,14 +228,10 @@ def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -
     if source is None:
         return float("nan")
     from curricle.deep.checkpoint import drawing  # needs torch
-
-    def policy(observations: Any) -> tuple[Any, Any]:
-        actions = source.act(observations, sampled=target.evaluation.sampled)
-        return actions, np.zeros(len(actions))
-
     start = splitmix64(stream_start(seed, "policy_return"))
     horizon = target.evaluation.horizon(target.task)
     environments = Environments(target.task, target.episodes, horizon)
+    actor = Actor(source.policy, environments.environments, sampled=target.evaluation.sampled)
     with closing(environments), drawing(start):
-        episodes = environments.rollouts(policy, start)
+        episodes = environments.rollouts(actor, start)
     return mean_episode_return(episodes, target.evaluation.discount(target.task))

@@ -190,7 +190,8 @@ class _Reader:
     def _read_object(self, value: Any) -> None:
         """Read an object by its attributes, or where it has none by what pickle would keep."""
         kind = type(value)
-        self.tell("object", kind.__module__, kind.__qualname__)
+        # SWIG's types, such as those of Box2D, say of no module that they are in it.
+        self.tell("object", getattr(kind, "__module__", ""), kind.__qualname__)
         attributes = dict(getattr(value, "__dict__", {}))
         for base in kind.__mro__:
             names = vars(base).get("__slots__", ())
