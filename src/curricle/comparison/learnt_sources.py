@@ -239,8 +239,7 @@ class DistilledSource(Frozen):
 
     name: str
     members: tuple[str, ...]  # M: the miniatures, then those that are only tested on
-    levels: tuple[int, ...]  # how many levels each was examined on
-    held_out: tuple[bool, ...]  # whether these are none that the network was trained on
+    levels: tuple[str, ...]  # which levels each was examined on, and how many
     shares: FloatArray  # (K, M): what each seed regains in each
 
     @property
@@ -252,15 +251,9 @@ class DistilledSource(Frozen):
         return float(self.shares[:, -1].mean())
 
     def __str__(self) -> str:
-        columns = self.shares.mean(axis=0), self.levels, self.held_out, self.members
-        told = [
-            f"{round(x, 2) + 0.0:.0%} on {counted(n, 'level')} of {member} "
-            f"({'held out' if held_out else 'trained on'})"
-            for x, n, held_out, member in zip(*columns, strict=True)
-        ]
-        return (
-            f"{self.name}'s network regains {', '.join(told)} of the way from random to optimal"
-        )
+        each = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
+        told = [f"{round(x, 2) + 0.0:.0%} on {levels} of {member}" for x, levels, member in each]
+        return f"{self.name}'s network regains {', '.join(told)} of the way from random to optimal"
 
 
 def distilled_sources(
@@ -274,7 +267,6 @@ def distilled_sources(
             each = [task.examined(values) for values in learnt.values]
             shares = np.array([[one.regained for one in examined] for examined in each])
             members = tuple(made_by(one.member.make) for one in each[0])
-            levels = tuple(one.levels for one in each[0])
-            held_out = tuple(one.held_out for one in each[0])
-            found[name] = DistilledSource(name, members, levels, held_out, shares)
+            levels = tuple(counted(one.levels, one.kind) for one in each[0])
+            found[name] = DistilledSource(name, members, levels, shares)
     return found

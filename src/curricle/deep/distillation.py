@@ -15,7 +15,7 @@ from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
-from curricle.interop.tabulation.tabulated_task import takes_masks
+from curricle.interop.tabulation.tabulated_task import needs_of
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
 
@@ -175,8 +175,7 @@ def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
                 f"knowledge to distil must be of the task's actions, {task.actions}: got "
                 f"{known.shape[1]} of them; a mapping's actions= says which is which"
             )
-    more = hasattr(policy, "lstm_actor") or takes_masks(policy)
-    if hasattr(policy, "value_net") and task.n_actions is not None and not more:
+    if hasattr(policy, "value_net") and task.n_actions is not None and not needs_of(policy):
         return _ActorCriticFit(policy, knowledge, knowledge.values)
     has_q = any(getattr(policy, name, None) is not None for name in ("q_net", "quantile_net"))
     if has_q and knowledge.action_values is not None:

@@ -135,7 +135,6 @@ def _own(module: str, name: str) -> Any:
 def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
     """Raise SettingError unless a learner's policy takes a task's observations and actions."""
     space, policy = task.observations, learner.policy
-    _check_counts("actions", task.actions)
     if not isinstance(task.actions, LEAVES):
         raise SettingError(
             "actions of a deep learner must be a Box, Discrete, MultiDiscrete or MultiBinary: got "
@@ -149,7 +148,12 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
                 "observations of a deep learner must be a Box, Discrete, MultiDiscrete or "
                 f"MultiBinary, or a Dict of these: {name} {space_text(part)}; {_encoders(parts)}"
             )
-        _check_counts("observations", part)
+    for what, part in (("Action", task.actions), *(("Observation", one) for one in parts.values())):
+        if np.any(getattr(part, "start", 0)):
+            raise SettingError(
+                f"{what.lower()}s of a deep learner must count from 0: got {space_text(part)}; a "
+                f"wrapper such as gymnasium.wrappers.Transform{what} makes them, as encode="
+            )
     if isinstance(space, Dict):
         if policy.startswith(("Mlp", "Cnn")):
             raise SettingError(
@@ -159,15 +163,6 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
     elif policy.startswith("MultiInput"):
         raise SettingError(f"{policy} reads a Dict: got {space_text(space)}; MlpPolicy reads that")
     _check_pictures(parts, learner)
-
-
-def _check_counts(what: str, space: Space[Any]) -> None:
-    """Raise SettingError where numbers do not count from 0, as Stable-Baselines3 has them do."""
-    if np.any(getattr(space, "start", 0)):
-        raise SettingError(
-            f"{what} of a deep learner must count from 0: got {space_text(space)}; encode= with a "
-            f"wrapper such as gymnasium.wrappers.Transform{what[:-1].title()} shifts them"
-        )
 
 
 def _check_pictures(parts: Mapping[str, Space[Any]], learner: DeepLearner) -> None:

@@ -24,7 +24,7 @@ from curricle.deep.networks import NetworkValues
 from curricle.deep.shaping import PolicyReuse, WeightTransfer, residual_policy
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import CurricleError, SettingError
-from curricle.interop.tabulation.tabulated_task import takes_masks
+from curricle.interop.tabulation.tabulated_task import needs_of
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.potentials import ObservationPotential
@@ -77,7 +77,7 @@ def model_for(
             f"{learner.algorithm} must take its task and its settings: with {task} "
             f"Stable-Baselines3 says {said!r}"
         ) from error
-    if takes_masks(model) and not venv.has_attr("action_masks"):
+    if needs_of(model) == "masks of actions" and not venv.has_attr("action_masks"):
         raise SettingError(
             f"{learner.algorithm} needs environments with a method action_masks, which "
             f"sb3_contrib.common.wrappers.ActionMasker adds as encode=: {task} has none"

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.type_aliases import TrainFrequencyUnit
 
 from curricle.deep import checkpoint
 from curricle.deep.learner import SAVES, DeepLearner
 from curricle.deep.models import environments, model_for, subtracted
-from curricle.deep.networks import Actor, NetworkValues
+from curricle.deep.networks import NetworkValues, acting
 from curricle.errors import SettingError
 from curricle.files import Place
 from curricle.learning.record import Record, WarmUp
@@ -99,10 +98,8 @@ class DeepRun:
 
 def rollout_of(model: Any) -> int:
     """Return the steps of all sub-environments before each update; 0 if episodes are counted."""
-    if not hasattr(model, "train_freq"):
-        return int(model.n_steps * model.n_envs)
-    frequency, unit = model.train_freq
-    return int(frequency * model.n_envs) if unit is TrainFrequencyUnit.STEP else 0
+    n_steps, unit = getattr(model, "train_freq", None) or (model.n_steps, None)
+    return 0 if getattr(unit, "value", "") == "episode" else int(n_steps * model.n_envs)
 
 
 @dataclass
@@ -201,7 +198,7 @@ class Recorder(BaseCallback):
         if self._environments is None:
             return float("nan")
         seed, sampled = splitmix64(self.start ^ (number + 1)), self.run.evaluation.sampled
-        actor = Actor(self.values.policy, self._environments.environments, sampled=sampled)
+        actor = acting(self.values.policy, self._environments.environments, sampled=sampled)
         with checkpoint.drawing(seed):
             episodes = self._environments.rollouts(actor, seed)
         self.progress.evaluation_steps += sum(len(episode.rewards) for episode in episodes)

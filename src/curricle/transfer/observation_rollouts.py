@@ -19,8 +19,7 @@ from curricle.tasks.observation_task import ObservationTask, is_observation_task
 from curricle.transfer.potentials import ObservationPotential
 
 Policy = Callable[[Any, Sequence[int]], tuple[Any, Any]]
-"""n stacked observations, and which environment each is of -> n actions, and the predicted value of
-each. Environments whose episodes have ended are left out."""
+"""n stacked observations, and the environments they are of -> n actions, and predicted values."""
 OBSERVATION_ROLLOUTS = 50
 """Episodes of which returns are the mean, unless another number is given."""
 COVERAGE_EPISODES = 20

@@ -91,16 +91,20 @@ UNCHANGING = (tuple, frozenset, Enum, *NAMED, FunctionType, MethodType, CodeType
 
 
 def fingerprint(
-    value: Any, left_out: Collection[str] = (), generators: list[Any] | None = None
+    value: Any,
+    left_out: Collection[str] = (),
+    generators: list[Any] | None = None,
+    *,
+    strict: bool = True,
 ) -> bytes:
     """Return a digest of a value and all that it refers to, 16 bytes.
 
     Equal for values that are equal part by part, with the same parts shared between the same
     places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out,
     and attributes with names `left_out`. Generators that are met are appended to `generators`.
-    TaskError when a part holds what cannot be read, such as an open file.
+    TaskError when a part holds what cannot be read, such as an open file, if `strict`.
     """
-    reader = _Reader(frozenset(left_out))
+    reader = _Reader(frozenset(left_out), strict)
     reader.read(value)
     if generators is not None:
         generators += reader.generators.values()
@@ -110,9 +114,9 @@ def fingerprint(
 class _Reader:
     """Feeds values to a digest; each shared part once, then by its number."""
 
-    def __init__(self, left_out: frozenset[str]):
+    def __init__(self, left_out: frozenset[str], strict: bool):
+        self.left_out, self.strict = left_out, strict
         self.digest = hashlib.blake2b(digest_size=16)
-        self.left_out = left_out
         self.met = dict[int, int]()
         self.generators = dict[int, Any]()
         self.alive = list[Any]()  # so that no number in `met` is given to another object
@@ -205,6 +209,8 @@ class _Reader:
             try:
                 self.read(list(value.__reduce_ex__(4)[1:]))
             except TypeError as error:
+                if not self.strict:
+                    return
                 raise TaskError(
                     "states must be told apart to be tabulated, by all that an environment holds "
                     f"or by functions state=(save, restore): a {kind.__qualname__} in it cannot be "
@@ -335,7 +341,7 @@ class SaveAndRestore(StateAccess):
     def begin(self, env: Environment) -> None:
         """Find the random generators."""
         self.generators = []
-        fingerprint(env, left_out(env), self.generators)
+        fingerprint(env, left_out(env), self.generators, strict=False)
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return what the function returns, which tells states apart and restores them."""

@@ -322,12 +322,11 @@ class TabulatedTask(Frozen):
         SettingError
             When the model returns what is no action for each observation, or has no distribution.
         """
-        first = [part.low for part in self.actions.components]
-        if any(first):
+        check_sight(model)
+        if any(part.low for part in self.actions.components):
             raise SettingError(
-                f"a model's actions must count from 0, as networks have them: those of "
-                f"{self.record.environment} count from {first}; "
-                "gymnasium.wrappers.TransformAction shifts them before it is tabulated"
+                f"a model's actions must count from 0: those of {self.record.environment} do not; "
+                "gymnasium.wrappers.TransformAction makes them, before it is tabulated"
             )
         table, n_states = self._observations(), self.states.size
         rows = [np.arange(i, min(i + BATCH, n_states)) for i in range(0, n_states, BATCH)]
@@ -359,32 +358,27 @@ class TabulatedTask(Frozen):
         return f"TabulatedTask({self.record.environment}: {size}{note}, {kind})"
 
 
-def takes_masks(model: Any) -> bool:
-    """Return whether a model is to be told which actions are possible, as MaskablePPO's is."""
-    return "action_masks" in signature(model.predict).parameters
+def needs_of(policy: Any) -> str:
+    """Return what a policy of a network needs beside observations, "" where it is nothing."""
+    if hasattr(policy, "predict") and "action_masks" in signature(policy.predict).parameters:
+        return "masks of actions"
+    return "memory" if hasattr(policy, "lstm_actor") else ""
 
 
-def actions_by_sight(model: Any, observations: Any, *, deterministic: bool = True) -> Any:
-    """Return what a model does in observations; SettingError if it does not act by these alone."""
-    if takes_masks(model):
-        raise _needs("masks of actions", model)
-    found = model.predict(observations, deterministic=deterministic)
-    actions, memory = found if isinstance(found, tuple) else (found, None)
-    if memory is not None:
-        raise _needs("memory", model)
-    return actions
-
-
-def _needs(what: str, model: Any) -> SettingError:
-    return SettingError(
-        f"a policy must act by the observation alone: {type(model).__name__} needs {what}, which "
-        "learn_deep and TrainedPolicy.episode give it"
-    )
+def check_sight(model: Any) -> None:
+    """Raise SettingError unless a model acts by the observation alone."""
+    policy = getattr(model, "policy", model)
+    if needs := needs_of(policy):
+        raise SettingError(
+            f"a policy must act by the observation alone: {type(policy).__name__} needs {needs}, "
+            "which learn_deep and TrainedPolicy.episode give it"
+        )
 
 
 def _actions(model: Any, observations: Any, n: int) -> IntArray:
     """Return the actions that a model predicts for n observations, (n,)."""
-    actions = np.asarray(actions_by_sight(model, observations))
+    found = model.predict(observations, deterministic=True)
+    actions = np.asarray(found[0] if isinstance(found, tuple) else found)
     if actions.shape != (n,) or actions.dtype.kind not in "iu":
         raise SettingError(
             f"a model must predict one action for each of {n} observations: got an array of "
@@ -397,8 +391,6 @@ def action_probabilities(model: Any, observations: Any) -> FloatArray:
     """Return the probability of each action under the policy of a model, (n, A)."""
     try:
         policy = model.policy
-        if takes_masks(policy):
-            raise _needs("masks of actions", policy)
         tensor, _ = policy.obs_to_tensor(observations)
         found = policy.get_distribution(tensor).distribution.probs
     except AttributeError as error:
