@@ -137,7 +137,15 @@ class Unreadable(Corridor):
         self.part = Opaque()
 
 
-class Opaque:
+class OfNoModule(type):
+    """A type without a module, as SWIG makes them for Box2D."""
+
+    @property
+    def __module__(cls):
+        raise AttributeError("__module__")
+
+
+class Opaque(metaclass=OfNoModule):
     __slots__ = ()
 
     def __deepcopy__(self, memo):

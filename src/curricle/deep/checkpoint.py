@@ -40,8 +40,9 @@ class _Packing(cloudpickle.Pickler):
     def reducer_override(self, obj: Any) -> Any:
         if not isinstance(obj, np.ndarray) or obj.nbytes < 2**20 or obj.dtype.kind not in "biuf":
             return super().reducer_override(obj)
-        filled = np.flatnonzero(obj.reshape(len(obj), -1).view(np.uint8).any(axis=1))
-        used = obj[: filled[-1] + 1 if filled.size else 0]
+        rows = np.ascontiguousarray(obj).reshape(len(obj), -1)
+        filled = np.flatnonzero(rows.view(np.uint8).any(axis=1))
+        used = rows[: filled[-1] + 1 if filled.size else 0]
         with np.errstate(invalid="ignore"):  # what is no byte is compared below
             small = used.astype(np.uint8)
         if np.array_equal(small, used) and not (used.dtype.kind == "f" and np.signbit(used).any()):

@@ -336,7 +336,7 @@ def _outcome(task: Miniatures, values: Any) -> Outcome:
     regained = np.mean(shares) if shares else 1.0
     if regained < WORTH and not task.shuffled:
         raise TaskError(
-            "a network distilled from miniatures must act better than at random, on held-out levels "
-            f"if there are any: it regains {regained:.0%} of the way to the optimum of {task}"
+            "a network distilled from miniatures must act better than at random, on held-out "
+            f"levels if any: it regains {regained:.0%} of the way to the optimum of {task}"
         )
     return Outcome(record, values, 0, 0, out_of_memory=False, evaluation_steps=0)

@@ -91,20 +91,16 @@ UNCHANGING = (tuple, frozenset, Enum, *NAMED, FunctionType, MethodType, CodeType
 
 
 def fingerprint(
-    value: Any,
-    left_out: Collection[str] = (),
-    generators: list[Any] | None = None,
-    *,
-    strict: bool = True,
+    value: Any, left_out: Collection[str] = (), generators: list[Any] | None = None
 ) -> bytes:
     """Return a digest of a value and all that it refers to, 16 bytes.
 
     Equal for values that are equal part by part, with the same parts shared between the same
     places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out,
     and attributes with names `left_out`. Generators that are met are appended to `generators`.
-    TaskError when a part holds what cannot be read, such as an open file, if `strict`.
+    TaskError when a part holds what cannot be read, such as an open file.
     """
-    reader = _Reader(frozenset(left_out), strict)
+    reader = _Reader(frozenset(left_out))
     reader.read(value)
     if generators is not None:
         generators += reader.generators.values()
@@ -114,7 +110,7 @@ def fingerprint(
 class _Reader:
     """Feeds values to a digest; each shared part once, then by its number."""
 
-    def __init__(self, left_out: frozenset[str], strict: bool):
+    def __init__(self, left_out: frozenset[str], *, strict: bool = True):
         self.left_out, self.strict = left_out, strict
         self.digest = hashlib.blake2b(digest_size=16)
         self.met = dict[int, int]()
@@ -194,8 +190,7 @@ class _Reader:
     def _read_object(self, value: Any) -> None:
         """Read an object by its attributes, or where it has none by what pickle would keep."""
         kind = type(value)
-        # SWIG's types, such as those of Box2D, say of no module that they are in it.
-        self.tell("object", getattr(kind, "__module__", ""), kind.__qualname__)
+        self.tell("object", getattr(kind, "__module__", ""), kind.__qualname__)  # SWIG's have none
         attributes = dict(getattr(value, "__dict__", {}))
         for base in kind.__mro__:
             names = vars(base).get("__slots__", ())
@@ -339,9 +334,10 @@ class SaveAndRestore(StateAccess):
         self.generators = list[Any]()
 
     def begin(self, env: Environment) -> None:
-        """Find the random generators."""
-        self.generators = []
-        fingerprint(env, left_out(env), self.generators, strict=False)
+        """Find the random generators, wherever the environment can be read."""
+        reader = _Reader(left_out(env), strict=False)
+        reader.read(env)
+        self.generators = list(reader.generators.values())
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return what the function returns, which tells states apart and restores them."""
