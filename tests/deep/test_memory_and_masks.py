@@ -146,7 +146,7 @@ def test_what_an_observation_does_not_decide_is_not_read_by_it():
     recurrent = cr.deep.learn_deep(DRIFTING, RECURRENT, 32, eval_freq=32)
     masked = cr.deep.learn_deep(FORBIDDING, MASKABLE, 64, eval_freq=64)
     seen = np.zeros((3, 2), np.float32)
-    with pytest.raises(SettingError, match="needs memory, which .*episode"):
+    with pytest.raises(SettingError, match=r"needs memory, which .*episode"):
         recurrent.policy.predict(seen)
     with pytest.raises(SettingError, match="needs masks of actions"):
         masked.policy.predict(seen)
