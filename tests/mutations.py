@@ -26,6 +26,7 @@ COMPILED = ("tasks/", "planning/", "learning/")
 LIMIT = 300
 """Seconds of processor time that tests of a changed library may take: endless loops are caught."""
 TABULATE = "tests/unit/interop/test_tabulate.py"
+ACTING = "tests/unit/test_acting.py"
 
 
 class Mutation(NamedTuple):
@@ -386,6 +387,34 @@ MUTATIONS = [
         " * len(different) + rewards.reshape(tables.reward.shape)",
         "",
         (f"{TABULATE}::test_observations_that_several_states_show_show_none",),
+    ),
+    Mutation(
+        "memory of episodes that have ended",
+        "deep/networks.py",
+        "part[:, kept] for part in memory",
+        "part[:, : len(running)] for part in memory",
+        (f"{ACTING}::test_each_episode_keeps_its_own_memory_when_others_end",),
+    ),
+    Mutation(
+        "masks of environments whose episodes have ended",
+        "deep/networks.py",
+        "for k in running]",
+        "for k in range(len(running))]",
+        (f"{ACTING}::test_masks_are_of_the_environments_that_are_still_running",),
+    ),
+    Mutation(
+        "networks with actions that count from 1",
+        "deep/learner.py",
+        'if np.any(getattr(part, "start", 0)):',
+        'if what == "Observation" and np.any(getattr(part, "start", 0)):',
+        (f"{ACTING}::test_networks_take_no_spaces_that_do_not_count_from_0",),
+    ),
+    Mutation(
+        "a model's actions counted from 0 in tables that count from 1",
+        "interop/tabulation/tabulated_task.py",
+        "if any(part.low for part in self.actions.components):",
+        "if not self.actions.components:",
+        (f"{ACTING}::test_actions_of_tables_count_from_0_where_a_model_is_read",),
     ),
 ]
 

@@ -228,7 +228,7 @@ class DistilledSource(Frozen):
 
     name: str
     members: tuple[str, ...]  # M: the miniatures, then those that are only tested on
-    levels: tuple[int, ...]  # how many levels each was examined on
+    levels: tuple[str, ...]  # which levels each was examined on, and how many
     shares: FloatArray  # (K, M): what each seed regains in each
 
     @property
@@ -241,13 +241,8 @@ class DistilledSource(Frozen):
 
     def __str__(self) -> str:
         each = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
-        told = [
-            f"{round(x, 2) + 0.0:.0%} on {counted(n, 'level')} of {member}" for x, n, member in each
-        ]
-        return (
-            f"{self.name}'s network regains {', '.join(told)}, held out, of the way from random to "
-            "optimal"
-        )
+        told = [f"{round(x, 2) + 0.0:.0%} on {levels} of {member}" for x, levels, member in each]
+        return f"{self.name}'s network regains {', '.join(told)} of the way from random to optimal"
 
 
 def distilled_sources(
@@ -261,6 +256,6 @@ def distilled_sources(
             each = [task.examined(values) for values in learnt.values]
             shares = np.array([[one.regained for one in examined] for examined in each])
             members = tuple(made_by(one.member.make) for one in each[0])
-            levels = tuple(one.levels for one in each[0])
+            levels = tuple(counted(one.levels, one.kind) for one in each[0])
             found[name] = DistilledSource(name, members, levels, shares)
     return found

@@ -148,6 +148,12 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
                 "observations of a deep learner must be a Box, Discrete, MultiDiscrete or "
                 f"MultiBinary, or a Dict of these: {name} {space_text(part)}; {_encoders(parts)}"
             )
+    for what, part in (("Action", task.actions), *(("Observation", one) for one in parts.values())):
+        if np.any(getattr(part, "start", 0)):
+            raise SettingError(
+                f"{what.lower()}s of a deep learner must count from 0: got {space_text(part)}; a "
+                f"wrapper such as gymnasium.wrappers.Transform{what} makes them, as encode="
+            )
     if isinstance(space, Dict):
         if policy.startswith(("Mlp", "Cnn")):
             raise SettingError(

@@ -56,8 +56,8 @@ def learn_deep(
     learner : DeepLearner
         By default DQN with the settings of Stable-Baselines3.
     budget : int, Episodes or StoppingRule
-        As in :func:`learn`. A run ends within a rollout, at the first step of its
-        sub-environments that reaches the budget.
+        As in :func:`learn`. A run ends at the first step of its sub-environments that reaches the
+        budget. A rollout that is whole by then is learnt from, one that is cut off is not.
     seeds : int or sequence of int
         As in :func:`learn`; torch's version and the machine round differently.
     shaping : Shaping or sequence of K Shaping, optional

@@ -15,11 +15,11 @@ from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import ROLLOUTS, Target
 from curricle.tasks.draws import splitmix64, stream_start
-from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task, stack
+from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
 from curricle.transfer.potentials import ObservationPotential
 
-Policy = Callable[[Any], tuple[Any, Any]]
-"""n stacked observations -> n actions, and the predicted value of each."""
+Policy = Callable[[Any, Sequence[int]], tuple[Any, Any]]
+"""n stacked observations, and the environments they are of -> n actions, and predicted values."""
 OBSERVATION_ROLLOUTS = 50
 """Episodes of which returns are the mean, unless another number is given."""
 COVERAGE_EPISODES = 20
@@ -58,7 +58,7 @@ class Environments:
         terminated, running = [False] * n, list(range(n))
         for _ in range(self.max_steps):
             rows = [current[k] for k in running]
-            actions, values = policy(stack(self.task.observations, rows))
+            actions, values = policy(stack(self.task.observations, rows), running)
             still_running = []
             for k, row, action, value in zip(running, rows, actions, values, strict=True):
                 current[k], reward, terminated[k], truncated, _ = self.environments[k].step(action)
@@ -102,7 +102,7 @@ def greedy_episodes(
     Those of the first `max_steps` steps, if it is given; the last is truncated there.
     """
 
-    def policy(observations: Any) -> tuple[Any, Any]:
+    def policy(observations: Any, _: Sequence[int]) -> tuple[Any, Any]:
         phi = potential.pairs(observations)
         actions = phi.argmax(axis=1)
         return actions, phi[np.arange(len(phi)), actions]
@@ -137,9 +137,8 @@ def random_episodes(
     start, space = stream_start(seed, "random"), deepcopy(task.actions)
     space.seed(splitmix64(start) >> 33)
 
-    def policy(observations: Any) -> tuple[Any, Any]:
-        n = batch_size(observations)
-        return [space.sample() for _ in range(n)], np.zeros(n)
+    def policy(_: Any, running: Sequence[int]) -> tuple[Any, Any]:
+        return [space.sample() for _ in running], np.zeros(len(running))
 
     return _episodes(task, policy, episodes, start)
 

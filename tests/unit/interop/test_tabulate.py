@@ -12,6 +12,7 @@ from gymnasium.wrappers import TimeLimit, TransformReward
 import curricle as cr
 from curricle.errors import SettingError, TaskError
 from curricle.interop import DeepCopy, MiniGridState
+from curricle.interop.tabulation.states import SaveAndRestore
 from curricle.transfer import UNMAPPED
 from tests.refusals import check_values
 from tests.worlds_to_tabulate import (
@@ -23,6 +24,7 @@ from tests.worlds_to_tabulate import (
     OwnClock,
     Slippery,
     Uncopyable,
+    Unreadable,
 )
 
 
@@ -254,6 +256,7 @@ REFUSALS = {
         {},
         "a reward must be a finite number: got nan from",
     ),
+    "a part has no module": (Unreadable, {}, r"restore\): a Opaque in it cannot be read .no parts"),
     "a step of old": (OldStep, {}, r"a step must return \(observation, reward, .*: got \("),
     "nothing is listed": (
         Corridor,
@@ -295,6 +298,19 @@ def test_settings_are_checked():
         made(samples=5, outcomes=lambda s, a: [])
     with pytest.raises(SettingError, match=r"is for MiniGrid's environments: got <Corridor"):
         made(state=MiniGridState())
+
+
+def test_functions_restore_what_cannot_be_read():
+    class Rolling(Unreadable):
+        def __init__(self):
+            super().__init__()
+            self.rolls = np.random.default_rng(3)  # read after what cannot be
+
+    plain = cr.tabulate(Unreadable, discount=0.9, state=(save, restore))
+    assert plain.states.size == cr.tabulate(Corridor, discount=0.9).states.size
+    access, rolling = SaveAndRestore(save, restore), Rolling()
+    access.begin(rolling)
+    assert rolling.rolls in access.generators
 
 
 def test_actions_and_observations_of_several_parts():

@@ -110,9 +110,9 @@ def fingerprint(
 class _Reader:
     """Feeds values to a digest; each shared part once, then by its number."""
 
-    def __init__(self, left_out: frozenset[str]):
+    def __init__(self, left_out: frozenset[str], *, strict: bool = True):
+        self.left_out, self.strict = left_out, strict
         self.digest = hashlib.blake2b(digest_size=16)
-        self.left_out = left_out
         self.met = dict[int, int]()
         self.generators = dict[int, Any]()
         self.alive = list[Any]()  # so that no number in `met` is given to another object
@@ -190,7 +190,7 @@ class _Reader:
     def _read_object(self, value: Any) -> None:
         """Read an object by its attributes, or where it has none by what pickle would keep."""
         kind = type(value)
-        self.tell("object", kind.__module__, kind.__qualname__)
+        self.tell("object", getattr(kind, "__module__", ""), kind.__qualname__)  # SWIG's have none
         attributes = dict(getattr(value, "__dict__", {}))
         for base in kind.__mro__:
             names = vars(base).get("__slots__", ())
@@ -204,6 +204,8 @@ class _Reader:
             try:
                 self.read(list(value.__reduce_ex__(4)[1:]))
             except TypeError as error:
+                if not self.strict:
+                    return
                 raise TaskError(
                     "states must be told apart to be tabulated, by all that an environment holds "
                     f"or by functions state=(save, restore): a {kind.__qualname__} in it cannot be "
@@ -332,9 +334,10 @@ class SaveAndRestore(StateAccess):
         self.generators = list[Any]()
 
     def begin(self, env: Environment) -> None:
-        """Find the random generators."""
-        self.generators = []
-        fingerprint(env, left_out(env), self.generators)
+        """Find the random generators, wherever the environment can be read."""
+        reader = _Reader(left_out(env), strict=False)
+        reader.read(env)
+        self.generators = list(reader.generators.values())
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return what the function returns, which tells states apart and restores them."""

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from inspect import signature
 from typing import Any, Self
 
 import numpy as np
@@ -321,6 +322,12 @@ class TabulatedTask(Frozen):
         SettingError
             When the model returns what is no action for each observation, or has no distribution.
         """
+        check_sight(model)
+        if any(part.low for part in self.actions.components):
+            raise SettingError(
+                f"a model's actions must count from 0: those of {self.record.environment} do not; "
+                "gymnasium.wrappers.TransformAction makes them, before it is tabulated"
+            )
         table, n_states = self._observations(), self.states.size
         rows = [np.arange(i, min(i + BATCH, n_states)) for i in range(0, n_states, BATCH)]
         if not deterministic:
@@ -349,6 +356,23 @@ class TabulatedTask(Frozen):
             kind += f" unless {drawing:,} pairs that draw random numbers rarely use them"
         note = f", {self.record.note}" if self.record.note else ""
         return f"TabulatedTask({self.record.environment}: {size}{note}, {kind})"
+
+
+def needs_of(policy: Any) -> str:
+    """Return what a policy of a network needs beside observations, "" where it is nothing."""
+    if hasattr(policy, "predict") and "action_masks" in signature(policy.predict).parameters:
+        return "masks of actions"
+    return "memory" if hasattr(policy, "lstm_actor") else ""
+
+
+def check_sight(model: Any) -> None:
+    """Raise SettingError unless a model acts by the observation alone."""
+    policy = getattr(model, "policy", model)
+    if needs := needs_of(policy):
+        raise SettingError(
+            f"a policy must act by the observation alone: {type(policy).__name__} needs {needs}, "
+            "which learn_deep and TrainedPolicy.episode give it"
+        )
 
 
 def _actions(model: Any, observations: Any, n: int) -> IntArray:
