@@ -24,7 +24,15 @@ from curricle.interop.spaces import (
     with_names,
 )
 from curricle.interop.tabulation.exploration import time_limit_of
-from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
+from curricle.interop.tabulation.states import TOY_CONSTANTS, fingerprint, layers_of
+from curricle.interop.toy_text import (
+    TOY_TEXT,
+    acts_as,
+    has_table,
+    names_of,
+    outcomes_of,
+    start_of,
+)
 from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, check_spaces
@@ -54,8 +62,9 @@ def from_gymnasium(
     """Return a Gymnasium environment of discrete spaces as a task: by its table, or live.
 
     A transition table (``env.unwrapped.P``: FrozenLake, CliffWalking, Taxi) is copied, and the task
-    is solved, evaluated and learnt as fast as any :class:`FiniteMDP`. Every other environment is a
-    :class:`LiveMDP`: each step of learning calls ``env.step``.
+    is solved, evaluated and learnt as fast as any :class:`FiniteMDP`. Every other environment, such
+    as a subclass or under a wrapper with another `step` or `reset`, is a :class:`LiveMDP`: each
+    step of learning calls ``env.step``.
 
     Parameters
     ----------
@@ -97,7 +106,7 @@ def from_gymnasium(
     ------
     TaskError
         When ``gymnasium.make`` fails, a space is not discrete and there is no `encode`, names do
-        not fit, or an environment cannot be made again.
+        not fit, or an environment cannot be made again, such as after a change of its `step`.
 
     Examples
     --------
@@ -131,10 +140,30 @@ def from_gymnasium(
                 "an environment without a specification cannot be made again for each seed; give "
                 f"a function that makes it: got {environment}"
             )
+        if isinstance(environment, gym.Env):
+            _check_unchanged(env, make)
         known, moves = names_of(env.unwrapped)
         encode, states = _observations(env.observation_space, encode, given, known)
         act, actions = actions_of(env.action_space, actions, moves)
     return LiveMDP(states, actions, make, encode, act, discount, limit)
+
+
+def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
+    """Raise TaskError if an environment was changed so that its specification makes another."""
+    layers = layers_of(env)
+    changed = [name for name in ("step", "reset") if any(name in vars(part) for part in layers)]
+    if acts_as(layers[-1], *TOY_TEXT) and not changed:
+        with closing(make()) as new:
+            changed = [
+                name
+                for name in sorted(TOY_CONSTANTS & vars(layers[-1]).keys())
+                if fingerprint(getattr(new.unwrapped, name)) != fingerprint(vars(layers[-1])[name])
+            ]
+    if changed:
+        raise TaskError(
+            "an environment that was changed after it was made cannot be made again for each seed; "
+            f"give a function that makes and changes it: {changed[0]} of {env} is another"
+        )
 
 
 def own_limit(env: gym.Env[Any, Any]) -> int | None:
@@ -304,8 +333,8 @@ def _observations(
             "observations must be discrete, or be made so by encode=Bins(...) or a function of "
             f"your own with states=Space(...): got {space}"
         )
-    number = None if counts_from_0(space) else Number(space)
-    return number, _named_states(given, known or space_of(space, "state"))
+    number, own = None if counts_from_0(space) else Number(space), space_of(space, "state")
+    return number, _named_states(given, known if known and known.size == own.size else own)
 
 
 def _given_states(

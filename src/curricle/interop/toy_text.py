@@ -1,5 +1,6 @@
 """Gymnasium's toy-text environments: their transition tables, and names for their states."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -19,22 +20,38 @@ from gymnasium.wrappers import (
 from curricle.interop.spaces import counts_from_0
 from curricle.tasks.spaces import Component, Space
 
+TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
 HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 """Wrappers that change no transition; the time limit is read from the specification."""
 STANDS = ("red", "green", "yellow", "blue")
 Outcomes = list[list[list[tuple[float, int, float, bool]]]]
 
 
+def acts_as(env: Any, *kinds: type, methods: Sequence[str] = ("step", "reset")) -> bool:
+    """Return whether an environment of one of these classes has the class's own methods.
+
+    A subclass that overrides one, or an environment in which one was replaced, may do anything.
+    """
+    kind = next((kind for kind in kinds if isinstance(env, kind)), None)
+    return kind is not None and all(
+        getattr(type(env), name) is getattr(kind, name) and name not in vars(env)
+        for name in methods
+    )
+
+
 def has_table(env: gym.Env[Any, Any]) -> bool:
     """Return whether an environment has a transition table that describes it completely.
 
-    It has ``P`` and a start distribution, no wrapper that changes what it does, and no time limit
+    Its `step` and `reset` are those of Gymnasium's toy-text environments, which are known to follow
+    ``P`` and the start distribution. No wrapper changes what it does, and there is no time limit
     beside the specification's. The moves of a taxi with fickle passengers are not in its table.
     """
     while isinstance(env, gym.Wrapper):
-        if not isinstance(env, HARMLESS) or (isinstance(env, TimeLimit) and env.spec is None):
+        if not acts_as(env, *HARMLESS) or (isinstance(env, TimeLimit) and env.spec is None):
             return False
         env = env.env
+    if not acts_as(env, *TOY_TEXT):
+        return False
     states, actions = env.observation_space, env.action_space
     if not (counts_from_0(states) and counts_from_0(actions)):
         return False
@@ -106,27 +123,28 @@ def names_of(world: Any) -> tuple[Space | None, Space | None]:
     """Return named state and action spaces of a known environment, None for others.
 
     Directions and coordinates have the names of :class:`GridWorld`, so that mappings by name work
-    between the two.
+    between the two. Actions have no labels where a subclass overrides `step`: they may go anywhere.
     """
     if isinstance(world, FrozenLakeEnv):
-        return _cells(*np.asarray(world.desc).shape), _moves("west", "south", "east", "north")
-    if isinstance(world, CliffWalkingEnv):
-        return _cells(*world.shape), _moves("north", "east", "south", "west")
-    if isinstance(world, TaxiEnv):
+        labels: tuple[str, ...] = ("west", "south", "east", "north")
+        states = _cells(*np.asarray(world.desc).shape)
+    elif isinstance(world, CliffWalkingEnv):
+        labels, states = ("north", "east", "south", "west"), _cells(*world.shape)
+    elif isinstance(world, TaxiEnv):
         passenger = Component("passenger", 5, labels=(*STANDS, "taxi"))
         destination = Component("destination", 4, labels=STANDS)
+        labels = ("south", "north", "east", "west", "pick up", "drop off")
         states = Space([*_cells(5, 5).components, passenger, destination])
-        return states, _moves("south", "north", "east", "west", "pick up", "drop off")
-    if isinstance(world, BlackjackEnv):
+    elif isinstance(world, BlackjackEnv):
         ace = Component("ace", 2, labels=("none", "usable"))
+        labels = ("stick", "hit")
         states = Space([Component("player", 32), Component("dealer", 11), ace])
-        return states, _moves("stick", "hit")
-    return None, None
+    else:
+        return None, None
+    plain = acts_as(world, *TOY_TEXT, methods=["step"])
+    return states, Space([Component("move", len(labels), labels=labels if plain else None)])
 
 
 def _cells(rows: int, columns: int) -> Space:
     return Space([Component("row", int(rows)), Component("column", int(columns))])
 
-
-def _moves(*labels: str) -> Space:
-    return Space([Component("move", len(labels), labels=labels)])

@@ -23,7 +23,7 @@ from curricle.interop.tabulation.states import (
     words_of_state,
 )
 from curricle.interop.tabulation.tabulated_task import same_observation
-from curricle.interop.toy_text import HARMLESS
+from curricle.interop.toy_text import HARMLESS, acts_as
 from curricle.tasks.live import RETURNED
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
 
@@ -400,20 +400,14 @@ def core_and_views(
     """
     views, acts = list[Any](), list[Any]()
     while isinstance(env, gym.Wrapper):
-        if views_apart and _steps_plainly(env, gym.ObservationWrapper):
+        if views_apart and acts_as(env, gym.ObservationWrapper):
             views.insert(0, env)
-        elif views_apart and _steps_plainly(env, gym.ActionWrapper):
+        elif views_apart and acts_as(env, gym.ActionWrapper):
             acts.append(env)
-        elif not isinstance(env, HARMLESS):
+        elif not acts_as(env, *HARMLESS):
             break
         env = env.env
     return env, views, acts
-
-
-def _steps_plainly(env: Any, kind: Any) -> bool:
-    """Return whether a wrapper of a kind steps and resets as all of that kind do."""
-    ours = type(env)
-    return isinstance(env, kind) and ours.step is kind.step and ours.reset is kind.reset
 
 
 Listed = Callable[[Any, int], Sequence[tuple[float, Any, float, bool]]]

@@ -17,7 +17,7 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from curricle.errors import SettingError, TaskError
-from curricle.interop.toy_text import HARMLESS
+from curricle.interop.toy_text import HARMLESS, TOY_TEXT, acts_as
 
 GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
 SALT = 2718
@@ -132,7 +132,7 @@ class _Reader:
             self.tell("constant")
             if isinstance(value, GENERATORS):
                 self.generators[id(value)] = value
-        elif isinstance(value, HARMLESS):
+        elif isinstance(value, HARMLESS) and acts_as(value, *HARMLESS):
             self.read(value.env)
         elif isinstance(value, UNCHANGING):
             self._read_parts(value)
@@ -216,7 +216,6 @@ Words = Mapping[str, int | str]
 """A state in words: the value of each component by name."""
 CONSTANTS = frozenset({"metadata", "spec"})
 """Attributes that no step changes; copies share them."""
-TOY_TEXT = "gymnasium.envs.toy_text."
 TOY_CONSTANTS = frozenset({"P", "initial_state_distrib", "desc", "locs"})
 """Further attributes of Gymnasium's toy-text environments that no step changes."""
 LEFT_OUT = CONSTANTS | {"_np_random_seed"}
@@ -368,17 +367,13 @@ def layers_of(env: Environment) -> list[Any]:
 
 def left_out(env: Environment) -> frozenset[str]:
     """Return the names of an environment's attributes that make no difference between states."""
-    return LEFT_OUT | TOY_LEFT_OUT if _is_toy(env) else LEFT_OUT
-
-
-def _is_toy(env: Environment) -> bool:
-    return type(env.unwrapped).__module__.startswith(TOY_TEXT)
+    return LEFT_OUT | TOY_LEFT_OUT if acts_as(env.unwrapped, *TOY_TEXT) else LEFT_OUT
 
 
 def copied(env: Any) -> tuple[Any, dict[int, Any]]:
     """Return a deep copy that shares what is constant, and the memo of copying; or TaskError."""
     memo: dict[int, Any] = {}
-    shared = CONSTANTS | TOY_CONSTANTS if _is_toy(env) else CONSTANTS
+    shared = CONSTANTS | TOY_CONSTANTS if acts_as(env.unwrapped, *TOY_TEXT) else CONSTANTS
     layer: Any = env
     while layer is not None:
         for name, value in vars(layer).items():

@@ -294,7 +294,7 @@ class Plan:
 def words_of(world: Any) -> Callable[[Any], Words] | None:
     """Return the function from a state of a known environment to its components, if known."""
     states = names_of(world)[0]
-    if states is None:
+    if states is None or states.size != len(world.P):
         return None
 
     def words(state: Any) -> Words:
