@@ -15,6 +15,23 @@ LARGEST_REWARD = 1e100
 REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
 
 
+def number_of(reward: Any) -> float:
+    """Return an environment's reward as a float; NaN where it is no number, alone or in an array.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> number_of(np.float32(0.5)), number_of(np.ones((1, 1))), number_of("1"), number_of([1, 2])
+    (0.5, 1.0, nan, nan)
+    """
+    try:
+        if isinstance(reward, np.ndarray):
+            reward = reward.item()
+        return np.nan if isinstance(reward, str | bytes) else float(reward)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
+
+
 def check_numbers(task: Any, rewards: tuple[str, ...], chances: tuple[str, ...] = ()) -> None:
     """Check a frozen task's rewards and probabilities, and make them floats."""
     limits = dict.fromkeys(rewards, (-LARGEST_REWARD, LARGEST_REWARD)) | dict.fromkeys(

@@ -3,11 +3,13 @@
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.wrappers import TimeLimit
 
 from curricle.checks import number
@@ -25,8 +27,10 @@ from curricle.interop.tabulation.states import (
 from curricle.interop.tabulation.tabulated_task import same_observation
 from curricle.interop.toy_text import HARMLESS, acts_as
 from curricle.tasks.live import RETURNED
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
+from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, number_of
 
+MORE_RESETS = 8
+"""Resets with other seeds, by which it is seen whether the states that they lead to differ."""
 INTERVAL = 0.5
 """Seconds between two reports of progress."""
 
@@ -98,6 +102,7 @@ class Explored:
     next_state: list[int] = field(default_factory=list)
     probability: list[float] = field(default_factory=list)
     reward: list[float] = field(default_factory=list)
+    several: bool = False  # whether resets lead to different states
     cut: int = 0  # states from which nothing goes on, as episodes are truncated there
     seconds: float = 0.0
     observing: float = 0.0  # of them those that observations and words took
@@ -130,8 +135,8 @@ class Search:
 
     def run(self) -> Explored:
         """Return all states and outcomes; TaskError when a limit does not suffice."""
-        found, n_actions = self.found, self.world.n_actions
-        for reached in self.world.starts():
+        found, n_actions, seeds = self.found, self.world.n_actions, self.world.seeds
+        for reached in self.world.starts(seeds):
             state = self._number(reached)
             found.first.append(state)
             found.start[state] = found.start.get(state, 0.0) + reached.probability
@@ -149,6 +154,10 @@ class Search:
             for action in range(n_actions):
                 self._add(state * n_actions + action, state, STAY)
         found.cut = len(staying)
+        others = self.world.starts(range(max(seeds) + 1, max(seeds) + 1 + MORE_RESETS))
+        found.several = len(found.start) > 1 or any(
+            self.numbers.get((reached.key, False)) not in found.start for reached in others
+        )
         found.seconds = time.perf_counter() - self.began
         return found
 
@@ -166,7 +175,7 @@ class Search:
             self.contents.append(reached.content)
             self.queued.append(False)
             self.found.terminal.append(reached.terminated)
-            self.found.observations.append(observation)
+            self.found.observations.append(deepcopy(observation))  # which a step may change
             self.found.words.append(words)
         if not (self.queued[state] or reached.terminated or reached.truncated):
             self.contents[state] = reached.content
@@ -264,10 +273,10 @@ class World:
         self.drawing = 0  # pairs whose steps draw random numbers
         self._known: list[Any] | None = None  # the generators' states, where nobody has drawn since
 
-    def starts(self) -> Iterator[Reached]:
+    def starts(self, seeds: Sequence[int]) -> Iterator[Reached]:
         """Yield the state after each reset."""
-        for seed in self.seeds:
-            yield self._reached(self._start(seed), 1 / len(self.seeds))
+        for seed in seeds:
+            yield self._reached(self._start(seed), 1 / len(seeds))
 
     def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
         """Yield the one outcome, or those met in the samples, as often as they were met."""
@@ -306,7 +315,7 @@ class World:
         first = self._arrival(env, action)
         after = [*map(state_of, generators)]
         if after == before:
-            again, _ = self.access.restore(self.core, content)
+            again, _ = self.access.repeat(self.core, content)
             self._check_repeated(first, self._arrival(again, action), action)
             # Where all is one environment its generators are now as they were.
             self._known = None if self.access.copies else after
@@ -314,7 +323,7 @@ class World:
             self.drawing += 1
             self._known = None
             for repetition in range(1, REPETITIONS):
-                again, generators = self.access.restore(self.core, content)
+                again, generators = self.access.repeat(self.core, content)
                 restart(generators, repetition)
                 self._check_repeated(first, self._arrival(again, action), action)
         # Where all is one environment it is in the same state now; else `env` is kept as the state.
@@ -334,10 +343,7 @@ class World:
         returned = self._returned(env.step(self._core_action(action)), STEP)
         observed, reward, terminated, truncated, _ = returned
         _rewind_clocks(env)
-        try:
-            earned = float(reward)
-        except (TypeError, ValueError):
-            earned = math.nan
+        earned = number_of(reward)
         if not math.isfinite(earned):
             raise TaskError(f"a reward must be a finite number: got {reward!r} from {self.name}")
         ends = bool(terminated), bool(truncated)
@@ -369,7 +375,7 @@ class World:
             differing = "state" if not same else "reward or end"
         raise TaskError(
             "steps must be deterministic to be tabulated, unless outcomes are listed (outcomes=) "
-            f"or estimated (samples=): action {action}, repeated from one state of {self.name}, "
+            f"or estimated (samples=){self.access.hint}: action {action}, repeated from one state of {self.name}, "
             f"led to another {differing}"
         )
 
@@ -415,7 +421,7 @@ Listed = Callable[[Any, int], Sequence[tuple[float, Any, float, bool]]]
 
 
 class ListedOutcomes:
-    """Outcomes that a function or a table lists, of states that are hashable."""
+    """Outcomes that a function or a table lists, of states or observations."""
 
     def __init__(
         self,
@@ -431,12 +437,12 @@ class ListedOutcomes:
         self.save, self.words, self.name, self.transitions = save, words, name, 0
         self._last: Any = None
 
-    def starts(self) -> Iterator[Reached]:
+    def starts(self, seeds: Sequence[int]) -> Iterator[Reached]:
         """Yield the state after each reset."""
-        for seed in self.seeds:
+        for seed in seeds:
             observed, _ = self.env.reset(seed=seed)
-            state = observed if self.save is None else self.save(self.env.unwrapped)
-            yield self._reached(1 / len(self.seeds), state, 0.0, ended=False)
+            state = deepcopy(observed) if self.save is None else self.save(self.env.unwrapped)
+            yield self._reached(1 / len(seeds), state, 0.0, ended=False)
 
     def outcomes(self, content: Any, action: int) -> Iterable[Reached]:
         """Yield the outcomes that are possible."""
@@ -448,7 +454,8 @@ class ListedOutcomes:
                 chance, after, reward, ended = outcome
                 chance = number("a probability", chance, TaskError, 0, 1)
                 reward = number("a reward", reward, TaskError)
-                hash(after)
+                after = _in_form(after, content)
+                hash(hashable(after))
             except (TypeError, ValueError) as error:
                 raise TaskError(
                     "an outcome must be (probability, next state, reward, terminated) with finite "
@@ -472,4 +479,28 @@ class ListedOutcomes:
 
     def _reached(self, chance: float, state: Any, reward: float, *, ended: bool) -> Reached:
         self._last = state
-        return Reached(chance, state, state, reward, ended, truncated=False)
+        return Reached(chance, hashable(state), state, reward, ended, truncated=False)
+
+
+def _in_form(state: Any, example: Any) -> Any:
+    """Return a listed state as an array or named tuple where the environment's own are these."""
+    if isinstance(example, np.ndarray):
+        return np.asarray(state, example.dtype)
+    if isinstance(example, tuple) and isinstance(state, np.ndarray | list | tuple):
+        return getattr(example, "_make", tuple)(state)
+    return state
+
+
+def hashable(state: Any) -> Any:
+    """Return what is equal for equal states, in which arrays and their like are tuples.
+
+    Examples
+    --------
+    >>> hashable({"place": np.array([2, 3]), "lit": True}) == hashable({"lit": 1, "place": (2, 3)})
+    True
+    """
+    if isinstance(state, np.ndarray):
+        state = state.tolist()
+    if isinstance(state, Mapping):
+        return frozenset((key, hashable(part)) for key, part in state.items())
+    return tuple(map(hashable, state)) if isinstance(state, list | tuple) else state

@@ -21,6 +21,7 @@ from curricle.interop.tabulation.states import (
     left_out,
 )
 from curricle.interop.tabulation.tabulated_task import Unseen
+from curricle.interop.toy_text import acts_as
 from curricle.tasks.spaces import Component, Space
 
 MOVED = frozenset({"agent_pos", "agent_dir", "carrying", "step_count"})
@@ -204,9 +205,10 @@ def is_minigrid(env: Environment) -> bool:
 
 def fitting_state(env: Environment, core: Environment, seed: int) -> MiniGridState:
     """Return how to save a MiniGrid environment's states: fast if it keeps none elsewhere."""
-    if core is not env.unwrapped:
-        return MiniGridState(copies=True)
-    access = MiniGridAccess(own_reward=False)
+    own_reward = has_own_reward(env)
+    if core is not env.unwrapped or "gen_obs" in vars(core):
+        return MiniGridState(own_reward=own_reward, copies=True)
+    access = MiniGridAccess(own_reward=own_reward)
     core.reset(seed=seed)
     access.begin(core)
     rng = np.random.default_rng(seed)
@@ -215,14 +217,26 @@ def fitting_state(env: Environment, core: Environment, seed: int) -> MiniGridSta
         if over:
             break
     access.release()
-    return MiniGridState(copies=bool(access.missed(core)))
+    return MiniGridState(own_reward=own_reward, copies=bool(access.missed(core)))
+
+
+def has_own_reward(env: Environment) -> bool:
+    """Return whether a MiniGrid environment's `_reward` is another than MiniGrid's."""
+    return not acts_as(
+        env.unwrapped, sys.modules["minigrid.minigrid_env"].MiniGridEnv, methods=["_reward"]
+    )
 
 
 def named_actions(env: Environment) -> Space | None:
-    """Return MiniGrid's actions by name: left, right, forward, pickup, drop, toggle, done."""
+    """Return MiniGrid's actions by name: left, right, forward, pickup, drop, toggle, done.
+
+    None where `step` is none of MiniGrid's: it may turn left for any of them.
+    """
     if not is_minigrid(env):
         return None
     base: Any = env.unwrapped
+    if "step" in vars(base) or not type(base).step.__module__.startswith("minigrid."):
+        return None
     labels = tuple(action.name for action in base.actions)[: int(base.action_space.n)]
     return Space([Component("action", len(labels), labels=labels)])
 
@@ -231,8 +245,21 @@ def _one() -> float:
     return 1.0
 
 
+TIME_HINT = ", and not depend on the time unless state=MiniGridState(own_reward=True)"
+
+
+def _another_time(env: Environment, time: int) -> int:
+    """Set another time of an episode than the last, before it ends, and return it."""
+    base: Any = env.unwrapped
+    base.step_count = (time + 1) % max(1, base.max_steps - 1)
+    return int(base.step_count)
+
+
 class _TimelessCopies(Copies):
-    """Copies of which each is at the beginning of an episode's time."""
+    """Copies of which each is at the beginning of an episode's time; at any, where repeated."""
+
+    hint = TIME_HINT
+    time = 0
 
     def __init__(self) -> None:
         super().__init__(frozenset({"step_count"}))
@@ -245,6 +272,11 @@ class _TimelessCopies(Copies):
         copy, generators = super().restore(env, content)
         base: Any = copy.unwrapped
         base.step_count = 0
+        return copy, generators
+
+    def repeat(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+        copy, generators = self.restore(env, content)
+        self.time = _another_time(copy, self.time)
         return copy, generators
 
 
@@ -270,7 +302,7 @@ class MiniGridAccess(StateAccess):
     copies = False
 
     def __init__(self, *, own_reward: bool):
-        self.own_reward = own_reward
+        self.own_reward, self.time, self.hint = own_reward, 0, "" if own_reward else TIME_HINT
         self.levels = list[Level]()
         self.by_digest = dict[bytes, tuple[Level, Any]]()
         self.grid_numbers = dict[tuple[Any, ...], int]()
@@ -351,6 +383,13 @@ class MiniGridAccess(StateAccess):
             vars(base).update(zip([*level.plain, "mission"], plain, strict=True))
         base.step_count = step
         return env, (base.np_random,)
+
+    def repeat(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+        """Return the same environment in the state, at another time unless that is part of it."""
+        restored = self.restore(env, content)
+        if not self.own_reward:
+            self.time = _another_time(env, self.time)
+        return restored
 
     def observation(self, env: Environment, returned: Any) -> Any:
         """Return the observation of the state that the environment is in."""

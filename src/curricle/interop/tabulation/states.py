@@ -233,6 +233,8 @@ class StateAccess(ABC):
     """
 
     copies: bool
+    hint = ""
+    """What else may be the matter where a repeated step leads elsewhere."""
 
     def prepare(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
         """Change for good what is to be tabulated in another way than the environment has it."""
@@ -247,6 +249,10 @@ class StateAccess(ABC):
     @abstractmethod
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return an environment in a saved state, the one given or another; its generators."""
+
+    def repeat(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+        """Return what :meth:`restore` does, with all else than the state as different as can be."""
+        return self.restore(env, content)
 
     def observation(self, env: Environment, returned: Any) -> Any:
         """Return the observation of an environment, given what its step or reset returned."""
@@ -315,8 +321,7 @@ class Copies(StateAccess):
 
     def describe(self, env: Environment) -> Words:
         """Return the plain attributes of the environment."""
-        found, ignored = plain_attributes(env.unwrapped), self.ignored | left_out(env)
-        return {name: value for name, value in found.items() if name not in ignored}
+        return plain_attributes(env.unwrapped, self.ignored | left_out(env))
 
 
 class SaveAndRestore(StateAccess):
@@ -389,8 +394,10 @@ def copied(env: Any) -> tuple[Any, dict[int, Any]]:
         ) from error
 
 
-def plain_attributes(env: Any) -> dict[str, int | str]:
+def plain_attributes(env: Any, left_out: Collection[str] = ()) -> dict[str, int | str]:
     """Return an environment's attributes that are whole numbers or words.
+
+    Names that begin with an underscore are kept: they count only where the others do not suffice.
 
     Examples
     --------
@@ -402,7 +409,7 @@ def plain_attributes(env: Any) -> dict[str, int | str]:
     """
     found = dict[str, Any]()
     for name, value in vars(env).items():
-        if name.startswith("_") or isinstance(value, CONSTANT):
+        if name in left_out or isinstance(value, CONSTANT):
             continue
         if isinstance(value, tuple | list | np.ndarray):
             flat = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)

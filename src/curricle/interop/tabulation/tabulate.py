@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ from curricle.interop.tabulation.minigrid import (
     MiniGridAccess,
     MiniGridState,
     fitting_state,
+    has_own_reward,
     is_minigrid,
     named_actions,
 )
@@ -51,6 +52,7 @@ from curricle.interop.tabulation.tabulated_task import (
 from curricle.interop.toy_text import has_table, names_of
 from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
+from curricle.tasks.outcomes import number_of
 from curricle.tasks.spaces import Space, values_of
 
 STEPS = 1000
@@ -98,7 +100,7 @@ class Checker:
             possible = {
                 after
                 for state in possible
-                for after in self._successors(state, action, float(reward), bool(ended))
+                for after in self._successors(state, action, number_of(reward), bool(ended))
             }
             where = f"step {taken} after a reset with seed {seed}, action {action}"
             possible = self._compare(possible, observed, where)
@@ -220,14 +222,14 @@ class Plan:
             return World(env, act, n_actions, self.seeds, self.samples, access, name)
 
         if self.state is None and isinstance(how, MiniGridState) and not how.copies:
-            fast = MiniGridAccess(own_reward=False)
+            fast = MiniGridAccess(own_reward=how.own_reward)
             try:
                 return self._tables(world(fast), how)
             except TaskError:
                 if not fast.missed(env.unwrapped):
                     raise
                 fast.release()
-                how = MiniGridState(copies=True)
+                how = replace(how, copies=True)
         access = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
         return self._tables(world(access), how)
 
@@ -247,6 +249,7 @@ class Plan:
             drawing=world.drawing,
             checked=checked,
             cut=found.cut,
+            several=found.several,
             explored=len(found.terminal),
             seconds=found.seconds,
             observing=found.observing,
@@ -258,6 +261,13 @@ class Plan:
         """Return how states are saved and restored."""
         if isinstance(self.state, MiniGridState) and not is_minigrid(env):
             raise SettingError(f"state={self.state!r} is for MiniGrid's environments: got {env}")
+        if isinstance(self.state, MiniGridState) and not self.state.own_reward:
+            if has_own_reward(env):
+                raise SettingError(
+                    "a reward of an environment's own is tabulated by MiniGridState("
+                    f"own_reward=True): {env.unwrapped} has another _reward than MiniGrid, got "
+                    f"{self.state!r}"
+                )
         if self.state is not None:
             return self.state
         if is_minigrid(env):

@@ -269,6 +269,9 @@ class GymnasiumTask(Maker, TaskTable):
         description="A function from observations to states, module:function, with its states as "
         "its attribute.",
     )
+    live: Flag | None = Field(  # None is not stored, so that keys of older results stay
+        default=None, description="Whether to call step for every step even if there is a table."
+    )
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the environment as a task."""
@@ -277,7 +280,12 @@ class GymnasiumTask(Maker, TaskTable):
             given["encode"] = load(self.encode, folder)
         limit = _limit(self.time_limit)
         return self.made_by(
-            from_gymnasium, folder, discount=self.discount, time_limit=limit, **given
+            from_gymnasium,
+            folder,
+            discount=self.discount,
+            time_limit=limit,
+            live=bool(self.live),
+            **given,
         )
 
 
@@ -310,6 +318,14 @@ class TabulatedTaskTable(EnvironmentTable):
     reset_seeds: tuple[Whole, ...] = Field(
         default=(0,), description="Of the resets that starts are taken from."
     )
+    outcomes: Reference | None = Field(
+        default=None,
+        description="A function from a state and an action to its outcomes, module:function, of an "
+        "environment that is random.",
+    )
+    samples: Count | None = Field(
+        default=None, description="Instead: steps that each pair's outcomes are estimated from."
+    )
     cache: Name | None = Field(
         default=None, description="A file beside the study, which keeps the tables."
     )
@@ -325,6 +341,8 @@ class TabulatedTaskTable(EnvironmentTable):
             names=self.names,
             actions=self.actions,
             seeds=self.reset_seeds,
+            outcomes=None if self.outcomes is None else load(self.outcomes, folder),
+            samples=self.samples,
             cache=None if self.cache is None else folder / self.cache,
         )
 
