@@ -147,4 +147,3 @@ def names_of(world: Any) -> tuple[Space | None, Space | None]:
 
 def _cells(rows: int, columns: int) -> Space:
     return Space([Component("row", int(rows)), Component("column", int(columns))])
-

@@ -10,6 +10,8 @@ from curricle.checks import number
 from curricle.errors import TaskError
 
 PROBABILITY_TOLERANCE = 1e-8
+SINGLE_PRECISION = 1e-6
+"""How far from 1 probabilities of float32 may sum; then they are divided by their sum."""
 LARGEST_REWARD = 1e100
 """Rewards of every task are at most this large, so that no return overflows."""
 REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
@@ -30,6 +32,21 @@ def number_of(reward: Any) -> float:
         return np.nan if isinstance(reward, str | bytes) else float(reward)
     except (TypeError, ValueError, OverflowError):
         return np.nan
+
+
+def normalised(rows: FloatArray) -> FloatArray:
+    """Return rows of probabilities whose sums differ from 1 by the rounding of float32 divided by
+    them, and others as they are.
+
+    Examples
+    --------
+    >>> float(normalised(np.array([[0.9, 0.1]], np.float32).astype(float)).sum())
+    1.0
+    """
+    sums = rows.sum(axis=-1, keepdims=True)
+    error = abs(sums - 1)
+    rounded = (error > PROBABILITY_TOLERANCE) & (error <= SINGLE_PRECISION)
+    return rows / np.where(rounded, sums, 1.0) if rounded.any() else rows
 
 
 def check_numbers(task: Any, rewards: tuple[str, ...], chances: tuple[str, ...] = ()) -> None:

@@ -27,7 +27,7 @@ from curricle.interop.tabulation.states import (
 from curricle.interop.tabulation.tabulated_task import same_observation
 from curricle.interop.toy_text import HARMLESS, acts_as
 from curricle.tasks.live import RETURNED
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, number_of
+from curricle.tasks.outcomes import SINGLE_PRECISION, number_of
 
 MORE_RESETS = 8
 """Resets with other seeds, by which it is seen whether the states that they lead to differ."""
@@ -271,6 +271,7 @@ class World:
         access.prepare(env)
         self.streams = Streams()
         self.drawing = 0  # pairs whose steps draw random numbers
+        self.shared: Sequence[Any] = ()  # the global generators, if steps or resets draw from them
         self._known: list[Any] | None = None  # the generators' states, where nobody has drawn since
 
     def starts(self, seeds: Sequence[int]) -> Iterator[Reached]:
@@ -280,6 +281,8 @@ class World:
 
     def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
         """Yield the one outcome, or those met in the samples, as often as they were met."""
+        if self.transitions == self.n_actions:
+            self.access.check(self.now)
         self.transitions += 1
         if self.samples is None:
             yield self._reached(self._step(content, action), 1.0)
@@ -311,6 +314,7 @@ class World:
     def _step(self, content: Any, action: int) -> Arrival:
         """Return where the one outcome of an action leads from a saved state."""
         env, generators = self.access.restore(self.core, content)
+        generators = [*generators, *self.shared]
         before = self._known if self._known is not None else [*map(state_of, generators)]
         first = self._arrival(env, action)
         after = [*map(state_of, generators)]
@@ -324,7 +328,7 @@ class World:
             self._known = None
             for repetition in range(1, REPETITIONS):
                 again, generators = self.access.repeat(self.core, content)
-                restart(generators, repetition)
+                restart([*generators, *self.shared], repetition)
                 self._check_repeated(first, self._arrival(again, action), action)
         # Where all is one environment it is in the same state now; else `env` is kept as the state.
         self.now = env
@@ -333,6 +337,7 @@ class World:
     def _sample(self, content: Any, action: int) -> Arrival:
         """Return where one step leads from a saved state, with random numbers not used before."""
         env, generators = self.access.restore(self.core, content)
+        generators = [*generators, *self.shared]
         self.streams.resume(generators)
         self.now = env
         arrival = self._arrival(env, action)
@@ -465,7 +470,7 @@ class ListedOutcomes:
             total += chance
             if chance > 0:
                 yield self._reached(chance, after, reward, ended=bool(ended))
-        if abs(total - 1) > PROBABILITY_TOLERANCE:
+        if abs(total - 1) > SINGLE_PRECISION:
             raise TaskError(
                 f"transition probabilities must sum to 1: action {action} in {content!r} sums to "
                 f"{total:.10g}"

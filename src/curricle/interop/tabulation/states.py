@@ -4,9 +4,11 @@ import hashlib
 import random
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
+from difflib import get_close_matches
 from enum import Enum
 from functools import cache
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
@@ -20,6 +22,8 @@ from curricle.errors import SettingError, TaskError
 from curricle.interop.toy_text import HARMLESS, TOY_TEXT, acts_as
 
 GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
+SHARED: tuple[Any, ...] = random.getstate.__self__, np.random.get_state.__self__  # type: ignore[attr-defined]
+"""Python's and NumPy's global generators, which belong to no environment."""
 SALT = 2718
 """Begins the seeds of repeated steps, so that they are not those of the environment's resets."""
 
@@ -46,6 +50,20 @@ def restart(generators: Sequence[Any], repetition: int) -> None:
     """Let each generator draw other numbers than in other repetitions, the same for its kind."""
     for place, each in enumerate(generators):
         _set(each, _fresh(_kind(each), place, repetition))
+
+
+@contextmanager
+def shared_draws() -> Iterator[Callable[[], bool]]:
+    """Return a context with whether the global generators have been drawn from; it sets them back.
+
+    Asking at every step would take half as long as MiniGrid's step itself.
+    """
+    before = [*map(state_of, SHARED)]
+    try:
+        yield lambda: [*map(state_of, SHARED)] != before
+    finally:
+        for generator, state in zip(SHARED, before, strict=True):
+            _set(generator, state)
 
 
 def state_of(generator: Any) -> Any:
@@ -114,6 +132,7 @@ class _Reader:
         self.digest = hashlib.blake2b(digest_size=16)
         self.left_out = left_out
         self.met = dict[int, int]()
+        self.skipped = set[str]()  # the attributes among `left_out` that were met
         self.generators = dict[int, Any]()
         self.alive = list[Any]()  # so that no number in `met` is given to another object
 
@@ -197,6 +216,7 @@ class _Reader:
             for name in (names,) if isinstance(names, str) else names:
                 if hasattr(value, name):
                     attributes[name] = getattr(value, name)
+        self.skipped |= attributes.keys() & self.left_out
         for name in sorted(attributes.keys() - self.left_out):
             self.tell(name)
             self.read(attributes[name])
@@ -249,6 +269,9 @@ class StateAccess(ABC):
     @abstractmethod
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return an environment in a saved state, the one given or another; its generators."""
+
+    def check(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
+        """Check what can be checked when all actions have been taken in a state."""
 
     def repeat(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return what :meth:`restore` does, with all else than the state as different as can be."""
@@ -305,13 +328,24 @@ class Copies(StateAccess):
     copies = True
 
     def __init__(self, ignored: frozenset[str]):
-        self.ignored = ignored
+        self.ignored, self.unmet = ignored, set(ignored)
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return the environment itself, and its digest."""
-        generators = list[Any]()
-        key = fingerprint(env, self.ignored | left_out(env), generators)
-        return key, (env, generators)
+        reader = _Reader(self.ignored | left_out(env))
+        reader.read(env)
+        self.unmet -= reader.skipped
+        return reader.digest.digest(), (env, [*reader.generators.values()])
+
+    def check(self, env: Environment) -> None:
+        """Raise SettingError if there is no attribute of a name that is ignored."""
+        for name in sorted(self.unmet):
+            near = get_close_matches(name, vars(env.unwrapped), n=1)
+            meant = f", did you mean {near[0]!r}?" if near else ""
+            raise SettingError(
+                "ignore must name attributes of what an environment holds: nothing in "
+                f"{env.unwrapped} has {name!r}{meant}"
+            )
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return a copy, and its generators."""

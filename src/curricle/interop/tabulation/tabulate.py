@@ -41,7 +41,15 @@ from curricle.interop.tabulation.minigrid import (
     is_minigrid,
     named_actions,
 )
-from curricle.interop.tabulation.states import DeepCopy, SaveAndRestore, Words, copied, layers_of
+from curricle.interop.tabulation.states import (
+    SHARED,
+    DeepCopy,
+    SaveAndRestore,
+    Words,
+    copied,
+    layers_of,
+    shared_draws,
+)
 from curricle.interop.tabulation.tables import Tables, assembled, made_of, read_tables, write_tables
 from curricle.interop.tabulation.tabulated_task import (
     TabulatedTask,
@@ -236,7 +244,17 @@ class Plan:
     def _tables(self, world: World, how: Any) -> tuple[Tables, TabulationRecord]:
         """Return the tables of a world, and how they came about."""
         source = self._source(world)
-        found = self._explored(source)
+        with shared_draws() as drawn:
+            found = self._explored(source)
+            if source is world and drawn():
+                world.shared, world.transitions, world.drawing = SHARED, 0, 0
+                found = self._explored(source)
+            return self._checked(world, source, found, how)
+
+    def _checked(
+        self, world: World, source: World | ListedOutcomes, found: Explored, how: Any
+    ) -> tuple[Tables, TabulationRecord]:
+        """Return the tables of what was explored, after a check that they say what happens."""
         sampled, merge = self.samples is not None, world.access.copies and source is world
         tables = assembled(found, world.n_actions, sampled=sampled, merge=merge)
         world.access.end()
