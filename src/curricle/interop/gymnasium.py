@@ -25,14 +25,7 @@ from curricle.interop.spaces import (
 )
 from curricle.interop.tabulation.exploration import time_limit_of
 from curricle.interop.tabulation.states import TOY_CONSTANTS, fingerprint, layers_of
-from curricle.interop.toy_text import (
-    TOY_TEXT,
-    acts_as,
-    has_table,
-    names_of,
-    outcomes_of,
-    start_of,
-)
+from curricle.interop.toy_text import TOY_TEXT, acts_as, has_table, names_of, outcomes_of
 from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, check_spaces
@@ -62,9 +55,8 @@ def from_gymnasium(
     """Return a Gymnasium environment of discrete spaces as a task: by its table, or live.
 
     A transition table (``env.unwrapped.P``: FrozenLake, CliffWalking, Taxi) is copied, and the task
-    is solved, evaluated and learnt as fast as any :class:`FiniteMDP`. Every other environment, such
-    as a subclass or under a wrapper with another `step` or `reset`, is a :class:`LiveMDP`: each
-    step of learning calls ``env.step``.
+    is solved, evaluated and learnt as fast as any :class:`FiniteMDP`. Every other environment, a
+    subclass or wrapper with its own `step` too, is a :class:`LiveMDP`: learning calls ``env.step``.
 
     Parameters
     ----------
@@ -150,19 +142,15 @@ def from_gymnasium(
 
 def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
     """Raise TaskError if an environment was changed so that its specification makes another."""
-    layers = layers_of(env)
-    changed = [name for name in ("step", "reset") if any(name in vars(part) for part in layers)]
-    if acts_as(layers[-1], *TOY_TEXT) and not changed:
-        with closing(make()) as new:
-            changed = [
-                name
-                for name in sorted(TOY_CONSTANTS & vars(layers[-1]).keys())
-                if fingerprint(getattr(new.unwrapped, name)) != fingerprint(vars(layers[-1])[name])
-            ]
+    changed = any({"step", "reset"} & vars(layer).keys() for layer in layers_of(env))
+    if not changed and acts_as(env.unwrapped, *TOY_TEXT):
+        with refusals_of_make(make), closing(make()) as new:
+            tables = [[vars(e.unwrapped).get(name) for name in TOY_CONSTANTS] for e in (env, new)]
+        changed = fingerprint(tables[0]) != fingerprint(tables[1])
     if changed:
         raise TaskError(
-            "an environment that was changed after it was made cannot be made again for each seed; "
-            f"give a function that makes and changes it: {changed[0]} of {env} is another"
+            "an environment whose step, reset or table was changed cannot be made again for each "
+            f"seed; give a function that makes it so: got {env}"
         )
 
 
@@ -278,8 +266,8 @@ def _from_table(
     known, moves = names_of(world)
     if known is None or known.size != n_states:
         known = Space([Component("state", n_states)])
-    start = np.asarray(start_of(world))
-    if start.ndim and n_states > start.size:  # the end that `outcomes_of` added
+    start = np.asarray(world.initial_state_distrib)
+    if n_states > start.size:  # the end that `outcomes_of` added
         start = np.append(start, 0.0)
     states = _named_states(states, known)
     _, actions = actions_of(world.action_space, actions, moves)

@@ -22,8 +22,8 @@ MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 """Name -> rows and columns that a move goes."""
 Cell = tuple[int, int]
 """Row and column."""
-BYTE_ORDER_MARK = "\ufeff"
-"""With which some editors begin a file; it is not seen, and no part of a map."""
+MARK = "\ufeff"
+"""The byte order mark, with which some editors begin a file; no part of a map."""
 
 
 def read_map(given: Any, characters: str) -> tuple[str, ...]:
@@ -31,8 +31,8 @@ def read_map(given: Any, characters: str) -> tuple[str, ...]:
     if not isinstance(given, str | list | tuple) or not all(isinstance(one, str) for one in given):
         raise TaskError(f"a map must be text or a list of lines: got {given!r}")
     if isinstance(given, str):
-        given = [line.strip() for line in given.lstrip(BYTE_ORDER_MARK).strip().splitlines()]
-    lines = tuple(line.lstrip(BYTE_ORDER_MARK) for line in given)
+        given = [line.strip() for line in given.lstrip(MARK).strip().splitlines()]
+    lines = tuple(line.lstrip(MARK) for line in given)
     for row, line in enumerate(lines):
         if len(line) != len(lines[0]):
             raise TaskError(

@@ -110,8 +110,8 @@ class FiniteMDP(Frozen):
     outcome_row : (S, A) int32
         The outcome row of each pair, in 0 .. Y-1; those of terminal states are never used.
     probability : (Y, O) float64
-        Outcome probabilities; each row sums to 1 (pad short rows with probability 0), within 1e-8
-        or, as float32 does, within 1e-6: then it is divided by its sum.
+        Outcome probabilities; rows (pad short rows with probability 0) sum to 1, within 1e-8, or
+        within 1e-6, as float32 does, and are divided by their sums.
     next_state : (Y, O) int32
         Successor of each outcome.
     reward : (Y, O) float64

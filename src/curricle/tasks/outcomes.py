@@ -18,31 +18,16 @@ REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
 
 
 def number_of(reward: Any) -> float:
-    """Return an environment's reward as a float; NaN where it is no number, alone or in an array.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> number_of(np.float32(0.5)), number_of(np.ones((1, 1))), number_of("1"), number_of([1, 2])
-    (0.5, 1.0, nan, nan)
-    """
+    """Return a reward, alone or in an array, as a float; NaN where it is no number."""
     try:
-        if isinstance(reward, np.ndarray):
-            reward = reward.item()
-        return np.nan if isinstance(reward, str | bytes) else float(reward)
+        given = reward.item() if isinstance(reward, np.ndarray) else reward
+        return np.nan if isinstance(given, str | bytes) else float(given)
     except (TypeError, ValueError, OverflowError):
         return np.nan
 
 
 def normalised(rows: FloatArray) -> FloatArray:
-    """Return rows of probabilities whose sums differ from 1 by the rounding of float32 divided by
-    them, and others as they are.
-
-    Examples
-    --------
-    >>> float(normalised(np.array([[0.9, 0.1]], np.float32).astype(float)).sum())
-    1.0
-    """
+    """Return rows that sum to 1 within the rounding of float32 divided by their sums."""
     sums = rows.sum(axis=-1, keepdims=True)
     error = abs(sums - 1)
     rounded = (error > PROBABILITY_TOLERANCE) & (error <= SINGLE_PRECISION)

@@ -62,8 +62,7 @@ class Component:
     labels : tuple of str, optional
         How each value prints, `size` of them.
     arbitrary : bool
-        Whether values are numbered in no order that another task shares, such as that in which a
-        search found states; then no mapping by name reads it.
+        Whether values are numbered as a search found them; then no mapping by name reads it.
 
     Examples
     --------

@@ -199,9 +199,8 @@ def _origin(target: Space, component: Component, renaming: Mapping[str, str]) ->
     origin = target.component(name)
     if component.arbitrary or origin.arbitrary:
         raise MappingError(
-            f"components are read by name where equal values mean the same: {component.name!r} "
-            f"read from {name!r} numbers states in the order in which they were found; give the "
-            "environment whole numbers or words that tell its states apart, or a mapping function"
+            f"a component that numbers states as they were found is not read by name: got {name!r} "
+            f"for {component.name!r}; give the environment numbers or words that tell states apart"
         )
     return origin
 

@@ -206,7 +206,7 @@ def test_a_table_that_was_changed_is_read_as_it_is():
     env.unwrapped.P[0] = {a: [(1.0, 15, 7.0, True)] for a in range(4)}
     assert cr.solve(cr.from_gymnasium(env, discount=0.9)).start_value == 7
     with pytest.raises(
-        cr.errors.TaskError, match="cannot be made again for each seed; .*: P of .* is"
+        cr.errors.TaskError, match="cannot be made again for each seed; give a function"
     ):
         cr.from_gymnasium(env, discount=0.9, live=True)
 
@@ -214,9 +214,7 @@ def test_a_table_that_was_changed_is_read_as_it_is():
 def test_an_environment_whose_step_was_replaced_cannot_be_made_again():
     env = gym.make("FrozenLake-v1")
     env.unwrapped.step = lambda action: (15, 1.0, True, False, {})
-    with pytest.raises(
-        cr.errors.TaskError, match="give a function that makes and changes it: step of"
-    ):
+    with pytest.raises(cr.errors.TaskError, match="give a function that makes it so"):
         cr.from_gymnasium(env, discount=0.9)
 
 

@@ -136,10 +136,10 @@ class Search:
     def run(self) -> Explored:
         """Return all states and outcomes; TaskError when a limit does not suffice."""
         found, n_actions, seeds = self.found, self.world.n_actions, self.world.seeds
-        for reached in self.world.starts(seeds):
-            state = self._number(reached)
+        for seed in seeds:
+            state = self._number(self.world.start(seed))
             found.first.append(state)
-            found.start[state] = found.start.get(state, 0.0) + reached.probability
+            found.start[state] = found.start.get(state, 0.0) + 1 / len(seeds)
         while self.queue:
             state = self.queue.popleft()
             content, self.contents[state] = self.contents[state], None
@@ -154,10 +154,9 @@ class Search:
             for action in range(n_actions):
                 self._add(state * n_actions + action, state, STAY)
         found.cut = len(staying)
-        others = self.world.starts(range(max(seeds) + 1, max(seeds) + 1 + MORE_RESETS))
-        found.several = len(found.start) > 1 or any(
-            self.numbers.get((reached.key, False)) not in found.start for reached in others
-        )
+        keys = (self.world.start(max(seeds) + k).key for k in range(1, MORE_RESETS + 1))
+        known = (self.numbers.get((key, False)) in found.start for key in keys)
+        found.several = len(found.start) > 1 or not all(known)
         found.seconds = time.perf_counter() - self.began
         return found
 
@@ -176,7 +175,7 @@ class Search:
             self.queued.append(False)
             self.found.terminal.append(reached.terminated)
             self.found.observations.append(deepcopy(observation))  # which a step may change
-            self.found.words.append(words)
+            self.found.words.append({**words, **words_of_state(observation, "_")})
         if not (self.queued[state] or reached.terminated or reached.truncated):
             self.contents[state] = reached.content
             self.queued[state] = True
@@ -248,8 +247,7 @@ class Arrival(NamedTuple):
 class World:
     """An environment's own steps, and how its states are saved and restored.
 
-    After `starts` and `outcomes` have yielded a state it can be looked at until the next is asked
-    for.
+    A state that `start` or `outcomes` has made can be looked at until the next is asked for.
     """
 
     def __init__(
@@ -274,15 +272,21 @@ class World:
         self.shared: Sequence[Any] = ()  # the global generators, if steps or resets draw from them
         self._known: list[Any] | None = None  # the generators' states, where nobody has drawn since
 
-    def starts(self, seeds: Sequence[int]) -> Iterator[Reached]:
-        """Yield the state after each reset."""
-        for seed in seeds:
-            yield self._reached(self._start(seed), 1 / len(seeds))
+    def start(self, seed: int) -> Reached:
+        """Return the state in which an episode begins that is reset with a seed."""
+        self._known = None
+        if self.access.copies:
+            self.now, _ = self.access.restore(self.core, (self.core, []))
+        observed, _ = self._returned(self.now.reset(seed=seed), RESET)
+        _rewind_clocks(self.now)
+        self.access.begin(self.now)
+        arrival = Arrival(*self.access.save(self.now), 0.0, False, False, observed)
+        return self._reached(arrival, 1.0)
 
     def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
         """Yield the one outcome, or those met in the samples, as often as they were met."""
         if self.transitions == self.n_actions:
-            self.access.check(self.now)
+            self.access.check()
         self.transitions += 1
         if self.samples is None:
             yield self._reached(self._step(content, action), 1.0)
@@ -301,16 +305,6 @@ class World:
         *reached, self._last = arrival
         return Reached(probability, *reached)
 
-    def _start(self, seed: int) -> Arrival:
-        """Return where an episode begins that is reset with a seed."""
-        self._known = None
-        if self.access.copies:
-            self.now, _ = self.access.restore(self.core, (self.core, []))
-        observed, _ = self._returned(self.now.reset(seed=seed), RESET)
-        _rewind_clocks(self.now)
-        self.access.begin(self.now)
-        return Arrival(*self.access.save(self.now), 0.0, False, False, observed)
-
     def _step(self, content: Any, action: int) -> Arrival:
         """Return where the one outcome of an action leads from a saved state."""
         env, generators = self.access.restore(self.core, content)
@@ -319,7 +313,7 @@ class World:
         first = self._arrival(env, action)
         after = [*map(state_of, generators)]
         if after == before:
-            again, _ = self.access.repeat(self.core, content)
+            again, _ = self.access.restore(self.core, content)
             self._check_repeated(first, self._arrival(again, action), action)
             # Where all is one environment its generators are now as they were.
             self._known = None if self.access.copies else after
@@ -327,7 +321,7 @@ class World:
             self.drawing += 1
             self._known = None
             for repetition in range(1, REPETITIONS):
-                again, generators = self.access.repeat(self.core, content)
+                again, generators = self.access.restore(self.core, content)
                 restart([*generators, *self.shared], repetition)
                 self._check_repeated(first, self._arrival(again, action), action)
         # Where all is one environment it is in the same state now; else `env` is kept as the state.
@@ -380,8 +374,8 @@ class World:
             differing = "state" if not same else "reward or end"
         raise TaskError(
             "steps must be deterministic to be tabulated, unless outcomes are listed (outcomes=) "
-            f"or estimated (samples=){self.access.hint}: action {action}, repeated from one state of {self.name}, "
-            f"led to another {differing}"
+            f"or estimated (samples=){self.access.hint}: action {action}, repeated from one state "
+            f"of {self.name}, led to another {differing}"
         )
 
 
@@ -442,12 +436,11 @@ class ListedOutcomes:
         self.save, self.words, self.name, self.transitions = save, words, name, 0
         self._last: Any = None
 
-    def starts(self, seeds: Sequence[int]) -> Iterator[Reached]:
-        """Yield the state after each reset."""
-        for seed in seeds:
-            observed, _ = self.env.reset(seed=seed)
-            state = deepcopy(observed) if self.save is None else self.save(self.env.unwrapped)
-            yield self._reached(1 / len(seeds), state, 0.0, ended=False)
+    def start(self, seed: int) -> Reached:
+        """Return the state after a reset."""
+        observed, _ = self.env.reset(seed=seed)
+        state = deepcopy(observed) if self.save is None else self.save(self.env.unwrapped)
+        return self._reached(1.0, state, 0.0, ended=False)
 
     def outcomes(self, content: Any, action: int) -> Iterable[Reached]:
         """Yield the outcomes that are possible."""
@@ -460,7 +453,7 @@ class ListedOutcomes:
                 chance = number("a probability", chance, TaskError, 0, 1)
                 reward = number("a reward", reward, TaskError)
                 after = _in_form(after, content)
-                hash(hashable(after))
+                hash(_key(after))
             except (TypeError, ValueError) as error:
                 raise TaskError(
                     "an outcome must be (probability, next state, reward, terminated) with finite "
@@ -484,7 +477,7 @@ class ListedOutcomes:
 
     def _reached(self, chance: float, state: Any, reward: float, *, ended: bool) -> Reached:
         self._last = state
-        return Reached(chance, hashable(state), state, reward, ended, truncated=False)
+        return Reached(chance, _key(state), state, reward, ended, truncated=False)
 
 
 def _in_form(state: Any, example: Any) -> Any:
@@ -496,16 +489,10 @@ def _in_form(state: Any, example: Any) -> Any:
     return state
 
 
-def hashable(state: Any) -> Any:
-    """Return what is equal for equal states, in which arrays and their like are tuples.
-
-    Examples
-    --------
-    >>> hashable({"place": np.array([2, 3]), "lit": True}) == hashable({"lit": 1, "place": (2, 3)})
-    True
-    """
+def _key(state: Any) -> Any:
+    """Return what is equal for equal states, in which arrays and lists are tuples."""
     if isinstance(state, np.ndarray):
         state = state.tolist()
     if isinstance(state, Mapping):
-        return frozenset((key, hashable(part)) for key, part in state.items())
-    return tuple(map(hashable, state)) if isinstance(state, list | tuple) else state
+        return frozenset((key, _key(part)) for key, part in state.items())
+    return tuple(map(_key, state)) if isinstance(state, list | tuple) else state

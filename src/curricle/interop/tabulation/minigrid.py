@@ -5,6 +5,7 @@ from collections import UserDict
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from operator import itemgetter
 from typing import Any
 
@@ -21,7 +22,6 @@ from curricle.interop.tabulation.states import (
     left_out,
 )
 from curricle.interop.tabulation.tabulated_task import Unseen
-from curricle.interop.toy_text import acts_as
 from curricle.tasks.spaces import Component, Space
 
 MOVED = frozenset({"agent_pos", "agent_dir", "carrying", "step_count"})
@@ -191,11 +191,6 @@ class MiniGridState:
             return Copies(frozenset()) if self.own_reward else _TimelessCopies()
         return MiniGridAccess(own_reward=self.own_reward)
 
-    @property
-    def note(self) -> str:
-        """What the tables say in another way than MiniGrid."""
-        return "" if self.own_reward else "goal reward 1"
-
 
 def is_minigrid(env: Environment) -> bool:
     """Return whether an environment is one of MiniGrid's, which need not be installed."""
@@ -205,10 +200,9 @@ def is_minigrid(env: Environment) -> bool:
 
 def fitting_state(env: Environment, core: Environment, seed: int) -> MiniGridState:
     """Return how to save a MiniGrid environment's states: fast if it keeps none elsewhere."""
-    own_reward = has_own_reward(env)
     if core is not env.unwrapped or "gen_obs" in vars(core):
-        return MiniGridState(own_reward=own_reward, copies=True)
-    access = MiniGridAccess(own_reward=own_reward)
+        return MiniGridState(copies=True)
+    access = MiniGridAccess(own_reward=False)
     core.reset(seed=seed)
     access.begin(core)
     rng = np.random.default_rng(seed)
@@ -217,26 +211,14 @@ def fitting_state(env: Environment, core: Environment, seed: int) -> MiniGridSta
         if over:
             break
     access.release()
-    return MiniGridState(own_reward=own_reward, copies=bool(access.missed(core)))
-
-
-def has_own_reward(env: Environment) -> bool:
-    """Return whether a MiniGrid environment's `_reward` is another than MiniGrid's."""
-    return not acts_as(
-        env.unwrapped, sys.modules["minigrid.minigrid_env"].MiniGridEnv, methods=["_reward"]
-    )
+    return MiniGridState(copies=bool(access.missed(core)))
 
 
 def named_actions(env: Environment) -> Space | None:
-    """Return MiniGrid's actions by name: left, right, forward, pickup, drop, toggle, done.
-
-    None where `step` is none of MiniGrid's: it may turn left for any of them.
-    """
+    """Return MiniGrid's actions by name: left, right, forward, pickup, drop, toggle, done."""
     if not is_minigrid(env):
         return None
     base: Any = env.unwrapped
-    if "step" in vars(base) or not type(base).step.__module__.startswith("minigrid."):
-        return None
     labels = tuple(action.name for action in base.actions)[: int(base.action_space.n)]
     return Space([Component("action", len(labels), labels=labels)])
 
@@ -245,38 +227,40 @@ def _one() -> float:
     return 1.0
 
 
-TIME_HINT = ", and not depend on the time unless state=MiniGridState(own_reward=True)"
-
-
-def _another_time(env: Environment, time: int) -> int:
-    """Set another time of an episode than the last, before it ends, and return it."""
+def _pay_one(env: Environment) -> str:
+    """Let the goal pay 1, and return a note of it; nothing, where the reward is a subclass's."""
     base: Any = env.unwrapped
-    base.step_count = (time + 1) % max(1, base.max_steps - 1)
-    return int(base.step_count)
+    known = sys.modules["minigrid.minigrid_env"].MiniGridEnv._reward
+    if type(base)._reward is not known or vars(base).get("_reward", _one) is not _one:
+        return ""
+    base._reward = _one
+    return "goal reward 1"
+
+
+def _time(number: int, env: Any) -> int:
+    """Return times before an episode's end, of which any two that follow are far apart."""
+    return int(number * 0.618034 % 1 * max(1, env.max_steps - 1))
+
+
+TIME_HINT = ", and may depend on the time only with state=MiniGridState(own_reward=True)"
 
 
 class _TimelessCopies(Copies):
-    """Copies of which each is at the beginning of an episode's time; at any, where repeated."""
+    """Copies at all times of an episode in turn, so that repeated steps differ if it matters."""
 
     hint = TIME_HINT
-    time = 0
 
     def __init__(self) -> None:
         super().__init__(frozenset({"step_count"}))
+        self.times = count()
 
     def prepare(self, env: Environment) -> None:
-        base: Any = env.unwrapped
-        base._reward = _one
+        self.note = _pay_one(env)
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         copy, generators = super().restore(env, content)
         base: Any = copy.unwrapped
-        base.step_count = 0
-        return copy, generators
-
-    def repeat(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
-        copy, generators = self.restore(env, content)
-        self.time = _another_time(copy, self.time)
+        base.step_count = _time(next(self.times), base)
         return copy, generators
 
 
@@ -302,7 +286,8 @@ class MiniGridAccess(StateAccess):
     copies = False
 
     def __init__(self, *, own_reward: bool):
-        self.own_reward, self.time, self.hint = own_reward, 0, "" if own_reward else TIME_HINT
+        self.own_reward, self.hint = own_reward, "" if own_reward else TIME_HINT
+        self.times = count()
         self.levels = list[Level]()
         self.by_digest = dict[bytes, tuple[Level, Any]]()
         self.grid_numbers = dict[tuple[Any, ...], int]()
@@ -314,9 +299,8 @@ class MiniGridAccess(StateAccess):
 
     def prepare(self, env: Environment) -> None:
         """Let the goal pay 1, unless the reward is MiniGrid's own."""
-        base: Any = env.unwrapped
         if not self.own_reward:
-            base._reward = _one
+            self.note = _pay_one(env)
 
     def begin(self, env: Environment) -> None:
         """Note the level that a reset made, or find it among those before."""
@@ -381,15 +365,9 @@ class MiniGridAccess(StateAccess):
         level.set_objects(objects)
         if level.values_of_plain(vars(base)) != plain:
             vars(base).update(zip([*level.plain, "mission"], plain, strict=True))
-        base.step_count = step
+        # Without a time in the states a repeated step is at another time than the first.
+        base.step_count = step if self.own_reward else _time(next(self.times), base)
         return env, (base.np_random,)
-
-    def repeat(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
-        """Return the same environment in the state, at another time unless that is part of it."""
-        restored = self.restore(env, content)
-        if not self.own_reward:
-            self.time = _another_time(env, self.time)
-        return restored
 
     def observation(self, env: Environment, returned: Any) -> Any:
         """Return the observation of the state that the environment is in."""

@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, S
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
-from difflib import get_close_matches
 from enum import Enum
 from functools import cache
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
@@ -54,10 +53,7 @@ def restart(generators: Sequence[Any], repetition: int) -> None:
 
 @contextmanager
 def shared_draws() -> Iterator[Callable[[], bool]]:
-    """Return a context with whether the global generators have been drawn from; it sets them back.
-
-    Asking at every step would take half as long as MiniGrid's step itself.
-    """
+    """Return a context with whether the global generators were drawn from; it sets them back."""
     before = [*map(state_of, SHARED)]
     try:
         yield lambda: [*map(state_of, SHARED)] != before
@@ -108,21 +104,22 @@ UNCHANGING = (tuple, frozenset, Enum, *NAMED, FunctionType, MethodType, CodeType
 """What is read again wherever it is met: sharing it makes no difference."""
 
 
-def fingerprint(
-    value: Any, left_out: Collection[str] = (), generators: list[Any] | None = None
-) -> bytes:
+def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
     """Return a digest of a value and all that it refers to, 16 bytes.
 
     Equal for values that are equal part by part, with the same parts shared between the same
     places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out,
-    and attributes with names `left_out`. Generators that are met are appended to `generators`.
-    TaskError when a part holds what cannot be read, such as an open file.
+    and attributes with names `left_out`. TaskError when a part holds what cannot be read, such as
+    an open file.
     """
+    return _read(value, left_out).digest.digest()
+
+
+def _read(value: Any, left_out: Collection[str]) -> "_Reader":
+    """Return what has read a value and all that it refers to."""
     reader = _Reader(frozenset(left_out))
     reader.read(value)
-    if generators is not None:
-        generators += reader.generators.values()
-    return reader.digest.digest()
+    return reader
 
 
 class _Reader:
@@ -253,8 +250,8 @@ class StateAccess(ABC):
     """
 
     copies: bool
-    hint = ""
-    """What else may be the matter where a repeated step leads elsewhere."""
+    hint = ""  # what else may be the matter where a repeated step leads elsewhere
+    note = ""  # what the tables say in another way than the environment
 
     def prepare(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
         """Change for good what is to be tabulated in another way than the environment has it."""
@@ -270,12 +267,8 @@ class StateAccess(ABC):
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return an environment in a saved state, the one given or another; its generators."""
 
-    def check(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
+    def check(self) -> None:  # noqa: B027 - many have nothing to do
         """Check what can be checked when all actions have been taken in a state."""
-
-    def repeat(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
-        """Return what :meth:`restore` does, with all else than the state as different as can be."""
-        return self.restore(env, content)
 
     def observation(self, env: Environment, returned: Any) -> Any:
         """Return the observation of an environment, given what its step or reset returned."""
@@ -332,19 +325,16 @@ class Copies(StateAccess):
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return the environment itself, and its digest."""
-        reader = _Reader(self.ignored | left_out(env))
-        reader.read(env)
+        reader = _read(env, self.ignored | left_out(env))
         self.unmet -= reader.skipped
         return reader.digest.digest(), (env, [*reader.generators.values()])
 
-    def check(self, env: Environment) -> None:
+    def check(self) -> None:
         """Raise SettingError if there is no attribute of a name that is ignored."""
-        for name in sorted(self.unmet):
-            near = get_close_matches(name, vars(env.unwrapped), n=1)
-            meant = f", did you mean {near[0]!r}?" if near else ""
+        if self.unmet:
             raise SettingError(
-                "ignore must name attributes of what an environment holds: nothing in "
-                f"{env.unwrapped} has {name!r}{meant}"
+                "ignore must name attributes of what an environment holds: nothing in it has "
+                f"{', '.join(sorted(self.unmet))}"
             )
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
@@ -371,8 +361,7 @@ class SaveAndRestore(StateAccess):
 
     def begin(self, env: Environment) -> None:
         """Find the random generators."""
-        self.generators = []
-        fingerprint(env, left_out(env), self.generators)
+        self.generators = [*_read(env, left_out(env)).generators.values()]
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return what the function returns, which tells states apart and restores them."""
@@ -431,8 +420,6 @@ def copied(env: Any) -> tuple[Any, dict[int, Any]]:
 def plain_attributes(env: Any, left_out: Collection[str] = ()) -> dict[str, int | str]:
     """Return an environment's attributes that are whole numbers or words.
 
-    Names that begin with an underscore are kept: they count only where the others do not suffice.
-
     Examples
     --------
     >>> class Room:
@@ -441,37 +428,34 @@ def plain_attributes(env: Any, left_out: Collection[str] = ()) -> dict[str, int 
     >>> plain_attributes(Room())
     {'place_1': 2, 'place_2': 3, 'lit': 1}
     """
+    return _words({name: value for name, value in vars(env).items() if name not in left_out})
+
+
+def words_of_state(state: Any, before: str = "") -> Words:
+    """Return the numbers and words in a state or an observation, with something before names.
+
+    Examples
+    --------
+    >>> words_of_state((3, "red")), words_of_state(4), words_of_state({"at": (1, 2)}, "_")
+    ({'state_1': 3, 'state_2': 'red'}, {'state': 4}, {'_at_1': 1, '_at_2': 2})
+    """
+    named = state._asdict() if hasattr(state, "_asdict") else state
+    parts = named if isinstance(named, Mapping) else {"state": state}
+    return _words({f"{before}{name}": part for name, part in parts.items()})
+
+
+def _words(values: Mapping[str, Any]) -> dict[str, int | str]:
+    """Return what is a whole number or a word, alone or in a short list; the former as ints."""
     found = dict[str, Any]()
-    for name, value in vars(env).items():
-        if name in left_out or isinstance(value, CONSTANT):
-            continue
+    for name, value in values.items():
         if isinstance(value, tuple | list | np.ndarray):
             flat = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
             if len(flat) <= MOST_CELLS:
                 found |= {f"{name}_{i + 1}": each for i, each in enumerate(flat)}
         else:
             found[name] = value
-    return _plain(found)
-
-
-def words_of_state(state: Any) -> Words:
-    """Return the numbers and words of a state that is one of these, or a tuple of them.
-
-    Examples
-    --------
-    >>> words_of_state((3, "red")), words_of_state(4)
-    ({'state_1': 3, 'state_2': 'red'}, {'state': 4})
-    """
-    if not isinstance(state, tuple):
-        return _plain({"state": state})
-    names = getattr(state, "_fields", [f"state_{i + 1}" for i in range(len(state))])
-    return _plain(dict(zip(names, state, strict=True)))
-
-
-def _plain(values: Mapping[str, Any]) -> dict[str, int | str]:
-    """Return what is a whole number or a word, the former as ints."""
     return {
         name: value if isinstance(value, str) else int(value)
-        for name, value in values.items()
+        for name, value in found.items()
         if isinstance(value, bool | int | np.integer | np.bool_ | str) and value != ""
     }

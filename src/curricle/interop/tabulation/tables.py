@@ -5,7 +5,6 @@ import re
 import sys
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,15 +15,8 @@ from curricle.archives import digest_of, read_saved, write_saved
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.errors import StoreError
 from curricle.interop.tabulation.exploration import Explored
-from curricle.interop.tabulation.states import (
-    MOST_CELLS,
-    Environment,
-    Words,
-    fingerprint,
-    layers_of,
-)
+from curricle.interop.tabulation.states import Environment, Words, fingerprint, layers_of
 from curricle.interop.tabulation.tabulated_task import (
-    POSITION,
     ObservationTable,
     TabulationRecord,
     stacked_observations,
@@ -90,7 +82,7 @@ def assembled(found: Explored, n_actions: int, *, sampled: bool, merge: bool) ->
         blocks = alike(tables, n_actions)
         tables = _merged(tables, blocks, n_actions)
     words, vague = words_of_blocks(found.words, blocks)
-    space = named_states(words, tables.terminal, vague, tables.observations)
+    space = named_states(words, tables.terminal, vague)
     return tables._replace(states=space)
 
 
@@ -203,17 +195,11 @@ def words_of_blocks(words: Sequence[Words], blocks: IntArray) -> tuple[list[Word
     return [found[block] for block in sorted(found)], vague
 
 
-def named_states(
-    words: Sequence[Words],
-    terminal: BoolArray,
-    vague: Collection[str],
-    observations: ObservationTable | None = None,
-) -> Space:
+def named_states(words: Sequence[Words], terminal: BoolArray, vague: Collection[str]) -> Space:
     """Return the space whose components are what differs between states.
 
-    Where several states have the same values they are told apart by attributes with an underscore,
-    by the whole numbers in what is observed, by those that are vague, then by whether they end the
-    episode, `ended`, then by a number, `variant`.
+    Where several states have the same values they are told apart by those with an underscore, then
+    those that are vague, by whether they end the episode, `ended`, then by a number, `variant`.
 
     Examples
     --------
@@ -222,17 +208,16 @@ def named_states(
     >>> [space.label(state) for state in range(3)]
     ['row=1 lamp=on ended=no', 'row=2 lamp=off ended=no', 'row=2 lamp=off ended=yes']
     """
-    columns = [(2, name, values) for name, values in _observed_numbers(observations).items()]
-    for name in dict.fromkeys(name for each in words for name in each):
-        rank = 3 if name in vague else int(name.startswith("_"))
-        columns.append((rank, name, [each.get(name, ABSENT) for each in words]))
+    names = dict.fromkeys(name for each in words for name in each)
     parts = list[Part]()
-    for rank, name, values in sorted(columns, key=itemgetter(0)):
-        if rank > 0 and _count(parts) == len(words):
+    for name in sorted(names, key=lambda name: 2 if name in vague else name.startswith("_")):
+        public = name not in vague and not name.startswith("_")
+        if not public and _count(parts) == len(words):
             break
+        values = [each.get(name, ABSENT) for each in words]
         part = _component(_free(name.lstrip("_") or name, parts), values)
-        # After the first rank only what tells states apart that are alike so far.
-        if part[0].size > 1 and (rank == 0 or _count([*parts, part]) > _count(parts)):
+        # Of the rest only what tells states apart that are alike so far.
+        if part[0].size > 1 and (public or _count([*parts, part]) > _count(parts)):
             parts.append(part)
     if not parts:
         return Space([Component("state", len(words), arbitrary=True)])
@@ -241,25 +226,10 @@ def named_states(
         parts.append((ended, terminal.astype(np.int64)))
     copies = _copy_numbers(parts)
     if copies.any():
-        variant = Component(_free("variant", parts), int(copies.max()) + 1, arbitrary=True)
-        parts.append((variant, copies))
+        size = int(copies.max()) + 1
+        parts.append((Component(_free("variant", parts), size, arbitrary=True), copies))
     points = np.stack([values for _, values in parts], axis=1)
     return Space([component for component, _ in parts], points)
-
-
-def _observed_numbers(observations: ObservationTable | None) -> dict[str, Sequence[int | str]]:
-    """Return the whole numbers that are observed in each state, named as a live task names them."""
-    found = dict[str, Sequence[int | str]]()
-    for place, part in () if observations is None else observations.parts.items():
-        columns = part.reshape(len(part), -1).T
-        if part.dtype.kind not in "biu" or len(columns) > MOST_CELLS:
-            continue
-        keys = [key.removeprefix(POSITION) for key in place.split("/")]
-        keys = [str(int(key) + 1) if key.isdecimal() else key for key in keys if key]
-        name = "_".join(keys if keys and not keys[0].isdecimal() else ["state", *keys])
-        for i, column in enumerate(columns, start=1):
-            found[name if part.ndim == 1 else f"{name}_{i}"] = column.tolist()
-    return found
 
 
 def _component(name: str, values: Sequence[int | str]) -> Part:
@@ -275,19 +245,14 @@ def _component(name: str, values: Sequence[int | str]) -> Part:
     return Component(name, len(labels), labels=tuple(labels)), numbers
 
 
-def _rows(parts: Sequence[Part]) -> IntArray:
-    """Return the number of each state's combination of values, (S,)."""
-    return numbered_rows(np.stack([values for _, values in parts], axis=1))
-
-
 def _count(parts: Sequence[Part]) -> int:
     """Return how many states are told apart."""
-    return int(_rows(parts).max()) + 1 if parts else 1
+    return int((_copy_numbers(parts) == 0).sum()) if parts else 1
 
 
 def _copy_numbers(parts: Sequence[Part]) -> IntArray:
     """Return how many states before each have the same values, (S,)."""
-    which = _rows(parts)
+    which = numbered_rows(np.stack([values for _, values in parts], axis=1))
     order = np.argsort(which, kind="stable")
     counts = np.bincount(which)
     found = np.empty_like(which)

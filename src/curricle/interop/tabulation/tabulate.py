@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,6 @@ from curricle.interop.tabulation.minigrid import (
     MiniGridAccess,
     MiniGridState,
     fitting_state,
-    has_own_reward,
     is_minigrid,
     named_actions,
 )
@@ -230,35 +229,29 @@ class Plan:
             return World(env, act, n_actions, self.seeds, self.samples, access, name)
 
         if self.state is None and isinstance(how, MiniGridState) and not how.copies:
-            fast = MiniGridAccess(own_reward=how.own_reward)
+            fast = MiniGridAccess(own_reward=False)
             try:
-                return self._tables(world(fast), how)
+                return self._tables(world(fast))
             except TaskError:
                 if not fast.missed(env.unwrapped):
                     raise
                 fast.release()
-                how = replace(how, copies=True)
+                how = MiniGridState(copies=True)
         access = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
-        return self._tables(world(access), how)
+        return self._tables(world(access))
 
-    def _tables(self, world: World, how: Any) -> tuple[Tables, TabulationRecord]:
+    def _tables(self, world: World) -> tuple[Tables, TabulationRecord]:
         """Return the tables of a world, and how they came about."""
         source = self._source(world)
         with shared_draws() as drawn:
             found = self._explored(source)
-            if source is world and drawn():
+            if source is world and drawn():  # seldom, and to ask at every step would take long
                 world.shared, world.transitions, world.drawing = SHARED, 0, 0
                 found = self._explored(source)
-            return self._checked(world, source, found, how)
-
-    def _checked(
-        self, world: World, source: World | ListedOutcomes, found: Explored, how: Any
-    ) -> tuple[Tables, TabulationRecord]:
-        """Return the tables of what was explored, after a check that they say what happens."""
-        sampled, merge = self.samples is not None, world.access.copies and source is world
-        tables = assembled(found, world.n_actions, sampled=sampled, merge=merge)
-        world.access.end()
-        checked = 0 if sampled else Checker(world, tables).check(self.seeds)
+            sampled, merge = self.samples is not None, world.access.copies and source is world
+            tables = assembled(found, world.n_actions, sampled=sampled, merge=merge)
+            world.access.end()
+            checked = 0 if sampled else Checker(world, tables).check(self.seeds)
         record = TabulationRecord(
             environment=world.name,
             seeds=self.seeds,
@@ -271,7 +264,7 @@ class Plan:
             explored=len(found.terminal),
             seconds=found.seconds,
             observing=found.observing,
-            note=getattr(how, "note", ""),
+            note=world.access.note,
         )
         return tables, record
 
@@ -279,13 +272,6 @@ class Plan:
         """Return how states are saved and restored."""
         if isinstance(self.state, MiniGridState) and not is_minigrid(env):
             raise SettingError(f"state={self.state!r} is for MiniGrid's environments: got {env}")
-        if isinstance(self.state, MiniGridState) and not self.state.own_reward:
-            if has_own_reward(env):
-                raise SettingError(
-                    "a reward of an environment's own is tabulated by MiniGridState("
-                    f"own_reward=True): {env.unwrapped} has another _reward than MiniGrid, got "
-                    f"{self.state!r}"
-                )
         if self.state is not None:
             return self.state
         if is_minigrid(env):

@@ -276,17 +276,10 @@ class GymnasiumTask(Maker, TaskTable):
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the environment as a task."""
         given: dict[str, Any] = {"names": self.names, "sizes": self.sizes, "actions": self.actions}
+        given |= {"discount": self.discount, "live": bool(self.live)}
         if self.encode is not None:
             given["encode"] = load(self.encode, folder)
-        limit = _limit(self.time_limit)
-        return self.made_by(
-            from_gymnasium,
-            folder,
-            discount=self.discount,
-            time_limit=limit,
-            live=bool(self.live),
-            **given,
-        )
+        return self.made_by(from_gymnasium, folder, time_limit=_limit(self.time_limit), **given)
 
 
 def _limit(given: int | str | None) -> Any:
@@ -320,8 +313,7 @@ class TabulatedTaskTable(EnvironmentTable):
     )
     outcomes: Reference | None = Field(
         default=None,
-        description="A function from a state and an action to its outcomes, module:function, of an "
-        "environment that is random.",
+        description="Of random steps: a function of a state and an action, module:function.",
     )
     samples: Count | None = Field(
         default=None, description="Instead: steps that each pair's outcomes are estimated from."
