@@ -399,7 +399,8 @@ def tabulate(
     -------
     TabulatedTask
         States have a component for each number or word that differs between them, among the
-        environment's attributes or in what `save` returns.
+        environment's attributes or in what `save` returns; where these do not tell them apart, in
+        attributes with an underscore and observations.
 
     Raises
     ------
@@ -417,7 +418,7 @@ def tabulate(
     >>> import curricle as cr
     >>> taxi = tabulate("Taxi-v4", discount=0.9, seeds=3)
     >>> taxi
-    TabulatedTask(Taxi-v4: 202 states, 6 actions, 2 terminal, discount 0.9, time limit 200, exact)
+    TabulatedTask(Taxi-v4: 202 states, ..., time limit 200, 3 of several resets seen)
     >>> taxi.states.label(0)
     'row=3 column=0 passenger=blue destination=yellow'
     """

@@ -282,7 +282,7 @@ class TabulatedTask(Frozen):
 
     @property
     def exact(self) -> bool:
-        """Whether the tables are the environment's own, not estimates."""
+        """Whether outcomes are the environment's own, not estimates."""
         return self.record.samples is None
 
     def start_from(self, start: Any) -> Self:
