@@ -264,12 +264,11 @@ def _from_table(
     outcomes = outcomes_of(world)
     n_states = len(outcomes)
     known, moves = names_of(world)
-    if known is None or known.size != n_states:
-        known = Space([Component("state", n_states)])
+    own = known if known and known.size == n_states else Space([Component("state", n_states)])
     start = np.asarray(world.initial_state_distrib)
     if n_states > start.size:  # the end that `outcomes_of` added
         start = np.append(start, 0.0)
-    states = _named_states(states, known)
+    states = _named_states(states, own)
     _, actions = actions_of(world.action_space, actions, moves)
     return FiniteMDP.from_outcomes(outcomes, start=start, states=states, actions=actions, **horizon)
 

@@ -22,8 +22,7 @@ MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 """Name -> rows and columns that a move goes."""
 Cell = tuple[int, int]
 """Row and column."""
-MARK = "\ufeff"
-"""The byte order mark, with which some editors begin a file; no part of a map."""
+MARK = "\ufeff"  # the byte order mark, with which some editors begin a file
 
 
 def read_map(given: Any, characters: str) -> tuple[str, ...]:

@@ -333,7 +333,7 @@ def test_actions_and_observations_of_several_parts():
 
 
 def square(n, form=np.array, private=True):
-    """Return the class of a square of n x n cells, where one is is private or has no name."""
+    """Return the class of a square of n x n cells, where it is kept privately or under no name."""
 
     class Square(gym.Env):
         observation_space, action_space = (

@@ -345,7 +345,8 @@ class Copies(StateAccess):
 
     def describe(self, env: Environment) -> Words:
         """Return the plain attributes of the environment."""
-        return plain_attributes(env.unwrapped, self.ignored | left_out(env))
+        attributes, ignored = vars(env.unwrapped).items(), self.ignored | left_out(env)
+        return words_of_state({name: value for name, value in attributes if name not in ignored})
 
 
 class SaveAndRestore(StateAccess):
@@ -417,22 +418,10 @@ def copied(env: Any) -> tuple[Any, dict[int, Any]]:
         ) from error
 
 
-def plain_attributes(env: Any, left_out: Collection[str] = ()) -> dict[str, int | str]:
-    """Return an environment's attributes that are whole numbers or words.
-
-    Examples
-    --------
-    >>> class Room:
-    ...     def __init__(self):
-    ...         self.place, self.lit = (2, 3), True
-    >>> plain_attributes(Room())
-    {'place_1': 2, 'place_2': 3, 'lit': 1}
-    """
-    return _words({name: value for name, value in vars(env).items() if name not in left_out})
-
-
 def words_of_state(state: Any, before: str = "") -> Words:
-    """Return the numbers and words in a state or an observation, with something before names.
+    """Return the whole numbers and words in a state, alone or in a short list, under their names.
+
+    Names have `before` before them.
 
     Examples
     --------
@@ -440,20 +429,14 @@ def words_of_state(state: Any, before: str = "") -> Words:
     ({'state_1': 3, 'state_2': 'red'}, {'state': 4}, {'_at_1': 1, '_at_2': 2})
     """
     named = state._asdict() if hasattr(state, "_asdict") else state
-    parts = named if isinstance(named, Mapping) else {"state": state}
-    return _words({f"{before}{name}": part for name, part in parts.items()})
-
-
-def _words(values: Mapping[str, Any]) -> dict[str, int | str]:
-    """Return what is a whole number or a word, alone or in a short list; the former as ints."""
     found = dict[str, Any]()
-    for name, value in values.items():
+    for name, value in (named if isinstance(named, Mapping) else {"state": state}).items():
         if isinstance(value, tuple | list | np.ndarray):
             flat = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
             if len(flat) <= MOST_CELLS:
-                found |= {f"{name}_{i + 1}": each for i, each in enumerate(flat)}
+                found |= {f"{before}{name}_{i + 1}": each for i, each in enumerate(flat)}
         else:
-            found[name] = value
+            found[f"{before}{name}"] = value
     return {
         name: value if isinstance(value, str) else int(value)
         for name, value in found.items()

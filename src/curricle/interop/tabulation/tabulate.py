@@ -312,12 +312,11 @@ def words_of(world: Any) -> Callable[[Any], Words] | None:
         return None
 
     def words(state: Any) -> Words:
-        values = values_of(states, int(state)).items()
+        values = values_of(states, int(state))
         return {
-            name: value if states.component(name).labels is None
-            else states.component(name).label(value)
-            for name, value in values
-        }  # fmt: skip
+            part.name: part.label(values[part.name]) if part.labels else values[part.name]
+            for part in states.components
+        }
 
     return words
 
