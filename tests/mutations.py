@@ -27,6 +27,7 @@ LIMIT = 300
 """Seconds of processor time that tests of a changed library may take: endless loops are caught."""
 TABULATE = "tests/unit/interop/test_tabulate.py"
 ACTING = "tests/unit/test_acting.py"
+TABLES = "tests/unit/interop/test_gymnasium_tables.py"
 
 
 class Mutation(NamedTuple):
@@ -380,6 +381,62 @@ MUTATIONS = [
         "name = reached.key, reached.terminated",
         "name = reached.key, False",
         (f"{TABULATE}::test_the_same_state_ended_and_not_ended_is_two",),
+    ),
+    Mutation(
+        "a step of a subclass is ignored",
+        "interop/toy_text.py",
+        "getattr(type(env), name) is getattr(kind, name) and name not in vars(env)",
+        "name not in vars(env)",
+        (f"{TABLES}::test_what_a_table_does_not_describe_is_live",),
+    ),
+    Mutation(
+        "a step that was replaced is ignored",
+        "interop/toy_text.py",
+        " and name not in vars(env)",
+        "",
+        (f"{TABLES}::test_what_a_table_does_not_describe_is_live",),
+    ),
+    Mutation(
+        "an environment whose step was replaced is made again without it",
+        "interop/gymnasium.py",
+        "            _check_unchanged(env, make)",
+        "            pass",
+        (f"{TABLES}::test_an_environment_whose_step_was_replaced_cannot_be_made_again",),
+    ),
+    Mutation(
+        "the order in which states were found is read by name",
+        "transfer/component_mapping.py",
+        "if component.arbitrary or origin.arbitrary:",
+        "if component.arbitrary and origin.arbitrary:",
+        (f"{TABULATE}::test_states_in_the_order_of_discovery_are_never_mapped_by_name",),
+    ),
+    Mutation(
+        "one of several resets is called exact",
+        "interop/tabulation/exploration.py",
+        "len(found.start) > 1 or not all(known)",
+        "len(found.start) > 1",
+        (f"{TABULATE}::test_resets_that_differ_are_said_to_be_some_of_several",),
+    ),
+    Mutation(
+        "draws from global generators are no draws",
+        "interop/tabulation/tabulate.py",
+        "if source is world and drawn():",
+        "if False:",
+        (f"{TABULATE}::test_draws_from_global_generators_are_repeated_and_given_back",),
+    ),
+    Mutation(
+        "a MiniGrid step is repeated at the same time",
+        "interop/tabulation/minigrid.py",
+        "return int(number * 0.618034 % 1 * max(1, env.max_steps - 1))",
+        "return 0",
+        ("tests/unit/interop/test_tabulate_minigrid.py::test_what_depends_on_the_time_is_refused",),
+    ),
+    Mutation(
+        "a reward of a MiniGrid subclass is replaced by 1",
+        "interop/tabulation/minigrid.py",
+        "if type(base)._reward is not known or",
+        "if",
+        ("tests/unit/interop/test_tabulate_minigrid.py::test_a_reward_of_a_subclass_is_kept",),
     ),
     Mutation(
         "states with different rewards are made one",

@@ -22,7 +22,7 @@ from curricle.planning.backups import (
 from curricle.planning.models import PlanningModel, Policy, TabularPlanningModel, model_of
 from curricle.progress import Bars, Progress, shown
 from curricle.tasks.mdp import NO_LIMIT, FiniteMDP
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
+from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, normalised
 from curricle.tasks.task import Task, tables
 
 EPSILON = float(np.finfo(np.float64).eps)
@@ -248,7 +248,7 @@ def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -
             f"a policy must have shape ({n_states},) or ({n_states}, {n_actions}): got "
             f"{given.shape}"
         )
-    table = given.astype(np.float64, copy=False)
+    table = normalised(given.astype(np.float64, copy=False))
     good = (table >= 0).all(axis=1) & (abs(table.sum(axis=1) - 1) <= PROBABILITY_TOLERANCE)
     bad = np.flatnonzero(~good & ~terminal)
     if bad.size:

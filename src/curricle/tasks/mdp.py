@@ -26,6 +26,7 @@ from curricle.tasks.generative_models import (
 from curricle.tasks.outcomes import (
     PROBABILITY_TOLERANCE,
     check_rows,
+    normalised,
     outcome_lists,
     outcome_tables,
     terminal_states,
@@ -109,7 +110,8 @@ class FiniteMDP(Frozen):
     outcome_row : (S, A) int32
         The outcome row of each pair, in 0 .. Y-1; those of terminal states are never used.
     probability : (Y, O) float64
-        Outcome probabilities; each row sums to 1 (pad short rows with probability 0).
+        Outcome probabilities; rows (pad short rows with probability 0) sum to 1, within 1e-8, or
+        within 1e-6, as float32 does, and are divided by their sums.
     next_state : (Y, O) int32
         Successor of each outcome.
     reward : (Y, O) float64
@@ -317,6 +319,8 @@ class FiniteMDP(Frozen):
             array = _adopted(name, getattr(self, name), dtype)
             if array.shape != shape:
                 raise TaskError(f"{name} must have shape {shape}: got {array.shape}")
+            if name in ("probability", "start"):
+                array = frozen(normalised(array))
             object.__setattr__(self, name, array)
 
     def _check_start(self) -> None:

@@ -10,9 +10,28 @@ from curricle.checks import number
 from curricle.errors import TaskError
 
 PROBABILITY_TOLERANCE = 1e-8
+SINGLE_PRECISION = 1e-6
+"""How far from 1 probabilities of float32 may sum; then they are divided by their sum."""
 LARGEST_REWARD = 1e100
 """Rewards of every task are at most this large, so that no return overflows."""
 REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
+
+
+def number_of(reward: Any) -> float:
+    """Return a reward, alone or in an array, as a float; NaN where it is no number."""
+    try:
+        given = reward.item() if isinstance(reward, np.ndarray) else reward
+        return np.nan if isinstance(given, str | bytes) else float(given)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
+
+
+def normalised(rows: FloatArray) -> FloatArray:
+    """Return rows that sum to 1 within the rounding of float32 divided by their sums."""
+    sums = rows.sum(axis=-1, keepdims=True)
+    error = abs(sums - 1)
+    rounded = (error > PROBABILITY_TOLERANCE) & (error <= SINGLE_PRECISION)
+    return rows / np.where(rounded, sums, 1.0) if rounded.any() else rows
 
 
 def check_numbers(task: Any, rewards: tuple[str, ...], chances: tuple[str, ...] = ()) -> None:

@@ -219,6 +219,8 @@ class TabulationRecord:
         What the tables say in another way than the environment, such as rewards.
     cached : bool
         Whether they were found on disk.
+    several : bool
+        Whether resets with other seeds, of which 8 are tried, start in other states or levels.
     """
 
     environment: str
@@ -233,6 +235,7 @@ class TabulationRecord:
     observing: float = 0.0
     note: str = ""
     cached: bool = False
+    several: bool = False
 
     __repr__ = brief_repr
 
@@ -280,7 +283,7 @@ class TabulatedTask(Frozen):
 
     @property
     def exact(self) -> bool:
-        """Whether the tables are the environment's own, not estimates."""
+        """Whether outcomes are the environment's own, not estimates."""
         return self.record.samples is None
 
     def start_from(self, start: Any) -> Self:
@@ -352,6 +355,9 @@ class TabulatedTask(Frozen):
         size = repr(self.mdp).removeprefix("FiniteMDP(").removesuffix(")")
         samples, drawing = self.record.samples, self.record.drawing
         kind = "exact" if samples is None else f"estimated from {counted(samples, 'step')} a pair"
+        if self.record.several:
+            seen = f"{len(self.record.seeds)} of several resets seen"
+            kind = seen if samples is None else f"{kind}, {seen}"
         if drawing:
             kind += f" unless {drawing:,} pairs that draw random numbers rarely use them"
         note = f", {self.record.note}" if self.record.note else ""
