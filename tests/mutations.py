@@ -389,6 +389,33 @@ MUTATIONS = [
         "",
         (f"{TABULATE}::test_observations_that_several_states_show_show_none",),
     ),
+    Mutation(
+        "an arm whose sources took more than the total that is compared",
+        "study/results.py",
+        "    if most > total:\n",
+        "    if most > 2 * total + 10_000:\n",
+        (
+            "tests/unit/test_study_reading.py::test_the_smallest_total_must_leave_steps_for_every_target",
+        ),
+    ),
+    Mutation(
+        "a curve read from its end",
+        "comparison/arms.py",
+        "if spent.max() > total:",
+        "if spent.min() < 0:",
+        (
+            "tests/unit/test_study_reading.py::test_the_smallest_total_must_leave_steps_for_every_target",
+        ),
+    ),
+    Mutation(
+        "schedules over another total compared",
+        "study/results.py",
+        'if arm.depends_on_total == "" or record.total == total:',
+        "if record.total == total or record.total != total:",
+        (
+            "tests/unit/test_study_reading.py::test_what_depends_on_the_total_is_compared_at_one_alone",
+        ),
+    ),
 ]
 
 

@@ -6,10 +6,38 @@ import pandas as pd
 import polars as pl
 import pytest
 
+from curricle.comparison.arms import Arm
+from curricle.errors import CurriculumError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, compare_studies, read_study, run_study
 from curricle.study.results import ANALYSIS, DECISIONS as ALL_DECISIONS, RESULTS
 
+CORNER = """
+name = "corner"
+seeds = 3
+eval_freq = 100
+[learner]
+learning_rate = 0.5
+epsilon = 0.1
+[tasks.corner]
+type = "crop"
+of = "maze"
+rows = [0, 2]
+columns = [2, 5]
+budget = { max_steps = 4000 }
+[tasks.maze]
+type = "maze"
+map = '''
+....T
+.PPP.
+S....
+'''
+budget = 1000
+[[transfers]]
+source = "corner"
+target = "maze"
+mapping = "same_position"
+"""
 CURVES = {
     "arm": "VARCHAR",
     "task": "VARCHAR",
@@ -158,6 +186,52 @@ def test_a_page_of_a_run_that_has_not_ended_says_what_it_lacks(copied):
     assert "predicted start" not in page
     assert "left out, because the run has not ended: curricle run --resume makes them" in page
     assert page.count('class="moments') == whole.count('class="moments') > 0
+
+
+@pytest.fixture
+def corner(tmp_path):
+    """A function: budget, changes -> the results of a study with so many steps for its target."""
+
+    def ran(budget, *changes):
+        file = tmp_path / "corner.toml"
+        file.write_text(CORNER)
+        study = read_study(file, set=[f"tasks.maze.budget={budget}", *changes])
+        return run_study(study, tmp_path / f"of_{budget}", workers=1, progress=False)
+
+    return ran
+
+
+def test_the_smallest_total_must_leave_steps_for_every_target(corner):
+    """Or its curve would be read from the end: a target that was learnt before its first step."""
+    small, large = corner(1000, "tasks.corner.budget=200"), corner(9000)
+    assert large.source_steps("transfer").max() > small.record.total
+    for studies in ([small, large], [large, small]):
+        with pytest.raises(CurriculumError, match=r"arm 'transfer' of .*of_9000 took 4,000 of its"):
+            compare_studies(studies)
+    target = large.results["transfer"]["maze"]
+    with pytest.raises(CurriculumError, match="at most the total of 1,200 steps: got 4,000"):
+        Arm.of(target, large.source_steps("transfer"), 1200, 100)
+
+
+def test_the_smallest_total_does_not_change_what_was_learnt_by_it(corner):
+    small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
+    together = compare_studies([small, large])
+    one, other = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
+    np.testing.assert_array_equal(one.values, other.values)
+    np.testing.assert_array_equal(one.source_steps, other.source_steps)
+
+
+def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
+    small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
+    for why, words in (("a schedule", "a schedule"), (None, "did not note why")):
+        arms = large.record.arms
+        other = arms["transfer"].model_copy(update={"depends_on_total": why})
+        large.record = large.record.model_copy(update={"arms": {**arms, "transfer": other}})
+        message = rf"'transfer' of .*of_3000 had 3,200 .* smallest total is 1,200 .*{words}"
+        with pytest.raises(CurriculumError, match=message):
+            compare_studies([small, large])
+        large.record = large.record.model_copy(update={"arms": arms})
+    assert compare_studies([small, large]).total == 1200
 
 
 def test_a_window_ends_with_the_smallest_budget(tmp_path):
