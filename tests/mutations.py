@@ -416,6 +416,29 @@ MUTATIONS = [
             "tests/unit/test_study_reading.py::test_what_depends_on_the_total_is_compared_at_one_alone",
         ),
     ),
+    Mutation(
+        "a verdict while seeds are missing",
+        "study/results.py",
+        "if len(seeds) < len(planned) or",
+        "if",
+        ("tests/unit/test_study_reading.py::test_while_seeds_are_missing_there_is_no_verdict",),
+    ),
+    Mutation(
+        "a p-value while seeds are missing",
+        "comparison/verdicts.py",
+        "math.nan if interim else _p_value",
+        "_p_value",
+        ("tests/unit/test_verdicts.py::test_seeds_to_come_withhold_every_verdict",),
+    ),
+    Mutation(
+        "a difference shown beside an interval that holds 0",
+        "comparison/verdicts.py",
+        "    if p >= SIGNIFICANT or not gain.low",
+        "    if p >= SIGNIFICANT or gain.low",
+        (
+            "tests/unit/test_verdicts.py::test_no_difference_is_shown_beside_an_interval_that_holds_0",
+        ),
+    ),
 ]
 
 

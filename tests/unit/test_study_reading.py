@@ -1,15 +1,18 @@
 """A study's tables are read by other tools, without Curricle, and say what Curricle says."""
 
+import re
+
 import duckdb
 import numpy as np
 import pandas as pd
 import polars as pl
 import pytest
 
+from curricle.cli.tables import print_results
 from curricle.comparison.arms import Arm
 from curricle.errors import CurriculumError
-from curricle.report.study_report import write_report
-from curricle.study import StudyResults, compare_studies, read_study, run_study
+from curricle.report.study_report import _only, write_report
+from curricle.study import StudyResults, compare_studies, merge, read_study, run_study
 from curricle.study.results import ANALYSIS, DECISIONS as ALL_DECISIONS, RESULTS
 
 CORNER = """
@@ -37,6 +40,15 @@ budget = 1000
 source = "corner"
 target = "maze"
 mapping = "same_position"
+"""
+LINES = """
+name = "lines"
+seeds = 16
+seeds_per_unit = 4
+eval_freq = 50
+tasks.near = { type = 'maze', map = 'S..T', budget = { max_steps = 100 } }
+tasks.far = { type = 'maze', map = 'S...T', budget = 200 }
+transfers = [{ source = 'near', target = 'far', mapping = 'same_position' }]
 """
 CURVES = {
     "arm": "VARCHAR",
@@ -232,6 +244,34 @@ def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
             compare_studies([small, large])
         large.record = large.record.model_copy(update={"arms": arms})
     assert compare_studies([small, large]).total == 1200
+
+
+def test_while_seeds_are_missing_there_is_no_verdict(tmp_path, capsys):
+    file, words = tmp_path / "lines.toml", "interim, 8 of 16 seeds: no verdict"
+    file.write_text(LINES)
+    study, pages = read_study(file), []
+    for shard in ((1, 2), (2, 2)):
+        part = run_study(study, tmp_path / f"{shard[0]}", shard=shard, progress=False)
+        print_results(part, None, None)
+        saved = write_report(part.store.path)
+        pages.append(capsys.readouterr().out + saved.read_text() + part._repr_html_())
+        assert part.comparison.interim == words
+        assert words in pages[-1]
+        assert words.capitalize() in pages[-1]
+    whole = merge(tmp_path / "whole", [tmp_path / "1", tmp_path / "2"])
+    assert whole.comparison.interim == ""
+    print_results(whole, None, None)
+    text = capsys.readouterr().out + write_report(whole.store.path).read_text()
+    for sign in (r"\bp\s=\s\d", r"\bp values?\b", "significant"):
+        assert not any(re.search(sign, page) for page in pages)
+        assert re.search(sign, text) or sign == "significant"
+
+
+def test_a_page_of_some_arms_has_no_verdict(finished):
+    study = StudyResults(finished)
+    part = _only(study, {"scratch", "chain"})
+    assert compare_studies([part]).interim == "interim, 4 of 4 seeds of some arms: no verdict"
+    assert compare_studies([_only(study, {*study.record.arms})]).interim == ""
 
 
 def test_a_window_ends_with_the_smallest_budget(tmp_path):

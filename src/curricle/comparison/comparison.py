@@ -116,6 +116,8 @@ class Comparison:
         for them, and so hold at whichever look it stopped.
     stopped : str
         What ended the adding of seeds, in words; empty where their number was given.
+    interim : str
+        That seeds of the plan are to come, in words: then there is no verdict and no p-value.
     """
 
     target: str
@@ -127,6 +129,7 @@ class Comparison:
     failed: Mapping[str, Exception] = field(default_factory=dict)
     looks: Looks = ONE_LOOK
     stopped: str = ""
+    interim: str = ""
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
@@ -194,8 +197,11 @@ class Comparison:
         The question is corrected for the number of curricula (Holm), and for nothing else.
         """
         one_of("an arm", rival, self.arms, CurriculumError)
-        questions = {name: (rival,) for name in self.controls if name != rival}
-        return verdicts_of(self.returns, questions, looks=self.looks)
+        return self._verdicts({name: (rival,) for name in self.controls if name != rival})
+
+    def _verdicts(self, questions: Mapping[str, tuple[str, ...]]) -> dict[str, Verdict]:
+        asked = {name: rivals for name, rivals in questions.items() if rivals}
+        return verdicts_of(self.returns, asked, looks=self.looks, interim=self.interim)
 
     @cached_property
     def verdicts(self) -> dict[str, Verdict]:
@@ -203,20 +209,22 @@ class Comparison:
 
         Where several learners do that, more than each of them.
         """
-        questions = dict.fromkeys(self.controls, self.scratches)
-        return verdicts_of(self.returns, questions, looks=self.looks)
+        return self._verdicts(dict.fromkeys(self.controls, self.scratches))
+
+    @property
+    def withheld(self) -> str:
+        """Why there are no verdicts, in words; empty where there are some."""
+        return next((one.withheld for one in self.verdicts.values()), self.interim)
 
     @cached_property
     def control_verdicts(self) -> dict[str, Verdict]:
         """Whether each curriculum that has controls gains more than all of them."""
-        questions = {name: those for name, those in self.controls.items() if those}
-        return verdicts_of(self.returns, questions, looks=self.looks)
+        return self._verdicts(self.controls)
 
     @cached_property
     def knowledge_verdicts(self) -> dict[str, Verdict]:
         """Whether each curriculum gains more than all of its controls that know nothing."""
-        questions = {name: those for name, those in self.know_nothing.items() if those}
-        return verdicts_of(self.returns, questions, looks=self.looks)
+        return self._verdicts(self.know_nothing)
 
     @cached_property
     def reasons(self) -> dict[str, Reason]:
@@ -252,7 +260,7 @@ class Comparison:
 
     def _contrast(self, name: str) -> Contrast:
         arm, scratch = self[name], self[self.best_scratch]
-        alone = verdicts_of(self.returns, {name: self.scratches}, looks=self.looks)[name]
+        alone = self._verdicts({name: self.scratches})[name]
         verdict, reason = self.verdicts.get(name), self.reasons.get(name)
         weak, base = self._weak(name), self._weak(self.best_scratch)
         strong, whole = arm.charged(self.scratch), scratch.curve
@@ -371,7 +379,7 @@ class Comparison:
             contrast = self.contrasts[name]
             strong, weak = short(contrast.strong_gain), short(contrast.weak_gain)
             words = contrast.verdict
-            if name in self.verdicts and not self.verdicts[name].too_few:
+            if name in self.verdicts and not self.withheld:
                 words += f" (p = {contrast.adjusted_p:.2g})"
             words += f", {contrast.reason}" if contrast.reason else ""
         elif name == self.best_scratch and len(self.scratches) > 1:

@@ -165,10 +165,12 @@ class StudyResults:
         The folder.
     record : StudyRecord
         The study: its name, seeds, target, budgets, and the tasks and transfers of its arms.
+    lacks_arms : bool
+        Whether it is compared without arms that are still to be trained.
     """
 
     def __init__(self, path: str | Place):
-        self.store = StudyStore(path)
+        self.store, self.lacks_arms = StudyStore(path), False
         study = self.store.description
         if "record" not in study:
             raise StoreError(f"{path} holds results that are not those of a study")
@@ -433,7 +435,8 @@ class StudyResults:
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Compare the arms of all studies with learning from scratch in the first.
 
-    Seeds are those that every arm has finished; arms that failed are left out. Where studies gave
+    Seeds are those that every arm has finished; arms that failed are left out. While seeds of the
+    plan are missing there is no verdict and no p-value. Where studies gave
     their arms different totals, all are compared at the smallest, if what was learnt by then does
     not depend on what came after.
 
@@ -493,8 +496,14 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     if threshold is None:
         threshold = midpoint(found[SCRATCH].curve)
     budget = min(study.record.budget or 0 for study in studies)
+    planned = set.intersection(*(set(study.record.seeds) for study in studies))
+    interim = ""
+    if len(seeds) < len(planned) or any(study.lacks_arms for study in studies):
+        some = " of some arms" * any(study.lacks_arms for study in studies)
+        interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
-    return Comparison(first.target, found, budget, total, threshold, window, failed)
+    curves = first.target, found, budget, total, threshold, window, failed
+    return Comparison(*curves, interim=interim)
 
 
 def _prefixes(studies: Sequence[StudyResults]) -> list[str]:
