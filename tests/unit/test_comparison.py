@@ -96,9 +96,42 @@ def test_measures_are_those_of_the_metrics():
             cr.statistics.mean_return(charged), cr.statistics.mean_return(scratch)
         )
         assert contrast.probability_of_improvement.estimate == wins.estimate
-        middle = np.sort(cr.statistics.mean_return(charged))[2:-2].mean()  # of eight
-        assert found.mean_return(name).estimate == pytest.approx(middle)
+        mean = cr.statistics.mean_return(charged).mean()
+        assert found.mean_return(name).estimate == pytest.approx(mean)
         assert contrast.p == sign_flip_test(expected["strong_gain"])
+
+
+def test_a_gain_is_the_difference_of_two_entries_of_its_column():
+    """Also where few seeds of an arm learn, whose middle half does not."""
+    learnt = np.where(np.arange(20)[:, None] < 3, np.linspace(0, 1, 11), 0.0)
+    returns = {"scratch": np.flip(learnt, axis=0) * 2, "few": learnt}
+    rows = comparison_of(**returns).rows()
+    assert rows[0]["mean_return"] > 0
+    gain = rows[1]["mean_return"] - rows[0]["mean_return"]
+    assert rows[1]["strong_gain"] == pytest.approx(gain)
+
+
+@pytest.mark.parametrize("start", [0.0, -0.3, 1e6])
+def test_a_threshold_at_which_nothing_was_learnt_is_not_reached_by_it(start):
+    """That of a curve that stays as it is lies on it; who learns more passes it."""
+    flat = np.full((6, 11), start)
+    later = flat + np.where(np.arange(11) < 5, 0.0, 0.5)
+    found = comparison_of(scratch=flat, same=flat.copy(), later=later, threshold=start)
+    assert [row["reached"] for row in found.rows()] == [0, 0, 6]
+    assert found.times("scratch").steps.tolist() == [100.0] * 6
+    assert found.times("later").steps.tolist() == [50.0] * 6
+    assert found.contrasts["later"].strong_steps_saved.estimate == 50
+    assert found.contrasts["same"].strong_steps_saved.estimate == 0
+    assert "> 100 (6 never)" in str(found)
+    above = comparison_of(scratch=flat + 1.0, same=flat + 1.0, threshold=start)
+    assert [row["steps_to_threshold"] for row in above.rows()] == [0, 0]  # it was reached before
+
+
+def comparison_of(threshold=0.5, **returns):
+    """A comparison of curves over 100 steps, of arms without sources."""
+    steps = np.arange(11) * 10
+    arms = {name: Arm(Curve(steps, each), each, each, False) for name, each in returns.items()}
+    return Comparison("maze", arms, 100, 100, threshold, 1)
 
 
 @pytest.mark.parametrize(("more", "gain"), [(1e-9, 0.0), (1e-5, 1e-5), (-1e-5, -1e-5)])

@@ -13,11 +13,10 @@ from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
 from curricle.comparison.verdicts import ONE_LOOK, Reason, Verdict, not_asked, verdicts_of
 from curricle.display import COLOURS, OWN_COLOURS, block, brief_repr, curves, shortened, table
 from curricle.errors import CurriculumError, in_words
-from curricle.statistics.curves import SCRATCH, Curve
+from curricle.statistics.curves import ROUNDING, SCRATCH, Curve
 from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
-    interquartile_interval,
     mean_interval,
     paired_difference,
     seed_line,
@@ -239,12 +238,20 @@ class Comparison:
     def times(self, name: str, *, strong: bool = True) -> Times:
         """Return an arm's steps to the threshold; seeds that never reach it are censored."""
         curve = self[name].charged(self.scratch) if strong else self._weak(name)
-        return time_to_threshold(curve, self.threshold, window=self.window)
+        return time_to_threshold(curve, self._level, window=self.window)
+
+    @property
+    def _level(self) -> float:
+        """The threshold; just above it where scratch is at it before it has learnt anything."""
+        start = float(self.scratch.curve.filled()[:, 0].mean())
+        margin = ROUNDING * max(abs(self.threshold), abs(start))
+        if not abs(start - self.threshold) <= margin:
+            return self.threshold
+        return float(np.nextafter(max(start, self.threshold) + margin, np.inf))
 
     def mean_return(self, name: str) -> Interval:
-        """Return the interquartile mean over seeds of an arm's area under the strong curve."""
-        values = mean_return(self[name].charged(self.scratch))
-        return interquartile_interval(values, confidence=self.confidence)
+        """Return the mean over seeds of the area under an arm's strong curve, as gains are."""
+        return mean_interval(self.returns[name], confidence=self.confidence)
 
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
@@ -264,7 +271,7 @@ class Comparison:
         verdict, reason = self.verdicts.get(name), self.reasons.get(name)
         weak, base = self._weak(name), self._weak(self.best_scratch)
         strong, whole = arm.charged(self.scratch), scratch.curve
-        saved = partial(steps_saved, threshold=self.threshold, window=self.window)
+        saved = partial(steps_saved, threshold=self._level, window=self.window)
         of_mean, of_difference, of_improvement = (
             partial(interval_of, confidence=self.confidence)
             for interval_of in (mean_interval, paired_difference, probability_of_improvement)
@@ -436,7 +443,7 @@ def _sentence(name: str, verdict: Verdict, controls: str) -> str:
     )
 
 
-HEADS = ("", "steps to threshold", "mean return (IQM)", "strong gain", "weak gain", "verdict")
+HEADS = ("", "steps to threshold", "mean return", "strong gain", "weak gain", "verdict")
 
 
 def short(interval: Interval) -> str:

@@ -33,7 +33,7 @@ MEASURES = {
         "steps saved",
         "steps to the threshold within the budget, fewer than from scratch",
     ),
-    "mean_return": ("mean return", "mean height of the curve, interquartile mean over seeds"),
+    "mean_return": ("mean return", "mean height of the curve over all steps"),
     "weak_gain": ("gain", "mean return over target steps, above that of scratch"),
     "jumpstart": ("jumpstart", "return at the first target step, above that of scratch"),
     "weak_steps_saved": (
