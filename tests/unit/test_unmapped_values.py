@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import curricle as cr
+from curricle.study.config.study_config import StudyConfig
 from curricle.transfer import (
     UNMAPPED,
     StateActionMapping,
@@ -97,8 +98,12 @@ def test_a_curriculum_states_it_where_one_transfer_says_all():
     assert scaled.mapping.unmapped_value < edge.mapping.unmapped_value - 1
     one, _ = made(auto, cr.Transfer("end", "line", cr.same_position(LINE, END))).transfers
     assert one.mapping.unmapped_value is None  # which an aggregate skips
-    (edge,) = made(auto, unknown_value=-2.0).transfers
-    assert edge.mapping.unmapped_value is None
+    for stated in (-2.0, 0.0, {"line": 0.0}):  # 0 is the default
+        (edge,) = made(auto, unknown_value=stated).transfers
+        assert edge.mapping.unmapped_value is None
+    (edge,) = made(auto, unknown_value={"end": 0.0}).transfers
+    assert edge.mapping.unmapped_value < -3
+    assert made(auto).setting("unknown_value", "line") == 0
 
 
 STUDY = """
@@ -123,9 +128,13 @@ mapping = "auto"
 """
 
 
-@pytest.mark.parametrize(("more", "stated"), [("", True), ("unknown_value = -2.0", False)])
+@pytest.mark.parametrize(
+    ("more", "stated"),
+    [("", True), ("unknown_value = -2.0", False), ("unknown_value = 0.0", False)],
+)
 def test_a_study_states_it_as_a_curriculum_does(tmp_path, more, stated):
     path = tmp_path / "line.toml"
     path.write_text(STUDY.format(more=more))
-    (edge,) = cr.read_study(path).curriculum("transfer").transfers
+    study = cr.read_study(path)
+    (edge,) = StudyConfig.from_data(study.to_data(), tmp_path).curriculum("transfer").transfers
     assert (edge.mapping.unmapped_value is not None) is stated
