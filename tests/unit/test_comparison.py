@@ -9,9 +9,11 @@ import curricle as cr
 from curricle import compare
 from curricle.comparison import Arm, Comparison
 from curricle.comparison.comparison import MEASURES
+from curricle.report.sections import findings
 from curricle.statistics import Curve
 from curricle.statistics.curves import charge_source
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test
+from curricle.statistics.intervals import interquartile_interval
 from tests.comparisons import HERE, corner
 
 STEPS = np.array([0, 10, 20, 30, 40])
@@ -125,6 +127,30 @@ def test_a_threshold_at_which_nothing_was_learnt_is_not_reached_by_it(start):
     assert "> 100 (6 never)" in str(found)
     above = comparison_of(scratch=flat + 1.0, same=flat + 1.0, threshold=start)
     assert [row["steps_to_threshold"] for row in above.rows()] == [0, 0]  # it was reached before
+
+
+def test_seeds_that_are_apart_from_the_others_are_said_to_be():
+    rng = np.random.default_rng(5)
+    heights = np.where(np.arange(12) < 2, 1.0, 150.0) + rng.normal(scale=0.5, size=12)
+    few = np.repeat(heights[:, None], 11, axis=1)
+    half = np.repeat(heights[(np.arange(12) % 4), None], 11, axis=1) + rng.normal(size=(12, 1))
+    found = comparison_of(scratch=few + 300, few=few, half=half, none=few[2:].repeat(2, 0)[:12])
+    assert [name for name in found.arms if found.cluster_sentence(name)] == [
+        "scratch",
+        "few",
+        "half",
+    ]
+    one = found.cluster_sentence("few")
+    middle = interquartile_interval(found.returns["few"])
+    assert one.startswith("the seeds of few are in two clusters, mean return of 10 near 150.")
+    assert f"and of 2 near {heights[:2].mean():.4g}; interquartile mean" in one
+    assert one.endswith(f"without the few: {str(middle).rpartition(',')[0]}")
+    assert "of 6 near" in found.cluster_sentence("half")
+    assert "interquartile" not in found.cluster_sentence("half")
+    assert one in str(found)
+    (sentences,) = [each.sentences for each in findings(found) if each.arm == "few"]
+    assert any("The seeds of few are in two" in each for each in sentences)
+    assert any("The seeds of scratch are in two" in each for each in sentences)
 
 
 def comparison_of(threshold=0.5, **returns):

@@ -17,6 +17,8 @@ from curricle.statistics.curves import ROUNDING, SCRATCH, Curve
 from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
+    clusters,
+    interquartile_interval,
     mean_interval,
     paired_difference,
     seed_line,
@@ -396,7 +398,8 @@ class Comparison:
     @property
     def sentences(self) -> list[str]:
         """What the table does not say: the answers about controls, and a cheaper way."""
-        lines = [self.control_sentence(name) for name in self.control_verdicts]
+        lines = [words for name in self.arms if (words := self.cluster_sentence(name))]
+        lines += [self.control_sentence(name) for name in self.control_verdicts]
         lines += [
             _sentence(name, verdict, "controls that know nothing")
             for name, verdict in self.knowledge_verdicts.items()
@@ -426,6 +429,18 @@ class Comparison:
             f"source, which is its {best.removeprefix(f'{name}, ')} and gains {sign}{short(gain)}"
             f"{guarded}"
         )
+
+    def cluster_sentence(self, name: str) -> str:
+        """Return how many of an arm's seeds are apart from the others, in words; else nothing."""
+        values = self.returns[name]
+        if (found := clusters(values)) is None:
+            return ""
+        high, low = (f"{len(some)} near {some.mean():.4g}" for some in reversed(found))
+        words = f"the seeds of {name} are in two clusters, mean return of {high} and of {low}"
+        if min(map(len, found)) > self.seeds // 4:
+            return words
+        middle = interquartile_interval(values, confidence=self.confidence)
+        return f"{words}; interquartile mean, without the few: {short(middle)}"
 
     def control_sentence(self, name: str) -> str:
         """Return whether a curriculum gains more than its controls, in words."""

@@ -137,6 +137,8 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any
         f"Over target steps only: {signed(contrast.weak_gain)}.",
         _reached(comparison, row, rows[comparison.best_scratch]),
     ]
+    apart = map(comparison.cluster_sentence, (name, comparison.best_scratch))
+    sentences += [f"{words[0].upper()}{words[1:]}." for words in apart if words]
     if name in comparison.control_verdicts:
         words = comparison.control_sentence(name).removeprefix(f"{name} ")
         sentences.append(f"{words[0].upper()}{words[1:]}.")
