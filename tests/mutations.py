@@ -410,8 +410,8 @@ MUTATIONS = [
     Mutation(
         "schedules over another total compared",
         "study/results.py",
-        'if arm.depends_on_total == "" or record.total == total:',
-        "if record.total == total or record.total != total:",
+        'if arm.depends_on_total == "" or study.record.total == total or name in study.failed:',
+        "if total:",
         (
             "tests/unit/test_study_reading.py::test_what_depends_on_the_total_is_compared_at_one_alone",
         ),
@@ -419,8 +419,8 @@ MUTATIONS = [
     Mutation(
         "a verdict while seeds are missing",
         "study/results.py",
-        "if len(seeds) < len(planned) or",
-        "if",
+        "if lacking or len(seeds) < len(planned):",
+        "if lacking:",
         ("tests/unit/test_study_reading.py::test_while_seeds_are_missing_there_is_no_verdict",),
     ),
     Mutation(

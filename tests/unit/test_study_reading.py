@@ -235,7 +235,7 @@ def test_the_smallest_total_does_not_change_what_was_learnt_by_it(corner):
 
 def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
     small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
-    for why, words in (("a schedule", "a schedule"), (None, "did not note why")):
+    for why, words in (("a schedule", "a schedule"), (None, "did not note whether")):
         arms = large.record.arms
         other = arms["transfer"].model_copy(update={"depends_on_total": why})
         large.record = large.record.model_copy(update={"arms": {**arms, "transfer": other}})

@@ -67,16 +67,16 @@ SAME_TOTAL = "give their targets budgets with which the totals are equal"
 """What to do about studies that cannot be compared at the smallest total."""
 
 
-def check_total(record: StudyRecord, path: str | Place, total: int) -> None:
+def check_total(study: "StudyResults", total: int) -> None:
     """Raise CurriculumError unless a study's arms learn by `total` what they learn with theirs."""
-    for name, arm in record.arms.items():
-        if arm.depends_on_total == "" or record.total == total:
+    for name, arm in study.record.arms.items():
+        if arm.depends_on_total == "" or study.record.total == total or name in study.failed:
             continue
-        why = arm.depends_on_total or "a version of Curricle before ran it, which did not note why"
+        why = arm.depends_on_total or "another version of Curricle did not note whether it does"
         raise CurriculumError(
             f"arms are compared at one total of steps where what they learn depends on it: arm "
-            f"{name!r} of {path} had {record.total:,} steps and the smallest total is {total:,} "
-            f"({why}); {SAME_TOTAL}"
+            f"{name!r} of {study.store.path} had {study.record.total:,} steps and the smallest "
+            f"total is {total:,} ({why}); {SAME_TOTAL}"
         )
 
 
@@ -436,9 +436,9 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Compare the arms of all studies with learning from scratch in the first.
 
     Seeds are those that every arm has finished; arms that failed are left out. While seeds of the
-    plan are missing there is no verdict and no p-value. Where studies gave
-    their arms different totals, all are compared at the smallest, if what was learnt by then does
-    not depend on what came after.
+    plan are missing there is no verdict and no p-value. Where studies gave their arms different
+    totals, all are compared at the smallest, if what was learnt by then does not depend on what
+    came after.
 
     Parameters
     ----------
@@ -482,7 +482,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     first = studies[0].record
     total = min(study.record.total or 0 for study in studies)
     for study in studies:
-        check_total(study.record, study.store.path, total)
+        check_total(study, total)
     found = {SCRATCH: _arm(studies[0], SCRATCH, total, seeds)}
     failed: dict[str, Exception] = {}
     for study, prefix in zip(studies, _prefixes(studies), strict=True):
@@ -497,9 +497,9 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         threshold = midpoint(found[SCRATCH].curve)
     budget = min(study.record.budget or 0 for study in studies)
     planned = set.intersection(*(set(study.record.seeds) for study in studies))
-    interim = ""
-    if len(seeds) < len(planned) or any(study.lacks_arms for study in studies):
-        some = " of some arms" * any(study.lacks_arms for study in studies)
+    lacking, interim = any(study.lacks_arms for study in studies), ""
+    if lacking or len(seeds) < len(planned):
+        some = " of some arms" * lacking
         interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
     curves = first.target, found, budget, total, threshold, window, failed
