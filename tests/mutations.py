@@ -473,6 +473,56 @@ MUTATIONS = [
         "if not self.actions.components:",
         (f"{ACTING}::test_actions_of_tables_count_from_0_where_a_model_is_read",),
     ),
+    Mutation(
+        "an arm whose sources took more than the total that is compared",
+        "study/results.py",
+        "    if most > total:\n",
+        "    if most > 2 * total + 10_000:\n",
+        (
+            "tests/unit/test_study_reading.py::test_the_smallest_total_must_leave_steps_for_every_target",
+        ),
+    ),
+    Mutation(
+        "a curve read from its end",
+        "comparison/arms.py",
+        "if spent.max() > total:",
+        "if spent.min() < 0:",
+        (
+            "tests/unit/test_study_reading.py::test_the_smallest_total_must_leave_steps_for_every_target",
+        ),
+    ),
+    Mutation(
+        "schedules over another total compared",
+        "study/results.py",
+        'if arm.depends_on_total == "" or study.record.total == total or name in study.failed:',
+        "if total:",
+        (
+            "tests/unit/test_study_reading.py::test_what_depends_on_the_total_is_compared_at_one_alone",
+        ),
+    ),
+    Mutation(
+        "a verdict while seeds are missing",
+        "study/results.py",
+        "if lacking or len(seeds) < len(planned):",
+        "if lacking:",
+        ("tests/unit/test_study_reading.py::test_while_seeds_are_missing_there_is_no_verdict",),
+    ),
+    Mutation(
+        "a p-value while seeds are missing",
+        "comparison/verdicts.py",
+        "math.nan if interim else _p_value",
+        "_p_value",
+        ("tests/unit/test_verdicts.py::test_seeds_to_come_withhold_every_verdict",),
+    ),
+    Mutation(
+        "a difference shown beside an interval that holds 0",
+        "comparison/verdicts.py",
+        "    if p >= SIGNIFICANT or not gain.low",
+        "    if p >= SIGNIFICANT or gain.low",
+        (
+            "tests/unit/test_verdicts.py::test_no_difference_is_shown_beside_an_interval_that_holds_0",
+        ),
+    ),
 ]
 
 

@@ -10,6 +10,7 @@ from curricle.array_types import FloatArray, IntArray
 from curricle.comparison.levels import Level, concatenated_levels
 from curricle.comparison.verdicts import difference
 from curricle.display import brief_repr
+from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
 from curricle.statistics.curves import SCRATCH, Curve, charge_source
 from curricle.statistics.metrics import mean_return
@@ -68,9 +69,13 @@ class Arm:
         """Return an arm from the target's learning result.
 
         Seed k learns for total - spent_k steps, after which its last value is repeated. `total` are
-        the steps of every arm, sources included, `spent` (K,) the source steps, `eval_freq` the
-        steps between checkpoints.
+        the steps of every arm, sources included, `spent` (K,) the source steps, at most as many,
+        `eval_freq` the steps between checkpoints.
         """
+        if spent.max() > total:
+            raise CurriculumError(
+                f"sources must take at most the total of {total:,} steps: got {spent.max():,}"
+            )
         n = total // eval_freq + 1
         last = np.minimum((total - spent) // eval_freq, len(result.steps) - 1)
         place = np.minimum(np.arange(n), last[:, None])

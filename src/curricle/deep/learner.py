@@ -93,6 +93,14 @@ class DeepLearner:
         """The names of the algorithm's arguments."""
         return tuple(inspect.signature(self.algorithm_class()).parameters)
 
+    @property
+    def scheduled(self) -> bool:
+        """Whether a setting changes over the budget; an algorithm of one's own may have such."""
+        functions = (one for one in self.settings.values() if not isinstance(one, type))
+        if ":" in self.algorithm or any(map(callable, functions)):
+            return True
+        return "exploration_fraction" in self.takes
+
     def algorithm_class(self) -> Any:
         """Return the algorithm's class; ImportError without Stable-Baselines3."""
         module, colon, name = self.algorithm.rpartition(":")

@@ -8,6 +8,8 @@ from curricle.comparison.comparing import threshold_of_optimum
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
+from curricle.deep.learner import DeepLearner
+from curricle.deep.shaping import PolicyReuse
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
@@ -84,6 +86,7 @@ def curricula_record(
             transfers=transfers,
             potential=_potential(curriculum),
             scratch=arm in scratches,
+            depends_on_total=_depends_on_total(curriculum),
             variant=variants.get(arm),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
@@ -138,6 +141,20 @@ def _aggregate(curriculum: Curriculum, name: str) -> str | None:
     if len(curriculum.in_edges(name)) < 2:
         return None
     return getattr(curriculum.setting("aggregate", name), "__name__", "a custom aggregate")
+
+
+def _depends_on_total(curriculum: Curriculum) -> str:
+    """Return why what a target learns by a step depends on its budget; empty if it does not."""
+    target = curriculum.target
+    learner, shaping = (curriculum.setting(one, target) for one in ("learner", "shaping"))
+    if curriculum.calibration(target) is not None:
+        return "its calibration may take a share of the total"
+    if isinstance(learner, DeepLearner) and learner.scheduled:
+        return f"a schedule of {learner.algorithm} runs over the total"
+    guided = isinstance(shaping, PolicyReuse) and "buffer_size" in learner.takes
+    if guided or getattr(shaping, "kl", 0) > 0:
+        return "its sources' policy is followed in the first half of the total"
+    return ""
 
 
 def _potential(curriculum: Curriculum) -> str:

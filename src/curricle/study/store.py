@@ -430,6 +430,12 @@ class StudyStore:
                 )
             if "configuration" in description:
                 there, here = (one["configuration"] for one in (store.description, description))
+                if there.get("snapshots") != here["snapshots"] and store.units():
+                    raise StoreError(
+                        f"snapshots are kept while a unit is trained: {path} holds units with "
+                        f"snapshots = {there.get('snapshots')}, and it is {here['snapshots']} "
+                        "here; set it back, or choose another folder"
+                    )
                 here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
                 description["record"]["seeds"] = here["seeds"]
         with write_errors(path):
@@ -501,9 +507,8 @@ class StudyStore:
     def runs(self) -> list[RunRecord]:
         """Return the runs so far."""
         found = self.read_json(RUNS) if self.has(RUNS) else []
-        if not isinstance(found, list):
-            raise StoreError(f"{self.path / RUNS} must be a list of runs")
-        return self.checked(RUNS, lambda: [read_record(RunRecord, one) for one in found])
+        rows = found if isinstance(found, list) else [found]
+        return self.checked(RUNS, lambda: [read_record(RunRecord, one) for one in rows])
 
     def checked(self, name: str | Place, read: Callable[[], Result]) -> Result:
         """Return what a function reads of a file; its ValueError becomes a StoreError with both."""
@@ -511,7 +516,10 @@ class StudyStore:
             return read()
         except ValueError as error:
             file = self.path / name if isinstance(name, str) else name
-            raise StoreError(f"{file} is not as Curricle writes it: {error}") from None
+            raise StoreError(
+                f"{file} is not as Curricle writes it: {error}; delete it and run the study again "
+                "with --resume"
+            ) from None
 
     # -- units ---------------------------------------------------------------------------------
 
