@@ -35,7 +35,7 @@ def curriculum():
         {"small": SMALL, "maze": MAZE},
         [cr.Transfer("small", "maze", mapping)],
         budget={"small": 1000, "maze": LONG},
-        eval_freq={"small": 100, "maze": LONG},
+        eval_freq={"small": 100, "maze": LONG // 100},
     )
 
 

@@ -75,7 +75,14 @@ def _options(
 
 # -- What several commands take, and what they do first --------------------------------------------
 
-File = Annotated[Path, typer.Argument(help="The study, a TOML file.", show_default=False)]
+File = Annotated[
+    Path,
+    typer.Argument(
+        help="The study, a TOML file. It is code: modules beside it that it names are imported, "
+        "and packages that the variable CURRICLE_ALLOW lists.",
+        show_default=False,
+    ),
+]
 Folder = Annotated[
     str, typer.Argument(help="A study's folder, or its URL: s3://bucket/name.", show_default=False)
 ]
