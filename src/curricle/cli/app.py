@@ -12,12 +12,14 @@ Each command imports what it needs of the library when it is called.
 =====  =============================================================================
 """
 
+import codecs
 import json
 import os
 import sys
 import traceback
 from collections import Counter
 from importlib.metadata import version
+from io import TextIOWrapper
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
@@ -453,10 +455,27 @@ def paper(
     typer.echo(f"Open {out / 'index.html'}")
 
 
+SIGNS = {"±": "+-", "×": "x", "−": "-", "–": "-", "·": ".", "…": "...", "→": "->", "φ": "phi", "τ": "tau"}
+SIGNS |= {"─": "-", "│": "|", "├": "|", "└": "`"}
+"""What is printed for a sign where a terminal's encoding, such as ASCII, lacks it; ? for others."""
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    """Return what is printed for signs that an encoding lacks, as an error handler of codecs."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    signs = error.object[error.start : error.end]
+    return "".join(SIGNS.get(one, "?") for one in signs), error.end
+
+
 def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
     from curricle.errors import CurricleError, EngineError, LostStoreError, StudyError
 
+    codecs.register_error("plain", _plain)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="plain")
     try:
         app(standalone_mode=True)
     except CurricleError as error:

@@ -325,6 +325,7 @@ def _write(folder: Place, name: str, content: bytes) -> None:
     path = folder / name
     with write_errors(folder):
         if isinstance(path, Path):
+            (folder / STUDY).stat()  # or a folder that was moved would be made again
             path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
 
@@ -381,7 +382,9 @@ class StudyStore:
                 lacks = f"{self.path} has none"
                 if isinstance(self.path, RemotePath) and not self.path.bucket.exists():
                     lacks = f"there is no {self.path.bucket}"
-                raise StoreError(f"a folder of results holds a {STUDY}: {lacks}")
+                raise StoreError(
+                    f"a folder of results holds a {STUDY}: {lacks}"
+                ) from FileNotFoundError(lacks)  # also of one that was moved while a run wrote
         self.description = self.read_sealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
