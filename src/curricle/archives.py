@@ -149,7 +149,9 @@ class ArrayArchive:
             raise ValueError("its arrays must not be compressed, but for snapshots")
         if most is not None and sum(wanted[name].file_size for name in packed) > most:
             raise ValueError(f"its snapshots must have at most {most:,} bytes")
-        check_held(sum(one.file_size for one in wanted.values() if not one.compress_type), self.held)
+        check_held(
+            sum(one.file_size for one in wanted.values() if not one.compress_type), self.held
+        )
         found = dict[str, npt.NDArray[Any]]()
         for name, one in wanted.items():
             with self.archive.open(one) as file:
@@ -167,7 +169,9 @@ class ArrayArchive:
 def check_held(size: int, held: int) -> None:
     """Raise ValueError where so many bytes are to be read of a file that is mostly holes."""
     if size > max(held, READ_AT_ONCE):
-        raise ValueError(f"it says that it has {size:,} bytes, and most of them are not on the disk")
+        raise ValueError(
+            f"it says that it has {size:,} bytes, and most of them are not on the disk"
+        )
 
 
 @contextmanager

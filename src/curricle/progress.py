@@ -200,7 +200,8 @@ def check_progress(progress: Any) -> None:
 
 # -- interrupts ------------------------------------------------------------------------------------
 
-HALTED: ContextVar[BoolArray] = ContextVar("halted", default=np.zeros(1, np.bool_))
+_NEVER = np.zeros(1, np.bool_)
+HALTED: ContextVar[BoolArray] = ContextVar("halted", default=_NEVER)  # noqa: B039, never set
 """(1,), true once nobody waits for the results of a thread any more: compiled loops end then."""
 
 

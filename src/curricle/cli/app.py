@@ -455,7 +455,17 @@ def paper(
     typer.echo(f"Open {out / 'index.html'}")
 
 
-SIGNS = {"±": "+-", "×": "x", "−": "-", "–": "-", "·": ".", "…": "...", "→": "->", "φ": "phi", "τ": "tau"}
+SIGNS = {
+    "±": "+-",
+    "×": "x",
+    "−": "-",
+    "–": "-",
+    "·": ".",
+    "…": "...",
+    "→": "->",
+    "φ": "phi",
+    "τ": "tau",
+}
 SIGNS |= {"─": "-", "│": "|", "├": "|", "└": "`"}
 """What is printed for a sign where a terminal's encoding, such as ASCII, lacks it; ? for others."""
 

@@ -198,7 +198,9 @@ class GreedyEvaluation:
         discount = self.discount(generative_model(task))
         if self.method == "exact" or (self.method == "auto" and _small(task)):
             rows = table_model(tables(task))
-            return ExactEvaluation(rows, discount, horizon, NEGLIGIBLE, *_work_space(0, 0, 0), HALTED.get())
+            return ExactEvaluation(
+                rows, discount, horizon, NEGLIGIBLE, *_work_space(0, 0, 0), HALTED.get()
+            )
         none = np.zeros(0, np.uint64), np.zeros(0), np.zeros(0, np.int64), HALTED.get()
         return RolloutEvaluation(self.rollouts(task), discount, horizon, *none)
 

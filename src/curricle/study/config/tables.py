@@ -66,7 +66,8 @@ LARGEST_FILE = 10_000_000
 DEEPEST = 50
 """Tables and lists inside each other: what has more exhausts the stack of those that read it."""
 DEEP_KEY = re.compile(
-    r"""(?<![\w.-])(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){%d}""" % DEEPEST
+    r"""(?<![\w.-])(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)"""
+    rf"{{{DEEPEST}}}"
 )
 """Keys that so many dots join: the parser's memory grows with the square of their number."""
 MOST_DOTS = 100_000
@@ -527,13 +528,13 @@ def _check_allowed(name: str) -> None:
     first, allowed = name.partition(".")[0], os.environ.get(ALLOW, "").split(",")
     if first in sys.stdlib_module_names:
         raise ConfigError(
-            f"a study file names functions of modules beside it: {first} is not there, and Python's "
-            "own library, which can run any command, is refused"
+            f"a study file names functions of modules beside it: {first} is not there, and "
+            "Python's own library, which can run any command, is refused"
         )
     if name not in SAFE and not any(f"{name}.".startswith(f"{one.strip()}.") for one in allowed):
         raise ConfigError(
-            f"a study file names functions of modules beside it, and of installed packages that "
-            f"you allow: {first} is not beside it; set {ALLOW}={first} if you trust the file with it"
+            "a study file names functions of modules beside it, and of installed packages that you "
+            f"allow: {first} is not beside it; set {ALLOW}={first} if you trust the file with it"
         )
 
 
