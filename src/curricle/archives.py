@@ -214,12 +214,8 @@ def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
         raise ValueError("its arrays must hold numbers or text, and no Python objects or records")
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != size - file.tell():
         raise ValueError(f"an array of shape {shape} does not fill its file")
-    content = memoryview(bytearray(size - file.tell()))
-    for start in range(0, len(content), READ_AT_ONCE):  # not all of it twice in memory
-        part = content[start : start + READ_AT_ONCE]
-        if file.readinto(part) < len(part):  # type: ignore[attr-defined]
-            raise EOFError
-    return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran else "C")
+    flat = np.frombuffer(bytearray(file.read()), dtype)
+    return flat.reshape(shape, order="F" if fortran else "C")
 
 
 ABOUT, FORMAT = "about.json", 1

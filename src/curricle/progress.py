@@ -201,7 +201,7 @@ def check_progress(progress: Any) -> None:
 # -- interrupts ------------------------------------------------------------------------------------
 
 _NEVER = np.zeros(1, np.bool_)
-HALTED: ContextVar[BoolArray] = ContextVar("halted", default=_NEVER)  # noqa: B039, never set
+HALTED: ContextVar[BoolArray] = ContextVar("halted", default=_NEVER)
 """(1,), true once nobody waits for the results of a thread any more: compiled loops end then."""
 
 

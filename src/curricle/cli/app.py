@@ -12,7 +12,6 @@ Each command imports what it needs of the library when it is called.
 =====  =============================================================================
 """
 
-import codecs
 import json
 import os
 import sys
@@ -78,12 +77,7 @@ def _options(
 # -- What several commands take, and what they do first --------------------------------------------
 
 File = Annotated[
-    Path,
-    typer.Argument(
-        help="The study, a TOML file. It is code: modules beside it that it names are imported, "
-        "and packages that the variable CURRICLE_ALLOW lists.",
-        show_default=False,
-    ),
+    Path, typer.Argument(help="A TOML file. It is code: modules it names run.", show_default=False)
 ]
 Folder = Annotated[
     str, typer.Argument(help="A study's folder, or its URL: s3://bucket/name.", show_default=False)
@@ -455,37 +449,13 @@ def paper(
     typer.echo(f"Open {out / 'index.html'}")
 
 
-SIGNS = {
-    "±": "+-",
-    "×": "x",
-    "−": "-",
-    "–": "-",
-    "·": ".",
-    "…": "...",
-    "→": "->",
-    "φ": "phi",
-    "τ": "tau",
-}
-SIGNS |= {"─": "-", "│": "|", "├": "|", "└": "`"}
-"""What is printed for a sign where a terminal's encoding, such as ASCII, lacks it; ? for others."""
-
-
-def _plain(error: UnicodeError) -> tuple[str, int]:
-    """Return what is printed for signs that an encoding lacks, as an error handler of codecs."""
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    signs = error.object[error.start : error.end]
-    return "".join(SIGNS.get(one, "?") for one in signs), error.end
-
-
 def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
     from curricle.errors import CurricleError, EngineError, LostStoreError, StudyError
 
-    codecs.register_error("plain", _plain)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="plain")
+            stream.reconfigure(errors="replace")  # ? for signs that an encoding lacks
     try:
         app(standalone_mode=True)
     except CurricleError as error:

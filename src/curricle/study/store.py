@@ -382,9 +382,7 @@ class StudyStore:
                 lacks = f"{self.path} has none"
                 if isinstance(self.path, RemotePath) and not self.path.bucket.exists():
                     lacks = f"there is no {self.path.bucket}"
-                raise StoreError(
-                    f"a folder of results holds a {STUDY}: {lacks}"
-                ) from FileNotFoundError(lacks)  # also of one that was moved while a run wrote
+                raise StoreError(f"a folder of results holds a {STUDY}: {lacks}")
         self.description = self.read_sealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:

@@ -3,7 +3,6 @@
 import atexit
 import hashlib
 import json
-import os
 import pickle
 import platform
 import re
@@ -23,7 +22,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 from curricle.errors import CurricleError, EngineError, ForeignError, SettingError, in_words
 from curricle.files import Place, RemotePath, remove_folder
 from curricle.study.arms import Arms
-from curricle.study.config.tables import ALLOW, PACKAGES
+from curricle.study.config.tables import PACKAGES
 from curricle.study.dependencies import own_files
 from curricle.study.serialization import UnitResult
 from curricle.study.store import (
@@ -58,8 +57,6 @@ class SentUnit(NamedTuple):
     """The sources that the worker reads itself."""
     place: Place | None = None
     """The study's folder, where the worker writes the result itself."""
-    allowed: str = ""
-    """The packages that whoever began the run allows a study file to name."""
 
 
 def called(function: Callable[[Any], Result], argument: Any) -> Result:
@@ -118,8 +115,6 @@ def _train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
     if differ := difference(sent.versions, versions_here()):
         raise EngineError(f"worker {platform.node()} has {differ}")
     folder = written(sent.files)
-    if sent.allowed:
-        os.environ[ALLOW] = sent.allowed
     unit = sent.given.unit
     with lost_errors():
         read = {
@@ -293,8 +288,7 @@ class EngineWorkers:
 
         Workers that see the study's files read the sources that are `stored`, and write at `place`.
         """
-        allowed = os.environ.get(ALLOW, "")
-        sent = SentUnit(given, self.files, self.versions, self.live, stored or {}, place, allowed)
+        sent = SentUnit(given, self.files, self.versions, self.live, stored or {}, place)
         try:
             return self.engine.submit(train_sent, sent)
         except Exception as error:
