@@ -200,7 +200,9 @@ def main(which, total, seed, *how):
                     if line.startswith("["):
                         number, kind, why = json.loads(line)
                         counts[kind] += 1
-                        bad += [f"{which} {number}: {kind}\n{why}"] if why else []
+                        if why:
+                            bad.append(f"{which} {number}: {kind}\n{why}")
+                            print(bad[-1], file=sys.stderr, flush=True)
             _, status, used = os.wait4(child, 0)
             worst = max(worst, used.ru_maxrss // 1024)
             bad += [f"batch {first} ended by {status}"] if status else []

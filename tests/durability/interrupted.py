@@ -81,7 +81,7 @@ def main(times, seed):
         for number, name in enumerate([*WAYS, *names]):
             warm = number < len(WAYS)
             assert process.stdout.readline() == "begins\n"
-            time.sleep(15.0 if warm else draws.uniform(0.0, 0.5))
+            time.sleep(5.0 if warm else draws.uniform(0.0, 0.5))
             sent = time.perf_counter()
             process.send_signal(signal.SIGINT)
             assert process.stdout.readline() == "answers\n", name
@@ -90,6 +90,7 @@ def main(times, seed):
             if not warm:
                 answers.append((answered - sent, name))
                 idle.append((time.perf_counter() - answered, name))
+                print(len(answers), *max(answers), *max(idle), file=sys.stderr, flush=True)
     for slowest in (max(answers), max(idle)):
         print(f"{slowest[0]:.3f} {slowest[1]}")
 

@@ -12,7 +12,7 @@ from numba.extending import overload
 from curricle.errors import SettingError
 from curricle.tasks.loop_cache import compiled_once, entered_from_python
 
-if config.DISABLE_JIT:
+if config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it when it is imported
     raise SettingError(
         "loops must be compiled, as what Python would make of them gives no results: unset "
         "NUMBA_DISABLE_JIT"
