@@ -324,9 +324,9 @@ def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> 
 def _write(folder: Place, name: str, content: bytes) -> None:
     path = folder / name
     with write_errors(folder):
-        if isinstance(path, Path):
+        if isinstance(folder, Path):
             (folder / STUDY).stat()  # or a folder that was moved would be made again
-            path.parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
 
 
