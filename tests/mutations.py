@@ -48,6 +48,45 @@ class Mutation(NamedTuple):
 
 MUTATIONS = [
     Mutation(
+        "a link in the place of a lock followed",
+        "study/store.py",
+        "    if (path / LOCK).is_symlink():",
+        "    if not path:",
+        ("tests/unit/test_untrusted_files.py::test_a_lock_that_is_a_link_is_not_followed",),
+    ),
+    Mutation(
+        "a study file names Python's own library",
+        "study/config/tables.py",
+        "    if first in sys.stdlib_module_names:",
+        "    if not first:",
+        ("tests/unit/test_untrusted_files.py::test_pythons_own_library_is_refused",),
+    ),
+    Mutation(
+        "a study file names any installed package",
+        "study/config/tables.py",
+        "    if name not in SAFE and not any(",
+        "    if not name and not any(",
+        (
+            "tests/unit/test_untrusted_files.py::test_an_installed_package_is_named_where_it_is_allowed",
+        ),
+    ),
+    Mutation(
+        "what an interrupted loop learnt is a result",
+        "learning/run.py",
+        "        if seed.record.halted[0]:",
+        "        if not seed:",
+        ("tests/unit/test_interrupts.py::test_what_was_halted_is_no_result",),
+    ),
+    Mutation(
+        "a folder that was moved is made again",
+        "study/store.py",
+        "            (folder / STUDY).stat()",
+        "            str(folder)",
+        (
+            "tests/unit/test_untrusted_files.py::test_a_folder_that_is_moved_while_a_run_writes_ends_it",
+        ),
+    ),
+    Mutation(
         "truncation treated as termination",
         "learning/general_loop.py",
         "        if not terminated:\n            acting_values",

@@ -236,7 +236,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
             ):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if is_spent(budget, step, episodes) or has_failed(model):
+        if is_spent(budget, record, step, episodes) or has_failed(model):
             return step, episodes
         if fresh:
             state = first_state(model, splitmix64(counter))

@@ -345,7 +345,7 @@ def train_guarded(
             if write_checkpoint(record, checkpoint, so_far, q[0], q[last], budget.stopping):
                 return step, episodes, ahead
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if is_spent(budget, step, episodes) or has_failed(model):
+        if is_spent(budget, record, step, episodes) or has_failed(model):
             return step, episodes, ahead
         if fresh:
             state, counter = first_state(model, splitmix64(counter)), counter + STRIDE

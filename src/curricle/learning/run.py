@@ -227,7 +227,7 @@ class Run:
             horizon = *horizon, np.int64(longest_turn(*horizon))
         steps, episodes = self.limits
         with self.opened(seed.settings, seed.start, tables) as model:
-            return compiled(loop, isinstance(model, Functions))(
+            found = compiled(loop, isinstance(model, Functions))(
                 model,
                 horizon,
                 self.learner.kernel(seed.visits),
@@ -239,6 +239,9 @@ class Run:
                 self.eval_freq,
                 seed.record,
             )
+        if seed.record.halted[0]:
+            raise KeyboardInterrupt  # what is half learnt must not be taken for a result
+        return found
 
     def opened(
         self, settings: SeedSettings, start: int, tables: Sequence[Any]

@@ -140,7 +140,7 @@ def learn(
         generative,
         tables=2 * learner.tables if guarded else learner.tables,
         counts=learner.counts,
-        seeds=len(each) if storage.save_values else threads,
+        seeds=len(each) if storage.save_values else max(1, threads),
         steps=longest,
     )
     run = Run(generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows)

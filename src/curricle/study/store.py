@@ -1,5 +1,6 @@
 """The results store: a folder with a description of what its results depend on, and whole files."""
 
+import errno
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -98,7 +99,7 @@ def locked(path: Place) -> Iterator[None]:
         return
     with write_errors(path):
         path.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(path / LOCK)
+        lock = _lock_of(path)
         try:
             lock.acquire(timeout=PATIENCE)
         except Timeout:
@@ -111,6 +112,13 @@ def locked(path: Place) -> Iterator[None]:
         lock.release()
 
 
+def _lock_of(path: Path) -> FileLock:
+    """Return a folder's lock; OSError where a link is in its place: to open it may empty a file."""
+    if (path / LOCK).is_symlink():
+        raise OSError(errno.ELOOP, f"its {LOCK} must be no link: delete it", str(path))
+    return FileLock(path / LOCK)
+
+
 def in_use(path: Place) -> bool | None:
     """Return whether a run holds a folder's lock; None where that cannot be told, as at a URL."""
     if not isinstance(path, Path):
@@ -118,11 +126,11 @@ def in_use(path: Place) -> bool | None:
     if not (path / LOCK).exists():
         return False
     try:
-        with FileLock(path / LOCK).acquire(timeout=0):
+        with _lock_of(path).acquire(timeout=0):
             return False
     except Timeout:
         return True
-    except OSError:  # a folder that may only be read
+    except OSError:  # a folder that may only be read, or a link
         return None
 
 
@@ -171,8 +179,8 @@ NamedArrays = dict[str, npt.NDArray[Any]]
 ABOUT, DECISIONS = "unit.json", "decisions.parquet"
 """Members of the archive beside its arrays."""
 ENDING = ".npz"
-LARGEST_ABOUT = 2**26
-"""Bytes of ``unit.json`` at most: one of 100,000 seeds has a hundredth of that."""
+LARGEST_ABOUT = 2**24
+"""Bytes of ``unit.json`` at most: one of 100,000 seeds has a twentieth of that."""
 LONGEST_NAME, KEPT = 200, 40
 """Characters of a unit's name, and those that are kept of a longer one."""
 
@@ -229,8 +237,9 @@ def place_of(key: str, task: str, seeds: str) -> str:
 
 SCHEMA_VERSION = 3
 """Of the folder's layout; a folder of another version is refused."""
-LARGEST_JSON = 2**26
-"""Bytes of a JSON file at most: a study of 100,000 seeds has a hundredth of that."""
+LARGEST_JSON = 2**24
+"""Bytes of a JSON file at most: in memory they are up to 25 times as many. A study of 100,000 seeds
+has a twentieth."""
 Result = TypeVar("Result")
 Record = TypeVar("Record", bound=Plain)
 
@@ -309,8 +318,9 @@ def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> 
 def _write(folder: Place, name: str, content: bytes) -> None:
     path = folder / name
     with write_errors(folder):
-        if isinstance(path, Path):
-            path.parent.mkdir(parents=True, exist_ok=True)
+        if isinstance(folder, Path):
+            (folder / STUDY).stat()  # or a folder that was moved would be made again
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import number
+from curricle.checks import brief, number
 from curricle.errors import TaskError
 
 PROBABILITY_TOLERANCE = 1e-8
@@ -46,7 +46,13 @@ def check_numbers(task: Any, rewards: tuple[str, ...], chances: tuple[str, ...] 
 def outcome_lists(outcomes: Any) -> list[list[Any]]:
     """Return the outcomes that :meth:`FiniteMDP.from_outcomes` takes as lists, [state][action]."""
     try:
-        lists = [[outcomes[s][a] for a in range(len(outcomes[s]))] for s in range(len(outcomes))]
+        lists = [
+            [list(outcomes[s][a]) for a in range(len(outcomes[s]))] for s in range(len(outcomes))
+        ]
+    except (TypeError, IndexError):
+        raise TaskError(
+            f"outcomes must be lists, outcomes[state][action]: got {brief(outcomes)}"
+        ) from None
     except KeyError as missing:
         raise TaskError(
             f"states and actions of outcome dicts must be numbered from 0: {missing} is missing"
@@ -72,12 +78,16 @@ def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, IntArray, FloatA
     for s, row in enumerate(lists):
         for a, pair in enumerate(row):
             for o, outcome in enumerate(pair):
-                if len(outcome) not in (3, 4) or outcome[1] != int(outcome[1]):
+                try:
+                    p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
+                    fits = len(outcome) in (3, 4) and outcome[1] == successor[s, a, o]
+                except (TypeError, ValueError, OverflowError):
+                    fits = False
+                if not fits:
                     raise TaskError(
                         "an outcome must be (probability, next state, reward) and may have a "
-                        f"terminated flag: state {s}, action {a} has {outcome}"
+                        f"terminated flag: state {s}, action {a} has {brief(outcome)}"
                     )
-                p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
     return p, successor, r
 
 

@@ -104,7 +104,7 @@ class StateActionMapping(Frozen):
 
         It is `shift` where ended, and where unmapped `unmapped_value` or NaN.
         """
-        q = np.asarray(source_values, dtype=np.float64)
+        q = numbers("source_values", source_values, MappingError)
         expected = (self.source.states.size, self.source.actions.size)
         if q.shape[-2:] != expected:
             raise MappingError(
@@ -251,6 +251,8 @@ def from_function(
     >>> coarse.index[:, 0]
     array([ 0,  0,  4,  4, -2])
     """
+    if not callable(function):
+        raise MappingError(f"a mapping needs a function of two dicts: got {brief(function)}")
     for task in (target, source):
         generative_model(task)
     pairs = target.states.size * target.actions.size

@@ -1,0 +1,59 @@
+"""Ctrl-C while loops train: Python answers at once, and the loops end."""
+
+import _thread
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.progress import HALTED
+
+MAZE = cr.GridWorld("S...T", time_limit=100)
+OFF = cr.GreedyEvaluation(method="off")
+LONG = 10**11
+SOON = 20.0
+"""Seconds for what takes an hour where nothing ends it: much for a machine that is busy."""
+
+
+@pytest.mark.parametrize(
+    ("learner", "settings"),
+    [
+        (cr.QLearning(), {}),
+        (cr.SARSA(), {"seeds": 3, "workers": 2}),
+        (cr.QLearning(), {"shaping": cr.QInitialisation(np.ones((5, 4)), guard=cr.Guard())}),
+        (cr.learning.OptimisticQLearning(), {}),
+        (cr.QLearning(), {"evaluation": cr.GreedyEvaluation("rollouts", episodes=10**6)}),
+    ],
+    ids=["fast", "general", "guarded", "optimistic", "rollouts"],
+)
+def test_an_interrupt_ends_learning(learner, settings):
+    settings = {"evaluation": OFF, **settings}
+    cr.learn(MAZE, learner, 100, eval_freq=100, **{**settings, "evaluation": OFF})
+    timer = threading.Timer(0.5, _thread.interrupt_main)
+    timer.start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        cr.learn(MAZE, learner, LONG, eval_freq=LONG, **settings)
+    timer.join()
+    while threading.active_count() > 1 and time.monotonic() - began < SOON:
+        time.sleep(0.01)
+    assert threading.active_count() == 1
+    assert time.monotonic() - began < SOON
+
+
+def test_what_was_halted_is_no_result():
+    found = list[BaseException]()
+
+    def work():
+        HALTED.set(np.ones(1, np.bool_))  # of this thread alone
+        try:
+            cr.learn(MAZE, budget=100, workers=1)
+        except BaseException as error:
+            found.append(error)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert [type(one) for one in found] == [KeyboardInterrupt]
