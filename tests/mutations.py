@@ -62,6 +62,29 @@ MUTATIONS = [
         ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
     ),
     Mutation(
+        "ties of the general loop drawn at once",
+        "learning/general_loop.py",
+        "tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)",
+        "tie = splitmix64(counter)",
+        ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
+    ),
+    Mutation(
+        "a tie never drawn again",
+        "learning/general_loop.py",
+        "return max(old, new) >= highest(values, 0)",
+        "return False",
+        ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
+    ),
+    Mutation(
+        "values under a changing potential handed on",
+        "learning/potential.py",
+        "return len(self.frame_steps) > 1 or self.weight.first != self.weight.last",
+        "return False",
+        (
+            "tests/property/test_guard_properties.py::test_values_that_contain_what_shaping_added_say_so",
+        ),
+    ),
+    Mutation(
         "sign of the shaping term",
         "learning/general_loop.py",
         "return discount * there - here, there",

@@ -160,15 +160,11 @@ class Node:
                 self.task, self.learner, self.budget, shaping=each or None, saves=saves, **common
             )
             return found if self.storage.save_values else replace(found, values=None)
-        # Without sources there is no potential, so no guard either. The shaping stays: unless it is
-        # one that starts Q at a potential, the general loop then does the Q-learning, which draws
-        # other random numbers than the fast loop. A study file gives a task without sources no
-        # shaping, so there the fast loop does it.
         return learn(
             self.task,
             self.learner,
             self.budget,
-            shaping=each or self.shaping.without_guard(),
+            shaping=each or None,
             storage=self.storage,
             snapshots=snapshots,
             workers=workers,

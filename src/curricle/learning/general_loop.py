@@ -15,6 +15,7 @@ from curricle.learning.exploration import choose, expected_value
 from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import stops
+from curricle.learning.tables import tie_bits
 from curricle.planning.greedy import ACTION, acting_rows, best_of, greedy_actions, highest
 from curricle.planning.policy_evaluation import greedy_return
 from curricle.tasks.draws import STRIDE, first_above, splitmix64
@@ -46,15 +47,21 @@ class Acting(NamedTuple):
     values: FloatArray  # (1, A) work space
 
 
+@inlined
+def acting_value(view, state, action):
+    """Return what the policy acts on for one pair."""
+    value = np.float64(view.q[0, state, action])
+    if view.q.shape[0] == 2:
+        value = 0.5 * (value + view.q[1, state, action])
+    if view.advice.shape[0] > 0:
+        value += view.weight * view.advice[state, action]
+    return value
+
+
 @acting_rows.body(Acting)
 def _write_acting_row(view, state, out):
     for action in range(out.shape[1]):
-        value = np.float64(view.q[0, state, action])
-        if view.q.shape[0] == 2:
-            value = 0.5 * (value + view.q[1, state, action])
-        if view.advice.shape[0] > 0:
-            value += view.weight * view.advice[state, action]
-        out[0, action] = value
+        out[0, action] = acting_value(view, state, action)
 
 
 acting_values = inlined(_write_acting_row)
@@ -79,7 +86,8 @@ def state_potential(shaping, state, step):
 @inlined
 def q_learning_target(reward, discount, q, next_state):
     """Return r + gamma max_b Q(s', b) (paper E1; Watkins 1989)."""
-    return reward + discount * np.float64(highest(q[0], next_state))
+    real = q.dtype.type  # the precision of the table, as in the fast loop
+    return real(reward) + real(discount) * highest(q[0], next_state)
 
 
 @inlined
@@ -122,6 +130,26 @@ def td_target(rule, reward, discount, q, next_state, next_action, values, table,
 def counted_row(q, table, state):
     """Return the row in which the updates of a state are counted; each table counts its own."""
     return np.uint64(table) * np.uint64(q.shape[1]) + state
+
+
+@inlined
+def move(q, place, rate, target):
+    """Move Q in a place (table, state, action) towards a target, in the table's precision."""
+    real, old = q.dtype.type, q[place]
+    q[place] = old + real(rate) * (real(target) - old)
+
+
+@inlined
+def drawn_again(values, action, new, tie):
+    """Return whether a tie in a row is drawn afresh, as the fast loop does, one visit ahead.
+
+    That is where the action's value, which was in `values` and is `new`, changed and is or was the
+    highest, or where it did not and the action is what `tie` had drawn.
+    """
+    old = values[0, action]
+    if new == old:
+        return best_of(values, 0, tie)[1] & ACTION == action
+    return max(old, new) >= highest(values, 0)
 
 
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------
@@ -227,6 +255,10 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
     checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], q[q.shape[0] - 1])
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
+    # Q-learning has a fast loop too, so its ties are drawn as there; the other rules' at once.
+    ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
+    for row_state in range(np.uint64(ties.shape[0])):
+        ties[row_state] = tie_bits(splitmix64(stream[0]), row_state)
     while True:
         if step == checkpoint * eval_freq:
             acting = Acting(q, advice, at(weight, step), row)
@@ -245,9 +277,11 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
             if shaping.kind == STATE:
                 carried = state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
-            acting_values(Acting(q, advice, at(weight, step), row), state, values)
-            action, bits, counter = choose(rule.exploration, values, step, counter)
-        next_state, target, terminated = transition(model, state, action, bits)
+            acting = Acting(q, advice, at(weight, step), row)
+            acting_values(acting, state, values)
+            tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)
+            action, bits, counter = choose(rule.exploration, values, tie, step, counter)
+        next_state, target, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + target
 
         extra, carried = shaping_reward(
@@ -262,13 +296,19 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         if not terminated:
             acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
             if rule.update == SARSA:
-                next_action, bits, counter = choose(rule.exploration, next_values, step, counter)
+                tie = splitmix64(counter)
+                next_action, bits, counter = choose(
+                    rule.exploration, next_values, tie, step, counter
+                )
             target = td_target(
                 rule, target, discount, q, next_state, next_action, next_values, table, coin, step
             )
         rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
-        old = np.float64(q[table, state, action])
-        q[table, state, action] = old + rate * (target - old)
+        move(q, (table, state, action), rate, target)
+        if rule.update == Q_LEARNING and drawn_again(
+            values, action, acting_value(acting, state, action), ties[state]
+        ):
+            ties[state] = bits
 
         fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
         if fresh:
