@@ -21,9 +21,9 @@ from curricle.learning.stopping import (
     Decision,
     Decisions,
     StoppingRule,
+    levels,
     longest_run,
     spacing,
-    stopping_level,
 )
 from curricle.learning.storage import Storage
 from curricle.learning.training import learn
@@ -33,6 +33,7 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential
+from curricle.transfer.observation_rollouts import target_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,10 +176,10 @@ class Node:
         """Return what the stopping rule decided at each checkpoint of each seed; [] without one."""
         if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
             return Decisions([[] for _ in result.seeds], result.seeds)
-        level = stopping_level(self.budget, self.task, self.evaluation)
+        level, floor = levels(self.budget, self.task, self.evaluation, target_of)
         totals = result.steps_used.tolist(), result.evaluation_steps.tolist()
         found = list[list[Decision]]()
         for greedy, used, read in zip(result.greedy_return, *totals, strict=True):
-            each = self.budget.decisions(result.steps, greedy, level=level, used=used)
+            each = self.budget.decisions(result.steps, greedy, level=level, floor=floor, used=used)
             found.append([*each[:-1], replace(each[-1], evaluation_steps=read)])
         return Decisions(found, result.seeds)
