@@ -131,9 +131,27 @@ MUTATIONS = [
     Mutation(
         "charge_source off by one",
         "statistics/curves.py",
-        "transfer.source_steps[:, np.newaxis]\n    rows",
-        "transfer.source_steps[:, np.newaxis] + 1\n    rows",
+        "transfer.source_steps[:, np.newaxis]\n    training",
+        "transfer.source_steps[:, np.newaxis] + 1\n    training",
         ("tests/unit/test_metrics.py",),
+    ),
+    Mutation(
+        "a source that teaches nothing is paid",
+        "statistics/curves.py",
+        "if gift > 0:",
+        "if gift > 0 and False:",
+        (
+            "tests/property/test_metrics_properties.py::test_a_source_that_teaches_nothing_never_gains",
+        ),
+    ),
+    Mutation(
+        "settled at the floor",
+        "learning/stopping.py",
+        "recent_return(greedy, checkpoint) > rule.floor",
+        "greedy[0] == greedy[0]",
+        (
+            "tests/unit/test_settled_sources.py::test_a_return_that_fell_to_the_floor_has_not_settled",
+        ),
     ),
     Mutation(
         "a control that is not negated",

@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from curricle.array_types import IntArray
+import numpy as np
+
+from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance, number
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
@@ -23,6 +25,7 @@ from curricle.learning.stopping import (
     StoppingRule,
     levels,
     longest_run,
+    recent_return,
     spacing,
 )
 from curricle.learning.storage import Storage
@@ -171,6 +174,15 @@ class Node:
             workers=workers,
             **common,
         )
+
+    def unlearnt(self, result: LearningResult) -> BoolArray:
+        """Return which seeds ended with a return too low to have settled, (K,); none without it."""
+        if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
+            return np.zeros(len(result.seeds), np.bool_)
+        _, floor = levels(self.budget, self.task, self.evaluation, target_of)
+        last = (result.steps_used // self.eval_freq).tolist()
+        recent = [recent_return(*each) for each in zip(result.greedy_return, last, strict=True)]
+        return np.array(recent) <= floor
 
     def decisions(self, result: LearningResult) -> Decisions:
         """Return what the stopping rule decided at each checkpoint of each seed; [] without one."""
