@@ -71,8 +71,8 @@ MUTATIONS = [
     Mutation(
         "a tie never drawn again",
         "learning/general_loop.py",
-        "return max(old, new) >= highest(values, 0)",
-        "return False",
+        "again = max(old, new) >= highest(values, 0)",
+        "again = False",
         ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
     ),
     Mutation(

@@ -139,17 +139,39 @@ def move(q, place, rate, target):
     q[place] = old + real(rate) * (real(target) - old)
 
 
-@inlined
-def drawn_again(values, action, new, tie):
-    """Return whether a tie in a row is drawn afresh, as the fast loop does, one visit ahead.
+# -- ties: Q-learning has a fast loop too and draws them as there, a visit ahead; others at once ---
 
-    That is where the action's value, which was in `values` and is `new`, changed and is or was the
-    highest, or where it did not and the action is what `tie` had drawn.
+
+@inlined
+def first_ties(rule, q, key):
+    """Return the bits that break each state's ties before learning, (S,)."""
+    ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
+    for state in range(np.uint64(ties.shape[0])):
+        ties[state] = tie_bits(key, state)
+    return ties
+
+
+@inlined
+def chosen(rule, values, ties, state, step, counter):
+    """Return the action taken in a state on these acting values, its bits and the counter."""
+    tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)
+    return choose(rule.exploration, values, tie, step, counter)
+
+
+@inlined
+def renew_tie(rule, ties, acting, values, state, action, bits):
+    """Let the bits of an update break a state's ties from now on, where the fast loop draws again.
+
+    That is where the action's value, which was in `values`, changed and is or was the highest, or
+    where it did not change and the action is the one that had been drawn.
     """
-    old = values[0, action]
-    if new == old:
-        return best_of(values, 0, tie)[1] & ACTION == action
-    return max(old, new) >= highest(values, 0)
+    if rule.update == Q_LEARNING:
+        old, new = values[0, action], acting_value(acting, state, action)
+        again = max(old, new) >= highest(values, 0)
+        if new == old:
+            again = best_of(values, 0, ties[state])[1] & ACTION == action
+        if again:
+            ties[state] = bits
 
 
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------
@@ -255,10 +277,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
     checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], q[q.shape[0] - 1])
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
-    # Q-learning has a fast loop too, so its ties are drawn as there; the other rules' at once.
-    ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
-    for row_state in range(np.uint64(ties.shape[0])):
-        ties[row_state] = tie_bits(splitmix64(stream[0]), row_state)
+    ties = first_ties(rule, q, splitmix64(stream[0]))
     while True:
         if step == checkpoint * eval_freq:
             acting = Acting(q, advice, at(weight, step), row)
@@ -279,8 +298,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         if fresh or rule.update != SARSA:
             acting = Acting(q, advice, at(weight, step), row)
             acting_values(acting, state, values)
-            tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)
-            action, bits, counter = choose(rule.exploration, values, tie, step, counter)
+            action, bits, counter = chosen(rule, values, ties, state, step, counter)
         next_state, target, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + target
 
@@ -296,19 +314,15 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         if not terminated:
             acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
             if rule.update == SARSA:
-                tie = splitmix64(counter)
-                next_action, bits, counter = choose(
-                    rule.exploration, next_values, tie, step, counter
+                next_action, bits, counter = chosen(
+                    rule, next_values, ties, next_state, step, counter
                 )
             target = td_target(
                 rule, target, discount, q, next_state, next_action, next_values, table, coin, step
             )
         rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
         move(q, (table, state, action), rate, target)
-        if rule.update == Q_LEARNING and drawn_again(
-            values, action, acting_value(acting, state, action), ties[state]
-        ):
-            ties[state] = bits
+        renew_tie(rule, ties, acting, values, state, action, bits)
 
         fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
         if fresh:
