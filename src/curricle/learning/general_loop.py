@@ -143,16 +143,14 @@ def move(q, place, rate, target):
 
 
 @inlined
-def first_ties(rule, q, key):
-    """Return the bits that break each state's ties before learning, (S,)."""
-    ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
+def draw_ties(ties, key):
+    """Draw the bits that break each state's ties before learning, (S,)."""
     for state in range(np.uint64(ties.shape[0])):
         ties[state] = tie_bits(key, state)
-    return ties
 
 
 @inlined
-def chosen(rule, values, ties, state, step, counter):
+def pick(rule, values, ties, state, step, counter):
     """Return the action taken in a state on these acting values, its bits and the counter."""
     tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)
     return choose(rule.exploration, values, tie, step, counter)
@@ -268,43 +266,39 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
     discount, limit = horizon
     phi, weight = shaping.pair_values, shaping.weight
     advice = phi[: phi.shape[0] if shaping.kind == ADVICE else 0]
-    n_actions = q.shape[2]
-    values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
-    row = np.empty((1, n_actions))
+    work = np.empty((3, 1, q.shape[2]))
+    values, next_values, row = work[0], work[1], work[2]
     step, episodes, ended, ended_return = used
     first = Acting(q, advice, at(weight, step), row)
     value = greedy_return(evaluation, model, first) if step > 0 else np.nan
     checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], q[q.shape[0] - 1])
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
-    ties = first_ties(rule, q, splitmix64(stream[0]))
+    ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
+    draw_ties(ties, splitmix64(stream[0]))
     while True:
         if step == checkpoint * eval_freq:
             acting = Acting(q, advice, at(weight, step), row)
             so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, acting)
-            if write_checkpoint(
-                record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.stopping
-            ):
+            if write_checkpoint(record, checkpoint, so_far, q[0], q[-1], budget.stopping):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if is_spent(budget, step, episodes) or has_failed(model):
             return step, episodes
         if fresh:
-            state = first_state(model, splitmix64(counter))
-            counter += STRIDE
+            state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
             length, episode_return, carried = 0, 0.0, 0.0
             if shaping.kind == STATE:
                 carried = state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
             acting = Acting(q, advice, at(weight, step), row)
             acting_values(acting, state, values)
-            action, bits, counter = chosen(rule, values, ties, state, step, counter)
+            action, bits, counter = pick(rule, values, ties, state, step, counter)
         next_state, target, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + target
 
-        extra, carried = shaping_reward(
-            shaping, discount, state, action, next_state, terminated, step, carried
-        )
+        moved = state, action, next_state, terminated
+        extra, carried = shaping_reward(shaping, discount, *moved, step, carried)
         target += extra
         # Cutting off at the time limit is not termination: it bootstraps like any other step.
         next_action, table, coin = np.uint64(0), 0, np.uint64(0)
@@ -314,7 +308,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         if not terminated:
             acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
             if rule.update == SARSA:
-                next_action, bits, counter = chosen(
+                next_action, bits, counter = pick(
                     rule, next_values, ties, next_state, step, counter
                 )
             target = td_target(
