@@ -157,17 +157,18 @@ def pick(rule, values, ties, state, step, counter):
 
 
 @inlined
-def renew_tie(rule, ties, acting, values, state, action, bits):
+def renew_tie(rule, ties, values, new, state, action, bits):
     """Let the bits of an update break a state's ties from now on, where the fast loop draws again.
 
-    That is where the action's value, which was in `values`, changed and is or was the highest, or
-    where it did not change and the action is the one that had been drawn.
+    That is where the action's value, which was in `values` and is `new`, changed and is or was the
+    highest, or where it did not change and the action is the one that had been drawn.
     """
     if rule.update == Q_LEARNING:
-        old, new = values[0, action], acting_value(acting, state, action)
-        again = max(old, new) >= highest(values, 0)
+        old = values[0, action]
         if new == old:
             again = best_of(values, 0, ties[state])[1] & ACTION == action
+        else:
+            again = max(old, new) >= highest(values, 0)
         if again:
             ties[state] = bits
 
@@ -291,8 +292,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
             if shaping.kind == STATE:
                 carried = state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
-            acting = Acting(q, advice, at(weight, step), row)
-            acting_values(acting, state, values)
+            acting_values(Acting(q, advice, at(weight, step), row), state, values)
             action, bits, counter = pick(rule, values, ties, state, step, counter)
         next_state, target, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + target
@@ -316,7 +316,8 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
             )
         rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
         move(q, (table, state, action), rate, target)
-        renew_tie(rule, ties, acting, values, state, action, bits)
+        new = acting_value(Acting(q, advice, at(weight, step - 1), row), state, action)
+        renew_tie(rule, ties, values, new, state, action, bits)
 
         fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
         if fresh:
