@@ -48,20 +48,23 @@ class Acting(NamedTuple):
 
 
 @inlined
-def acting_value(view, state, action):
-    """Return what the policy acts on for one pair."""
-    value = np.float64(view.q[0, state, action])
-    if view.q.shape[0] == 2:
-        value = 0.5 * (value + view.q[1, state, action])
-    if view.advice.shape[0] > 0:
-        value += view.weight * view.advice[state, action]
+def acting_value(q, advice, weight, state, action):
+    """Return what the policy acts on for one pair, of one table."""
+    value = np.float64(q[0, state, action])
+    if advice.shape[0] > 0:
+        value += weight * advice[state, action]
     return value
 
 
 @acting_rows.body(Acting)
 def _write_acting_row(view, state, out):
     for action in range(out.shape[1]):
-        out[0, action] = acting_value(view, state, action)
+        value = np.float64(view.q[0, state, action])
+        if view.q.shape[0] == 2:
+            value = 0.5 * (value + view.q[1, state, action])
+        if view.advice.shape[0] > 0:
+            value += view.weight * view.advice[state, action]
+        out[0, action] = value
 
 
 acting_values = inlined(_write_acting_row)
@@ -150,7 +153,7 @@ def draw_ties(ties, key):
 
 
 @inlined
-def pick(rule, values, ties, state, step, counter):
+def act(rule, values, ties, state, step, counter):
     """Return the action taken in a state on these acting values, its bits and the counter."""
     tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)
     return choose(rule.exploration, values, tie, step, counter)
@@ -267,8 +270,8 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
     discount, limit = horizon
     phi, weight = shaping.pair_values, shaping.weight
     advice = phi[: phi.shape[0] if shaping.kind == ADVICE else 0]
-    work = np.empty((3, 1, q.shape[2]))
-    values, next_values, row = work[0], work[1], work[2]
+    shape = 1, q.shape[2]
+    values, next_values, row = np.empty(shape), np.empty(shape), np.empty(shape)
     step, episodes, ended, ended_return = used
     first = Acting(q, advice, at(weight, step), row)
     value = greedy_return(evaluation, model, first) if step > 0 else np.nan
@@ -281,7 +284,9 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         if step == checkpoint * eval_freq:
             acting = Acting(q, advice, at(weight, step), row)
             so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, acting)
-            if write_checkpoint(record, checkpoint, so_far, q[0], q[-1], budget.stopping):
+            if write_checkpoint(
+                record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.stopping
+            ):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if is_spent(budget, step, episodes) or has_failed(model):
@@ -293,12 +298,12 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
                 carried = state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
             acting_values(Acting(q, advice, at(weight, step), row), state, values)
-            action, bits, counter = pick(rule, values, ties, state, step, counter)
+            action, bits, counter = act(rule, values, ties, state, step, counter)
         next_state, target, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + target
-
-        moved = state, action, next_state, terminated
-        extra, carried = shaping_reward(shaping, discount, *moved, step, carried)
+        extra, carried = shaping_reward(
+            shaping, discount, state, action, next_state, terminated, step, carried
+        )
         target += extra
         # Cutting off at the time limit is not termination: it bootstraps like any other step.
         next_action, table, coin = np.uint64(0), 0, np.uint64(0)
@@ -308,17 +313,14 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         if not terminated:
             acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
             if rule.update == SARSA:
-                next_action, bits, counter = pick(
-                    rule, next_values, ties, next_state, step, counter
-                )
+                next_action, bits, counter = act(rule, next_values, ties, next_state, step, counter)
             target = td_target(
                 rule, target, discount, q, next_state, next_action, next_values, table, coin, step
             )
         rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
         move(q, (table, state, action), rate, target)
-        new = acting_value(Acting(q, advice, at(weight, step - 1), row), state, action)
+        new = acting_value(q, advice, at(weight, step - 1), state, action)
         renew_tie(rule, ties, values, new, state, action, bits)
-
         fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
