@@ -101,6 +101,29 @@ MUTATIONS = [
         ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
     ),
     Mutation(
+        "ties of the general loop drawn at once",
+        "learning/general_loop.py",
+        "tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)",
+        "tie = splitmix64(counter)",
+        ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
+    ),
+    Mutation(
+        "a tie never drawn again",
+        "learning/general_loop.py",
+        "again = max(old, new) >= highest(values, 0)",
+        "again = False",
+        ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
+    ),
+    Mutation(
+        "values under a changing potential handed on",
+        "learning/potential.py",
+        "return len(self.frame_steps) > 1 or self.weight.first != self.weight.last",
+        "return False",
+        (
+            "tests/property/test_guard_properties.py::test_values_that_contain_what_shaping_added_say_so",
+        ),
+    ),
+    Mutation(
         "sign of the shaping term",
         "learning/general_loop.py",
         "return discount * there - here, there",
@@ -147,9 +170,27 @@ MUTATIONS = [
     Mutation(
         "charge_source off by one",
         "statistics/curves.py",
-        "transfer.source_steps[:, np.newaxis]\n    rows",
-        "transfer.source_steps[:, np.newaxis] + 1\n    rows",
+        "transfer.source_steps[:, np.newaxis]\n    training",
+        "transfer.source_steps[:, np.newaxis] + 1\n    training",
         ("tests/unit/test_metrics.py",),
+    ),
+    Mutation(
+        "a source that teaches nothing is paid",
+        "statistics/curves.py",
+        "if gift > 0:",
+        "if gift > 0 and False:",
+        (
+            "tests/property/test_metrics_properties.py::test_a_source_that_teaches_nothing_never_gains",
+        ),
+    ),
+    Mutation(
+        "settled at the floor",
+        "learning/stopping.py",
+        "recent_return(greedy, checkpoint) > rule.floor",
+        "greedy[0] == greedy[0]",
+        (
+            "tests/unit/test_settled_sources.py::test_a_return_that_fell_to_the_floor_has_not_settled",
+        ),
     ),
     Mutation(
         "a control that is not negated",

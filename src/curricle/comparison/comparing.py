@@ -347,7 +347,9 @@ class ComparisonPlan:
             known = self.alone.sources(curriculum, seeds)
             trained.append(self._trained(curriculum, seeds, bars, known))
             self.alone.add_sources(curriculum, seeds, trained[0].nodes)
-            return self._arm(trained[0][self.target], trained[0].source_steps(self.target))
+            result = trained[0]
+            arm = self._arm(result[self.target], result.source_steps(self.target))
+            return replace(arm, unlearnt=result.unlearnt(self.target))
 
         yield "", own
         (result,) = trained

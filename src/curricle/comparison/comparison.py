@@ -325,6 +325,7 @@ class Comparison:
         row["adjusted_p"] = float("nan") if contrast is None else contrast.adjusted_p
         row["verdict"] = "" if contrast is None else contrast.verdict
         row["reason"] = "" if contrast is None else contrast.reason
+        row["unlearnt"] = self.unlearnt(name)
         row["against"] = "" if contrast is None else self.best_scratch
         row["strongest_control"] = "" if own is None else own.rival
         row["beats_controls"] = "" if own is None else own.answer
@@ -406,6 +407,7 @@ class Comparison:
             if self.know_nothing[name] != self.controls[name]
         ]
         lines += [line for name in self.controls if (line := self.cheaper_way(name))]
+        lines += [line for name in self.controls if (line := self.unlearnt(name))]
         open_ = not_asked(list(self.reasons.values()))
         return [*lines, open_] if open_ else lines
 
@@ -441,6 +443,12 @@ class Comparison:
             return words
         middle = interquartile_interval(values, confidence=self.confidence)
         return f"{words}; interquartile mean, without the few: {short(middle)}"
+
+    def unlearnt(self, name: str) -> str:
+        """Return which sources of an arm did not learn their own tasks; empty if all did."""
+        shares = {source: seeds for source, seeds in self[name].unlearnt.items() if seeds.any()}
+        each = [f"{one} in {n.sum()} of {counted(n.size, 'seed')}" for one, n in shares.items()]
+        return f"sources of {name} that did NOT learn: {', '.join(each)}" if each else ""
 
     def control_sentence(self, name: str) -> str:
         """Return whether a curriculum gains more than its controls, in words."""

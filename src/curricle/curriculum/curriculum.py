@@ -101,7 +101,7 @@ class Curriculum:
     ('chase', 'hunt')
     >>> result = curriculum.train(seeds=2)
     >>> result.source_steps("hunt")
-    array([5200, 3900])
+    array([10000,  7500])
     """
 
     tasks: Mapping[str, Task]

@@ -15,6 +15,7 @@ from curricle.learning.exploration import choose, expected_value
 from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import stops
+from curricle.learning.tables import tie_bits
 from curricle.planning.greedy import ACTION, acting_rows, best_of, greedy_actions, highest
 from curricle.planning.policy_evaluation import greedy_return
 from curricle.tasks.draws import STRIDE, first_above, splitmix64
@@ -44,6 +45,15 @@ class Acting(NamedTuple):
     advice: FloatArray  # (S, A) phi, or (0, A)
     weight: float
     values: FloatArray  # (1, A) work space
+
+
+@inlined
+def acting_value(q, advice, weight, state, action):
+    """Return what the policy acts on for one pair, of one table."""
+    value = np.float64(q[0, state, action])
+    if advice.shape[0] > 0:
+        value += weight * advice[state, action]
+    return value
 
 
 @acting_rows.body(Acting)
@@ -79,7 +89,8 @@ def state_potential(shaping, state, step):
 @inlined
 def q_learning_target(reward, discount, q, next_state):
     """Return r + gamma max_b Q(s', b) (paper E1; Watkins 1989)."""
-    return reward + discount * np.float64(highest(q[0], next_state))
+    real = q.dtype.type  # the precision of the table, as in the fast loop
+    return real(reward) + real(discount) * highest(q[0], next_state)
 
 
 @inlined
@@ -122,6 +133,47 @@ def td_target(rule, reward, discount, q, next_state, next_action, values, table,
 def counted_row(q, table, state):
     """Return the row in which the updates of a state are counted; each table counts its own."""
     return np.uint64(table) * np.uint64(q.shape[1]) + state
+
+
+@inlined
+def move(q, place, rate, target):
+    """Move Q in a place (table, state, action) towards a target, in the table's precision."""
+    real, old = q.dtype.type, q[place]
+    q[place] = old + real(rate) * (real(target) - old)
+
+
+# -- ties: Q-learning has a fast loop too and draws them as there, a visit ahead; others at once ---
+
+
+@inlined
+def draw_ties(ties, key):
+    """Draw the bits that break each state's ties before learning, (S,)."""
+    for state in range(np.uint64(ties.shape[0])):
+        ties[state] = tie_bits(key, state)
+
+
+@inlined
+def act(rule, values, ties, state, step, counter):
+    """Return the action taken in a state on these acting values, its bits and the counter."""
+    tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)
+    return choose(rule.exploration, values, tie, step, counter)
+
+
+@inlined
+def renew_tie(rule, ties, values, new, state, action, bits):
+    """Let the bits of an update break a state's ties from now on, where the fast loop draws again.
+
+    That is where the action's value, which was in `values` and is `new`, changed and is or was the
+    highest, or where it did not change and the action is the one that had been drawn.
+    """
+    if rule.update == Q_LEARNING:
+        old = values[0, action]
+        if new == old:
+            again = best_of(values, 0, ties[state])[1] & ACTION == action
+        else:
+            again = max(old, new) >= highest(values, 0)
+        if again:
+            ties[state] = bits
 
 
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------
@@ -218,15 +270,16 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
     discount, limit = horizon
     phi, weight = shaping.pair_values, shaping.weight
     advice = phi[: phi.shape[0] if shaping.kind == ADVICE else 0]
-    n_actions = q.shape[2]
-    values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
-    row = np.empty((1, n_actions))
+    shape = 1, q.shape[2]
+    values, next_values, row = np.empty(shape), np.empty(shape), np.empty(shape)
     step, episodes, ended, ended_return = used
     first = Acting(q, advice, at(weight, step), row)
     value = greedy_return(evaluation, model, first) if step > 0 else np.nan
     checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], q[q.shape[0] - 1])
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
+    ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
+    draw_ties(ties, splitmix64(stream[0]))
     while True:
         if step == checkpoint * eval_freq:
             acting = Acting(q, advice, at(weight, step), row)
@@ -239,17 +292,15 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         if is_spent(budget, record, step, episodes) or has_failed(model):
             return step, episodes
         if fresh:
-            state = first_state(model, splitmix64(counter))
-            counter += STRIDE
+            state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
             length, episode_return, carried = 0, 0.0, 0.0
             if shaping.kind == STATE:
                 carried = state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
             acting_values(Acting(q, advice, at(weight, step), row), state, values)
-            action, bits, counter = choose(rule.exploration, values, step, counter)
-        next_state, target, terminated = transition(model, state, action, bits)
+            action, bits, counter = act(rule, values, ties, state, step, counter)
+        next_state, target, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + target
-
         extra, carried = shaping_reward(
             shaping, discount, state, action, next_state, terminated, step, carried
         )
@@ -262,14 +313,14 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         if not terminated:
             acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
             if rule.update == SARSA:
-                next_action, bits, counter = choose(rule.exploration, next_values, step, counter)
+                next_action, bits, counter = act(rule, next_values, ties, next_state, step, counter)
             target = td_target(
                 rule, target, discount, q, next_state, next_action, next_values, table, coin, step
             )
         rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
-        old = np.float64(q[table, state, action])
-        q[table, state, action] = old + rate * (target - old)
-
+        move(q, (table, state, action), rate, target)
+        new = acting_value(q, advice, at(weight, step - 1), state, action)
+        renew_tie(rule, ties, values, new, state, action, bits)
         fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return

@@ -25,6 +25,7 @@ from curricle.learning.general_loop import (
     ShapingKernel,
     acting_values,
     counted_row,
+    move,
     shaping_reward,
     state_potential,
     td_target,
@@ -247,7 +248,8 @@ def write_values(both, learner, state, step):
 def decide(both, learner, rule, state, step, counter):
     """Draw what a learner does in a state, and return the stream's counter."""
     write_values(both, learner, state, step)
-    chosen, bits, counter = choose(rule.exploration, both.values, step, counter)
+    tie = splitmix64(counter)
+    chosen, bits, counter = choose(rule.exploration, both.values, tie, step, counter)
     both.action[learner], both.bits[learner] = chosen, bits
     return counter
 
@@ -307,8 +309,7 @@ def learn_from(both, rule, discount, taken, step, counter):
                 coin,
                 step,
             )
-        old = np.float64(q[table, state, action])
-        q[table, state, action] = old + rate * (target - old)
+        move(q, (table, state, action), rate, target)
     return counter
 
 
@@ -354,7 +355,9 @@ def train_guarded(
         if fresh or rule.update != SARSA:
             counter = decide(both, acting, rule, state, step, counter)
         action = both.action[acting]
-        next_state, reward, terminated = transition(model, state, action, both.bits[acting])
+        next_state, reward, terminated = transition(
+            model, state, action, splitmix64(both.bits[acting])
+        )
         step, length, episode_return = step + 1, length + 1, episode_return + reward
         taken = state, action, reward, next_state, terminated
         counter = learn_from(both, rule, discount, taken, step, counter)

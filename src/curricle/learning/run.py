@@ -171,8 +171,7 @@ class Run:
             initial = shaping.potential if shaping.starts_at_potential else None
             seed.out[...] = q.mean(axis=0) + shaping.offset(steps)
             seed.out[self._only_ends(seed.record, q, initial)] = 0.0
-        own = shaping.own_rewards or shaping.potential is None
-        advice = shaping.advice(steps)
+        own, advice = shaping.own_rewards, shaping.advice(steps)
         return self._outcome(seed, steps, episodes, own_rewards=own, advice=advice)
 
     def _train_guarded(self, seed: _Seed, guard: Guard, shaping: Shaping) -> Outcome:

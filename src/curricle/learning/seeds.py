@@ -106,7 +106,8 @@ def _checked_shaping(
     shaping.check(learner)
     if shaping.guard is not None and shaping.potential is None:
         raise SettingError("a guard needs a potential: got a shaping without one")
-    return fitted(shaping)
+    shaping = fitted(shaping)
+    return None if shaping.potential is None else shaping  # nothing added is no shaping
 
 
 def _check_limits(limits: tuple[int, int], seed: int, warm_up: WarmUp, charged: int) -> None:

@@ -55,8 +55,6 @@ class Shaping(ABC):
     """Whether Q starts at the potential, so that learning itself is plain."""
     reads_values: ClassVar[bool] = True
     """Whether it uses the potential's values, so that these can be calibrated or forecast."""
-    own_rewards: ClassVar[bool] = True
-    """Whether Q plus the offset is in the task's own rewards, so that it can be handed on."""
 
     def __post_init__(self) -> None:
         if self.guard is not None:
@@ -76,6 +74,11 @@ class Shaping(ABC):
     def last_weight(self) -> float:
         """The factor of the potential's values in the long run."""
         return 1.0
+
+    @property
+    def own_rewards(self) -> bool:
+        """Whether Q plus the offset is in the task's own rewards, so that it can be handed on."""
+        return self.claim not in ("one_way_in", "added_rewards")
 
     @property
     def name(self) -> str:
@@ -225,7 +228,6 @@ class LookBackAdvice(Shaping):
     guard: Guard | None = None
 
     claim: ClassVar[Claim] = "one_way_in"
-    own_rewards: ClassVar[bool] = False
 
     def check(self, learner: Any) -> None:
         """Raise SettingError unless the learner is on-policy SARSA."""
@@ -250,6 +252,9 @@ class LookBackAdvice(Shaping):
 @dataclass(frozen=True)
 class StateShaping(Shaping):
     """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
+
+    Q is learnt as Q* - Phi. Where Phi changes with time Q lags behind it: a state holds the Phi of
+    its last visits, so that the values are not in the task's own rewards, by no known amount.
 
     Parameters
     ----------
@@ -276,6 +281,11 @@ class StateShaping(Shaping):
         """The last weight of the potential."""
         phi = self.potential
         return float(phi.weight.last) if isinstance(phi, StatePotential) else 1.0
+
+    @property
+    def own_rewards(self) -> bool:
+        """Whether Phi never changes."""
+        return not (isinstance(self.potential, StatePotential) and self.potential.changes)
 
     def _added(self) -> dict[str, Any]:
         phi = self.potential
@@ -366,7 +376,6 @@ class RewardBonus(Shaping):
     guard: Guard | None = None
 
     claim: ClassVar[Claim] = "added_rewards"
-    own_rewards: ClassVar[bool] = False
 
     def _added(self) -> dict[str, Any]:
         return {"kind": BONUS, "pair_values": self.potential.values}

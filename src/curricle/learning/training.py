@@ -20,10 +20,10 @@ from curricle.learning.stopping import (
     Budget,
     StoppingKernel,
     StoppingRule,
+    levels,
     limits,
     longest_run,
     spacing,
-    stopping_level,
 )
 from curricle.learning.storage import Storage, rows_allowed
 from curricle.planning.greedy import TIED
@@ -156,7 +156,7 @@ def stopping_kernel(budget: Budget, task: Task, evaluation: GreedyEvaluation) ->
     """Return the stopping rule of a budget for the compiled loops, which may have none."""
     if not isinstance(budget, StoppingRule):
         return NEVER_STOPS
-    return budget.kernel(stopping_level(budget, task, evaluation))
+    return budget.kernel(*levels(budget, task, evaluation))
 
 
 def given_or_default(name: str, given: Any, kind: type, default: type | None = None) -> Any:

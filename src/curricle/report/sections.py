@@ -144,6 +144,8 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any
         sentences.append(f"{words[0].upper()}{words[1:]}.")
     if name in comparison.verdicts:
         sentences += _reason(comparison, name)
+    if unlearnt := row["unlearnt"]:
+        sentences.append(f"{unlearnt[0].upper()}{unlearnt[1:]}.")
     control = comparison[name].control
     return Finding(name, control, tone, contrast.answer, tuple(sentences), contrast.strong_gain)
 

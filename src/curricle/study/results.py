@@ -23,6 +23,7 @@ from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, curve_columns, joined_results
 from curricle.learning.saved_result import check_result_arrays
+from curricle.learning.stopping import UNLEARNT
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
 from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record
@@ -520,4 +521,10 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
             f"{record.total:,} in its sources, and the smallest total is {total:,}; {SAME_TOTAL}"
         )
     arm = Arm.of(result, spent, total, record.eval_freq, scratch=record.arms[name].scratch)
+    unlearnt = {
+        task: np.array([ended[seed] == UNLEARNT for seed in result.seeds])
+        for task in record.arms[name].nodes
+        if task != record.target and (ended := study.ended_by(name, task))
+    }
+    arm = replace(arm, unlearnt=unlearnt)
     return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))

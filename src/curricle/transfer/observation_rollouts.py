@@ -13,7 +13,7 @@ from curricle.array_types import FloatArray
 from curricle.frozen_arrays import frozen
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.target import ROLLOUTS, Target
+from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
 from curricle.transfer.potentials import ObservationPotential
@@ -83,10 +83,15 @@ class Environments:
             environment.close()
 
 
-def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
-    """Return the mean over episodes of their discounted sums of rewards."""
+def episode_returns(episodes: Sequence[ObservationEpisode], discount: float) -> FloatArray:
+    """Return the discounted sum of rewards of each episode."""
     sums = [episode.rewards @ discount ** np.arange(len(episode.rewards)) for episode in episodes]
-    return float(np.mean(sums))
+    return np.array(sums)
+
+
+def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
+    """Return the mean of these."""
+    return float(episode_returns(episodes, discount).mean())
 
 
 def greedy_episodes(
@@ -223,10 +228,20 @@ class ObservationTarget:
     optimum: float = float("nan")
 
     @cached_property
+    def _random_returns(self) -> FloatArray:
+        found = random_episodes(self.task, episodes=self.episodes)
+        return episode_returns(found, self.evaluation.discount(self.task))
+
+    @property
     def random_return(self) -> float:
         """The mean return of the random policy."""
-        found = random_episodes(self.task, episodes=self.episodes)
-        return mean_episode_return(found, self.evaluation.discount(self.task))
+        return float(self._random_returns.mean())
+
+    @property
+    def floor(self) -> float:
+        """The return above which something was learnt: the random policy's and its noise."""
+        noise = self._random_returns.std(ddof=1) / np.sqrt(self.episodes)
+        return self.random_return + STANDARD_ERRORS * float(noise)
 
     @property
     def episodes(self) -> int:
