@@ -1,7 +1,6 @@
 """The proven error of exact planning: never exceeded, against exact rational arithmetic."""
 
 from fractions import Fraction
-from itertools import product
 
 import numpy as np
 import pytest
@@ -9,56 +8,10 @@ import pytest
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.planning import solution as planning_module
-from curricle.tasks.mdp import improper_states
 from tests import tasks
+from tests.enumeration import exact_action_values, exact_optimum, exact_values
 
 SCALES = (1e-9, 1.0, 1e7)
-
-
-def exact_values(mdp, policy):
-    """Return V of a policy of one action a state, by elimination in exact rational numbers."""
-    n, gamma = mdp.states.size, Fraction(mdp.discount)
-    rows = [[Fraction(int(i == j)) for j in range(n)] + [Fraction(0)] for i in range(n)]
-    for s in np.flatnonzero(~mdp.terminal):
-        row = mdp.outcome_row[s, policy[s]]
-        for p, after, r in zip(
-            mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True
-        ):
-            rows[s][-1] += Fraction(p) * Fraction(r)
-            if not mdp.terminal[after]:
-                rows[s][after] -= gamma * Fraction(p)
-    for i in range(n):
-        pivot = next(j for j in range(i, n) if rows[j][i] != 0)
-        rows[i], rows[pivot] = rows[pivot], rows[i]
-        rows[i] = [x / rows[i][i] for x in rows[i]]
-        for j in range(n):
-            if j != i and rows[j][i] != 0:
-                rows[j] = [x - rows[j][i] * y for x, y in zip(rows[j], rows[i], strict=True)]
-    return [row[-1] for row in rows]
-
-
-def exact_optimum(mdp):
-    """Return V*, of the best of all policies of one action a state."""
-    n, n_actions = mdp.outcome_row.shape
-    acting = np.flatnonzero(~mdp.terminal)
-    best = [None] * n
-    for chosen in product(range(n_actions), repeat=len(acting)):
-        policy = np.zeros(n, np.int64)
-        policy[acting] = chosen
-        values = exact_values(mdp, policy)
-        best = [v if b is None else max(v, b) for v, b in zip(values, best, strict=True)]
-    return best
-
-
-def exact_action_values(mdp, values):
-    """Return Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')) of states that are not terminal."""
-    gamma = Fraction(mdp.discount)
-    found = {}
-    for s, a in product(np.flatnonzero(~mdp.terminal), range(mdp.actions.size)):
-        row = mdp.outcome_row[s, a]
-        outcomes = zip(mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True)
-        found[s, a] = sum(Fraction(p) * (Fraction(r) + gamma * values[t]) for p, t, r in outcomes)
-    return found
 
 
 def within_the_bound(found, mdp, values):
@@ -270,15 +223,7 @@ def test_stochastic_shortest_paths_are_within_their_bound(scale):
         except SettingError as refusal:
             assert "no way leads to an end" in str(refusal)  # noqa: PT017
             continue
-        best = None
-        for chosen in product(range(2), repeat=3):
-            policy = np.array([*chosen, 0])
-            taken = np.arange(2) == policy[:, None]
-            if improper_states(mdp, taken).size:
-                continue
-            values = exact_values(mdp, policy)
-            best = values if best is None else list(map(max, best, values))
-        assert within_the_bound(found, mdp, best)
+        assert within_the_bound(found, mdp, exact_optimum(mdp))
         assert found.error_bound <= 1e-6 * abs(found.values).max()
 
 
