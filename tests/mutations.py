@@ -389,6 +389,60 @@ MUTATIONS = [
         "",
         (f"{TABULATE}::test_observations_that_several_states_show_show_none",),
     ),
+    Mutation(
+        "a bound of mappings at another discount than the task's",
+        "transfer/task_pair.py",
+        "solution if tables(task).discount < 1 else solve(task)",
+        "solution",
+        (
+            "tests/property/test_found_mappings.py::test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks",
+        ),
+    ),
+    Mutation(
+        "pairs of different values in a homomorphism",
+        "transfer/bisimulation.py",
+        "tasks.apart(index) <= 2 * error",
+        "tasks.apart(index) < np.inf",
+        (
+            "tests/property/test_found_mappings.py::test_a_homomorphism_maps_no_pairs_whose_values_differ",
+        ),
+    ),
+    Mutation(
+        "distances below the difference of two values",
+        "transfer/bisimulation.py",
+        "np.maximum(states, abs(np.subtract.outer(*values)) + self.slack, out=states)",
+        "pass",
+        (
+            "tests/property/test_found_mappings.py::test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks",
+        ),
+    ),
+    Mutation(
+        "F that is off by its rounding is called safe",
+        "certificate/certification.py",
+        "reach = 2 * off * _longest(met.mdp)",
+        "reach = 2 * EPSILON * shaped.largest",
+        (
+            "tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",
+        ),
+    ),
+    Mutation(
+        "rewards below the normal numbers have no error",
+        "planning/solution.py",
+        "rounding += unit / EPSILON * TINIEST",
+        "pass",
+        (
+            "tests/oracle/test_proven_errors.py::test_rewards_below_the_normal_numbers_have_an_error_too",
+        ),
+    ),
+    Mutation(
+        "a way that goes on for ever without cost has an optimum",
+        "planning/direct.py",
+        "left < 1 and 0 < over <= cost",
+        "left < 1",
+        (
+            "tests/oracle/test_proven_errors.py::test_ways_in_a_graph_are_solved_or_refused_as_they_should_be",
+        ),
+    ),
 ]
 
 

@@ -116,6 +116,8 @@ class Comparison:
         for them, and so hold at whichever look it stopped.
     stopped : str
         What ended the adding of seeds, in words; empty where their number was given.
+    threshold_from : str
+        Where the threshold comes from, in words.
     """
 
     target: str
@@ -127,6 +129,7 @@ class Comparison:
     failed: Mapping[str, Exception] = field(default_factory=dict)
     looks: Looks = ONE_LOOK
     stopped: str = ""
+    threshold_from: str = ""
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
@@ -357,8 +360,13 @@ class Comparison:
             f"{self.target!r} in {self.total:,} steps, sources charged, evaluations free; "
             f"{counted(self.seeds, 'seed')}"
             f"{self.stopped and f' ({self.stopped})'}; "
-            f"threshold {or_dash(self.threshold, '.4g')}"
+            f"threshold {or_dash(self.threshold, '.4g')}{self.threshold_source}"
         )
+
+    @property
+    def threshold_source(self) -> str:
+        """Where the threshold comes from, in brackets after a space; empty where not known."""
+        return self.threshold_from and f" ({self.threshold_from})"
 
     def _cells(self, name: str) -> tuple[str, ...]:
         """Return an arm's row of the printed table: as many texts as `HEADS` has."""
