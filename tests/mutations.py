@@ -392,8 +392,8 @@ MUTATIONS = [
     Mutation(
         "a bound of mappings at another discount than the task's",
         "transfer/task_pair.py",
-        "solution if tables(task).discount < 1 else solve(task)",
-        "solution",
+        "s if tables(task).discount < 1 else solve(task)",
+        "s",
         (
             "tests/property/test_found_mappings.py::test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks",
         ),
@@ -401,8 +401,8 @@ MUTATIONS = [
     Mutation(
         "pairs of different values in a homomorphism",
         "transfer/bisimulation.py",
-        "tasks.apart(index) <= 2 * error",
-        "tasks.apart(index) < np.inf",
+        "apart(index, *solutions) <= error",
+        "apart(index, *solutions) < np.inf",
         (
             "tests/property/test_found_mappings.py::test_a_homomorphism_maps_no_pairs_whose_values_differ",
         ),
@@ -410,8 +410,8 @@ MUTATIONS = [
     Mutation(
         "distances below the difference of two values",
         "transfer/bisimulation.py",
-        "np.maximum(states, abs(np.subtract.outer(*values)) + self.slack, out=states)",
-        "pass",
+        "np.maximum(states, abs(between)) + error",
+        "states + error",
         (
             "tests/property/test_found_mappings.py::test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks",
         ),
@@ -435,12 +435,12 @@ MUTATIONS = [
         ),
     ),
     Mutation(
-        "a way that goes on for ever without cost has an optimum",
+        "shortest paths without an error",
         "planning/direct.py",
-        "left < 1 and 0 < over <= cost",
-        "left < 1",
+        "(max(lower, upper) + rounding)",
+        "0.0",
         (
-            "tests/oracle/test_proven_errors.py::test_ways_in_a_graph_are_solved_or_refused_as_they_should_be",
+            "tests/oracle/test_proven_errors.py::test_stochastic_shortest_paths_are_within_their_bound",
         ),
     ),
 ]

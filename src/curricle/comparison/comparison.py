@@ -360,13 +360,9 @@ class Comparison:
             f"{self.target!r} in {self.total:,} steps, sources charged, evaluations free; "
             f"{counted(self.seeds, 'seed')}"
             f"{self.stopped and f' ({self.stopped})'}; "
-            f"threshold {or_dash(self.threshold, '.4g')}{self.threshold_source}"
+            f"threshold {or_dash(self.threshold, '.4g')}"
+            f"{self.threshold_from and f' ({self.threshold_from})'}"
         )
-
-    @property
-    def threshold_source(self) -> str:
-        """Where the threshold comes from, in brackets after a space; empty where not known."""
-        return self.threshold_from and f" ({self.threshold_from})"
 
     def _cells(self, name: str) -> tuple[str, ...]:
         """Return an arm's row of the printed table: as many texts as `HEADS` has."""

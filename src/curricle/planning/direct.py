@@ -3,11 +3,10 @@
 Sweeps take as many steps as an episode has; a direct solution does not. It proves nothing by
 itself: the caller backs its values up and bounds what is left.
 
-At discount 1 some policy may never end. Where each such policy costs without bound and another ends
-from every state, V* is finite, and solves V = TV alone (Bertsekas, Tsitsiklis 1991). Two things
-prove it here, and bound the error. If W >= TW + c everywhere, c > 0, then r <= W - PW - c, so that
-no policy that goes on for ever gets more than -c a step. And if TV <= V + d, then U = V + t (W - V)
-with t = d / c <= 1 has TU <= U, hence U >= V* (Bertsekas 2012, volume II, proposition 3.2.1).
+At discount 1 some policy may never end. Where each such policy costs without bound, V* is finite
+and solves V = TV alone (Bertsekas, Tsitsiklis 1991). Two things prove it, and bound the error. If
+W >= TW + c, c > 0, then r <= W - PW - c: what goes on for ever gets at most -c a step. And if
+TV <= V + d, then U = V + t (W - V) with t = d / c <= 1 has TU <= U, hence U >= V*.
 """
 
 import warnings
@@ -68,15 +67,15 @@ def backed_up(model: TabularPlanningModel, values: FloatArray) -> FloatArray:
     return np.where(model.terminal[:, None], 0.0, rows[mdp.outcome_row])
 
 
-def best_policy(
-    model: TabularPlanningModel, policy: IntArray, unit: float
-) -> tuple[FloatArray, IntArray]:
+def best_policy(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, IntArray]:
     """Return V of the policy that policy iteration ends with, (S,), and its actions (Howard 1960).
 
-    It starts from a policy that ends. At discount 1 a policy that improves one is improper only if
-    what it does for ever costs nothing: then it is returned with values that are not finite.
+    It starts from a policy that ends. At discount 1 one that improves it never ends only if it need
+    not pay for going on: it is returned with values that are not finite.
     """
-    places = np.arange(len(policy))
+    mdp, places = model.mdp, np.arange(len(model.terminal))
+    nearest = np.where(mdp.probability > 0, steps_to(mdp, mdp.terminal)[mdp.next_state], np.inf)
+    policy = nearest.min(axis=1)[mdp.outcome_row].argmin(axis=1)
     for _ in range(MOST_IMPROVEMENTS):
         values = policy_values(model, policy)
         q = backed_up(model, values)
@@ -86,22 +85,14 @@ def best_policy(
         if not gains.any():  # also where values are not finite
             break
         policy = np.where(gains, better, policy)
-        taken = np.arange(model.n_actions) == policy[:, None]
-        if model.discount == 1 and improper_states(model.mdp, taken).size:
+        if model.discount == 1 and _endless(model, policy).size:
             return np.full(len(policy), np.nan), policy
     return values, policy
 
 
-def proper_policy(mdp: FiniteMDP) -> IntArray:
-    """Return the actions that may lead to the nearest end, (S,): they end where any policy does."""
-    away = steps_to(mdp, mdp.terminal)
-    after = np.where(mdp.probability > 0, away[mdp.next_state], np.inf).min(axis=1)
-    return np.asarray(after[mdp.outcome_row].argmin(axis=1))
-
-
-def best_values(model: TabularPlanningModel, unit: float) -> FloatArray:
-    """Return V* up to rounding, (S,); at discount 1 every policy must end."""
-    return best_policy(model, proper_policy(model.mdp), unit)[0]
+def _endless(model: TabularPlanningModel, policy: IntArray) -> IntArray:
+    """Return the states from which a policy never ends."""
+    return improper_states(model.mdp, np.arange(model.n_actions) == policy[:, None])
 
 
 def shortest_paths(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, float]:
@@ -110,32 +101,24 @@ def shortest_paths(model: TabularPlanningModel, unit: float) -> tuple[FloatArray
     `unit` is the relative rounding error of a backup. SettingError where there is no finite V*, or
     where an endless way costs less than can be told from nothing.
     """
-    mdp = model.mdp
-    away = steps_to(mdp, mdp.terminal)
-    if len(away) > LARGEST_DIRECT or np.isinf(away).any():
-        state, why = int(improper_states(mdp)[0]), f"{len(away):,} states are too many to tell"
-        if np.isinf(away).any():
-            state, why = int(away.argmax()), "no way leads to an end"
-        raise _endless(mdp, state, why)
-    values, policy = best_policy(model, proper_policy(mdp), unit)
-    costs, last = COSTS * model.largest_reward, policy
-    for cost in costs if np.isfinite(values).all() else ():
-        paid = replace(model, mean_reward=model.mean_reward + cost)
-        above, last = best_policy(paid, policy, unit)
-        error = _error(model, policy, unit, values, above)
-        if error < np.inf:
-            return values, error
-    endless = improper_states(mdp, np.arange(model.n_actions) == last[:, None])
-    state = int(endless[0] if endless.size else improper_states(mdp)[0])
-    raise _endless(mdp, state, "the way costs nothing")
-
-
-def _endless(mdp: FiniteMDP, state: int, why: str) -> SettingError:
-    """Return the error that there is no finite optimum."""
-    return SettingError(
+    away = steps_to(model.mdp, model.mdp.terminal)
+    endless, why = np.flatnonzero(np.isinf(away)), "no way leads to an end"
+    if not endless.size and len(away) > LARGEST_DIRECT:
+        endless, why = improper_states(model.mdp), f"{len(away):,} states are too many to tell"
+    if not endless.size:
+        (values, policy), why = best_policy(model, unit), "the way costs nothing"
+        endless = _endless(model, policy)
+        for cost in () if endless.size else COSTS * model.largest_reward:
+            above, last = best_policy(replace(model, mean_reward=model.mean_reward + cost), unit)
+            error = _error(model, policy, unit, values, above)
+            if error < np.inf:
+                return values, error
+            endless = _endless(model, last)
+    state = int((endless if endless.size else improper_states(model.mdp))[0])
+    raise SettingError(
         "discount 1 needs every policy considered to end, or to cost without bound: from "
-        f"{state_name(mdp.states, state)} an episode can go on for ever, and {why}; a discount "
-        "below 1 bounds the values"
+        f"{state_name(model.mdp.states, state)} an episode can go on for ever, and {why}; a "
+        "discount below 1 bounds the values"
     )
 
 

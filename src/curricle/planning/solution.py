@@ -21,7 +21,7 @@ from curricle.planning.backups import (
 )
 from curricle.planning.direct import (
     LARGEST_DIRECT,
-    best_values,
+    best_policy,
     policy_values,
     shortest_paths,
     solved,
@@ -290,7 +290,7 @@ def _iterate(
         assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
         if improper_states(model.mdp).size:
             values, error = shortest_paths(model, unit)
-            return values, _allowed(error, 2 * error, tolerance)
+            return values, _within(tolerance, error, 2 * error)
     lengths = _lengths(model, policy, bars)
     horizon = float(np.max(lengths)) + (model.discount == 1)
     if not horizon * model.largest_reward < np.inf:
@@ -306,10 +306,10 @@ def _iterate(
     error = (model.discount * change + rounding) * horizon * (1 + 8 * EPSILON)
     if not error < np.inf:
         raise _unbounded(model, horizon)
-    return values, _allowed(error, 2 * rounding * horizon, tolerance)
+    return values, _within(tolerance, error, 2 * rounding * horizon)
 
 
-def _allowed(error: float, reached: float, tolerance: float | None) -> float:
+def _within(tolerance: float | None, error: float, reached: float) -> float:
     """Return an error, or raise SettingError where it exceeds a tolerance that was given."""
     if tolerance is not None and error > tolerance:
         raise SettingError(
@@ -362,7 +362,7 @@ def _fixed_point(
             _check_work(values, precision, iteration, pairs)
             continue
         unit = precision.unit
-        values = best_values(model, unit) if policy is None else policy_values(model, policy)
+        values = policy_values(model, policy) if policy is not None else best_policy(model, unit)[0]
         once = precision._replace(enough=np.inf)  # what is left is proven by one more sweep
         iteration = Iteration(*iterate(backup, values, once, iteration, 1))
     return values, iteration.change

@@ -25,7 +25,7 @@ from curricle.tasks.loop_cache import compiled_once
 from curricle.tasks.task import Task, tables
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.partition_refinement import Blocks, Model, merged_outcomes, refined
-from curricle.transfer.task_pair import Proposal, TaskPair
+from curricle.transfer.task_pair import Proposal, TaskPair, apart
 
 LARGEST = 20_000_000
 """State-action pairs of both tasks up to which they are refined."""
@@ -60,8 +60,9 @@ def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
         )
     own, other = refined(tasks.models)
     index = equivalent_pairs(own, other)
-    error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
-    index = np.where(tasks.apart(index) <= 2 * error, index, UNMAPPED)
+    solutions = tasks.target_solution, tasks.source_solution
+    error = 2 * sum(solution.error_bound for solution in solutions)
+    index = np.where(apart(index, *solutions) <= error, index, UNMAPPED)
     live = ~tasks.target_mdp.terminal
     share = float((index[live] >= 0).mean())
     if share == 0:
@@ -566,12 +567,11 @@ def lax_bisimulation(
     True
     """
     tasks = TaskPair(target, source)
-    for role, task in (("target", target), ("source", source)):
-        if tables(task).discount == 1:
-            raise MappingError(
-                f"distances need a discount below 1, at which they have a bound: the {role} has 1, "
-                "FoundMapping.bound of find_mappings holds at 1 too"
-            )
+    if 1 in (tables(target).discount, tables(source).discount):
+        raise MappingError(
+            "distances need a discount below 1 in both tasks, at which they have a bound: got 1; "
+            "FoundMapping.bound of find_mappings holds at 1 too"
+        )
     with shown(progress) as bars:
         return _Fixed(tasks, tolerance, bars).bisimulation
 
@@ -635,12 +635,8 @@ class _Fixed:
         (own, _), (other, _) = self.quotients
         discount = self.tasks.target_mdp.discount
         found, error = fixed_point(own, other, discount, self.tolerance, self.bars)
-        return found, error + self.slack
-
-    @property
-    def slack(self) -> float:
-        """How far off a difference of two values may be."""
-        return self.tasks.target_solution.error_bound + self.tasks.source_solution.error_bound
+        slack = self.tasks.target_solution.error_bound + self.tasks.source_solution.error_bound
+        return found, error + slack
 
     @cached_property
     def bisimulation(self) -> LaxBisimulation:
@@ -651,10 +647,11 @@ class _Fixed:
         live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
         index = np.where(live, _first_pairs(source_blocks, len(other.reward))[kind[pairs]], ENDED)
         bound = np.where(live, distance[pairs] + error, 0.0)
-        bound = np.maximum(bound, np.where(live, self.tasks.apart(index) + self.slack, 0.0))
-        states = found.states[blocks.states][:, source_blocks.states] + error
-        values = self.tasks.target_solution.values, self.tasks.source_solution.values
-        np.maximum(states, abs(np.subtract.outer(*values)) + self.slack, out=states)
+        solutions = self.tasks.target_solution, self.tasks.source_solution
+        bound = np.maximum(bound, np.where(live, apart(index, *solutions) + error, 0.0))
+        states = found.states[blocks.states][:, source_blocks.states]
+        between = np.subtract.outer(*(solution.values for solution in solutions))
+        states = np.maximum(states, abs(between)) + error
         return LaxBisimulation(frozen(states), frozen(index), frozen(bound), error)
 
     @property

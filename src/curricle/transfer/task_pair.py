@@ -150,24 +150,14 @@ class TaskPair:
         """The block of each source state, (S',) int64; states of a block behave alike."""
         return refined([model_for_refinement(self.source_mdp)])[0].states
 
-    def apart(self, index: IntArray) -> FloatArray:
-        """Return how far Q* of each target pair is from what it reads, (S, A); NaN where unmapped.
-
-        Of the tables that are solved here; :meth:`bound` is of the tasks themselves.
-        """
-        return _apart(index, self.target_solution, self.source_solution)
-
     @cached_property
     def own_solutions(self) -> tuple[Solution, Solution] | None:
         """Both at their own discounts; None where one is sampled or has no finite Q*."""
         if any(self.sampled):
             return None
-        solved = self.target_solution, self.source_solution
+        judged = (self.target, self.target_solution), (self.source, self.source_solution)
         try:
-            own, other = (
-                solution if tables(task).discount < 1 else solve(task)
-                for task, solution in zip((self.target, self.source), solved, strict=True)
-            )
+            own, other = (s if tables(task).discount < 1 else solve(task) for task, s in judged)
         except SettingError:
             return None
         return own, other
@@ -175,15 +165,15 @@ class TaskPair:
     def bound(self, index: IntArray) -> float:
         """Return a bound of how far Q* of any mapped pair is from what it reads; or `NOT_PROVEN`.
 
-        Both tasks are solved, whatever found the mapping: the largest difference of their Q*, and
-        the proven errors of both. All pairs count, also those that no episode reaches.
+        Both tasks are solved, whatever found the mapping: it is the largest difference of their Q*
+        and their proven errors, over all pairs, also those that no episode reaches.
         """
         mapped = (index != UNMAPPED) & ~self.target_mdp.terminal[:, None]
         if self.own_solutions is None or not mapped.any():
             return NOT_PROVEN
-        own, other = self.own_solutions
-        most = float(_apart(index, own, other)[mapped].max())
-        return (most + own.error_bound + other.error_bound) * (1 + 4 * EPSILON)
+        most = apart(index, *self.own_solutions)[mapped].max()
+        error = sum(solution.error_bound for solution in self.own_solutions)
+        return float((most + error) * (1 + 4 * EPSILON))
 
     def proposal(self, index: IntArray, how: str) -> "Proposal":
         """Return the proposal to read the source through an index, (S, A), and how it was found."""
@@ -191,7 +181,7 @@ class TaskPair:
         return Proposal(mapping, how, self.bound(index))
 
 
-def _apart(index: IntArray, own: Solution, other: Solution) -> FloatArray:
+def apart(index: IntArray, own: Solution, other: Solution) -> FloatArray:
     """Return abs(Q*(s, a) - Q* of the pair that it reads), (S, A); NaN where it reads none."""
     read = np.where(index >= 0, other.action_values.ravel()[np.maximum(index, 0)], 0.0)
     return np.asarray(abs(own.action_values - np.where(index == UNMAPPED, np.nan, read)))
