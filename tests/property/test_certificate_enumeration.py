@@ -167,14 +167,17 @@ def exact_q(mdp):
     )
 
 
-FLIPPED = [1774, 4685]  # by F's rounding: a difference of .01 beside 1e15, and one below all errors
+FLIPPED = [1774, 6257]  # by F's rounding: a difference of .01 beside 1e15, and one of 8e-26
 
 
 @pytest.mark.parametrize(
     "seeds", [[*range(300), *FLIPPED], pytest.param(range(50_000), marks=pytest.mark.slow)]
 )
 def test_no_reward_is_safe_that_changes_what_is_optimal(seeds):
-    """An action that is optimal for r + F, in exact numbers, loses nothing in the task."""
+    """An action that is optimal for r + F, in exact numbers, loses nothing in the task.
+
+    But for what two values may differ by and still count as tied, as F is taken up to rounding.
+    """
     answers = {True: 0, None: 0, False: 0}
     for seed in seeds:
         task, f, exact = nearly_shaped(np.random.default_rng(seed))
@@ -184,5 +187,5 @@ def test_no_reward_is_safe_that_changes_what_is_optimal(seeds):
             met = reachable_states(task) & ~task.terminal
             q, acted = exact_q(task)[met], exact_q(exact)[met]
             lost = (q.max(axis=1, keepdims=True) - q)[acted == acted.max(axis=1, keepdims=True)]
-            assert max(lost) == 0, (seed, float(max(lost)), found)
+            assert max(lost) <= 2 * Fraction(cr.solve(task).error_bound), (seed, float(max(lost)))
     assert min(answers.values()) > len(seeds) / 30, answers
