@@ -603,6 +603,60 @@ MUTATIONS = [
             "tests/unit/test_verdicts.py::test_no_difference_is_shown_beside_an_interval_that_holds_0",
         ),
     ),
+    Mutation(
+        "a bound of mappings at another discount than the task's",
+        "transfer/task_pair.py",
+        "s if tables(task).discount < 1 else solve(task)",
+        "s",
+        (
+            "tests/property/test_found_mappings.py::test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks",
+        ),
+    ),
+    Mutation(
+        "pairs of different values in a homomorphism",
+        "transfer/bisimulation.py",
+        "apart(index, *solutions) <= error",
+        "apart(index, *solutions) < np.inf",
+        (
+            "tests/property/test_found_mappings.py::test_a_homomorphism_maps_no_pairs_whose_values_differ",
+        ),
+    ),
+    Mutation(
+        "distances below the difference of two values",
+        "transfer/bisimulation.py",
+        "np.maximum(states, abs(between)) + error",
+        "states + error",
+        (
+            "tests/property/test_found_mappings.py::test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks",
+        ),
+    ),
+    Mutation(
+        "F that is off by its rounding is called safe",
+        "certificate/certification.py",
+        "reach = 2 * off * _longest(met.mdp)",
+        "reach = 2 * EPSILON * shaped.largest",
+        (
+            "tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",
+        ),
+    ),
+    Mutation(
+        "rewards below the normal numbers have no error",
+        "planning/solution.py",
+        "rounding += unit / EPSILON * TINIEST",
+        "pass",
+        (
+            "tests/oracle/test_proven_errors.py::test_rewards_below_the_normal_numbers_have_an_error_too",
+        ),
+    ),
+    Mutation(
+        "shortest paths without an error",
+        "planning/direct.py",
+        "(max(lower, upper) + rounding)",
+        "0.0",
+        (
+            "tests/oracle/test_proven_errors.py::test_stochastic_shortest_paths_are_within_their_bound",
+        ),
+    ),
 ]
 
 

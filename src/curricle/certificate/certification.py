@@ -132,7 +132,9 @@ def certify(
     shaping safe: F comes from a potential that is 0 at the ends, with the task's discount, and for
     a bonus or reward up to rounding; or advice has a last weight of 0 or one value for all actions.
     It is undecided also then if a known difference of two actions above the tolerance vanishes, in
-    double precision, beside the numbers that the potential adds to it.
+    double precision, beside what the potential adds to it in all steps of an episode, and for a
+    bonus or reward if differences too small to be known may. Where states are not compared, a
+    finding says so.
 
     Examples
     --------
@@ -375,8 +377,10 @@ def _exact_certificate(shaping: CheckedShaping, tolerance: float) -> Certificate
     else:
         shaped = shaped_task.shaped_values(shaping, own, met)
     found = compare_actions(own.action_values[met.states], own.error_bound, shaped, tolerance)
-    theorem = _theorem(shaping, met.ends, behind)
-    holds, undecided = _decided(met, own, shaped, found, theorem)
+    # At discount 1 the sum of F need not vanish in an episode without an end.
+    endless = mdp.discount == 1 and improper_states(mdp).size > 0
+    theorem = None if endless else _theorem(shaping, met.ends, behind)
+    holds, undecided = _decided(met, own, shaped, found, theorem, behind)
     if shaping.changing:
         findings += ("the potential changes while learning; its last values were compared",)
     loss = 0.0 if holds and theorem is not None and behind is None else found.loss
@@ -402,22 +406,40 @@ def _decided(
     shaped: ShapedValues,
     found: ActionComparison,
     theorem: str | None,
+    behind: Origin | None,
 ) -> tuple[bool | None, tuple[str, ...]]:
-    """Return whether the optimal actions are the same, and where that is undecided."""
+    """Return whether the optimal actions are the same, and where that is undecided.
+
+    A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that was
+    given is off by its residual besides, so that a difference of two actions changes by up to twice
+    that in every step of an episode. Up to there nothing is certain: neither of a known difference
+    nor, where F was given, of one that is too small to be known.
+    """
     if found.lost.any() or found.given_up.any():
         return False, ()
     if theorem is None:
         undecided = found.undecided.any()
         return (None, (too_close(met, own, shaped, found),)) if undecided else (True, ())
-    # A theorem holds in exact arithmetic. In double precision .01 vanishes beside 1e14.
-    vanishing = (found.short > found.error) & (found.short <= 2 * EPSILON * shaped.largest)
-    hidden = found.short[vanishing].max(initial=0.0)
+    off = 3 * EPSILON * shaped.largest + (0.0 if behind is None else behind.plain.worst)
+    reach = 2 * off * _longest(met.mdp)
+    vanishing = (found.short > found.error) & (found.short <= reach)
+    hidden = float(found.short[vanishing].max(initial=0.0))
+    if behind is not None and reach > found.error and (found.optimal.sum(axis=1) > 1).any():
+        hidden = max(hidden, found.error)
     if hidden <= found.tolerance:
         return True, ()
     return None, (
         f"by theory ({theorem}) the shaping is safe, but beside numbers of {shaped.largest:.2g} "
         f"differences of {hidden:.2g} between actions vanish in double precision",
     )
+
+
+def _longest(mdp: FiniteMDP) -> float:
+    """Return a bound of the expected (discounted) steps of an episode."""
+    if mdp.discount < 1:
+        return 1 / (1 - mdp.discount)
+    steps = solve(replace(mdp, reward=frozen(np.ones_like(mdp.reward))))
+    return float(steps.values.max()) + steps.error_bound
 
 
 def _several_entries(shaping: CheckedShaping, met: Reachable) -> str | None:
@@ -453,6 +475,11 @@ def _without_comparison(
     if not applies:
         return Certificate(None, name, tolerance=tolerance, findings=findings)
     theorem = THEOREMS[claim]
+    if claim != "added_values":
+        findings += (
+            "differences between actions that are less than the rounding of F, in every step of "
+            "an episode, vanish in double precision",
+        )
     return Certificate(
         True, name, 0, theorem, tolerance, loss=0.0, total_loss=0.0, findings=findings
     )

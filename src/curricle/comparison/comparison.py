@@ -119,6 +119,8 @@ class Comparison:
         What ended the adding of seeds, in words; empty where their number was given.
     interim : str
         That seeds of the plan are to come, in words: then there is no verdict and no p-value.
+    threshold_from : str
+        Where the threshold comes from, in words.
     """
 
     target: str
@@ -131,6 +133,7 @@ class Comparison:
     looks: Looks = ONE_LOOK
     stopped: str = ""
     interim: str = ""
+    threshold_from: str = ""
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
@@ -376,6 +379,7 @@ class Comparison:
             f"{counted(self.seeds, 'seed')}"
             f"{self.stopped and f' ({self.stopped})'}; "
             f"threshold {or_dash(self.threshold, '.4g')}"
+            f"{self.threshold_from and f' ({self.threshold_from})'}"
         )
 
     def _cells(self, name: str) -> tuple[str, ...]:

@@ -30,9 +30,10 @@ from curricle.tasks.generative_models import (
     truncated,
 )
 from curricle.tasks.live import is_live, open_model
-from curricle.tasks.mdp import NO_LIMIT
+from curricle.tasks.mdp import NO_LIMIT, improper_states
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.overloads import Overloaded, compiled, inlined
+from curricle.tasks.spaces import state_name
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 Method = Literal["auto", "exact", "rollouts", "off"]
@@ -228,6 +229,11 @@ class GreedyEvaluation:
             )
         if 0 < discount < 1:
             return int(np.ceil(np.log(NEGLIGIBLE) / np.log(discount)))
+        if discount == 1 and (endless := improper_states(tables(task))).size:
+            raise SettingError(
+                "an evaluation at discount 1 needs a time limit, time_limit=, where episodes can "
+                f"go on for ever: they can from {state_name(task.states, int(endless[0]))}"
+            )
         return 1 if discount == 0 else int(NO_LIMIT)
 
 

@@ -241,6 +241,8 @@ class StudyRecord(CurriculaRecord):
     seeds: tuple[Count, ...]
     threshold: float | None
     """The file's, or what the target's optimum gives; None where that is not known."""
+    threshold_from: str = ""
+    """In words; empty in records of earlier versions."""
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
     target: str

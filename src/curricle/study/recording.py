@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from curricle.comparison.comparing import threshold_of_optimum
+from curricle.comparison.comparing import OF_OPTIMUM, STATED, threshold_of_optimum
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
@@ -38,15 +38,15 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     """Return the record of a study, before it is run."""
     curricula = curricula_record(arms.curricula, arms.keys, arms.scratches, study.variants or {})
     first = next(iter(arms.curricula.values()))
-    threshold = study.threshold
+    threshold, level = study.threshold, STATED
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
         node = first.node(arms.target)
-        threshold = threshold_of_optimum(target_of(node.task, node.evaluation))
+        threshold, level = threshold_of_optimum(target_of(node.task, node.evaluation)), OF_OPTIMUM
     of_study = {name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots")}
     of_arms = {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
     problem = task_summary(first.tasks[arms.target])
     both = {"tasks": curricula.tasks, "arms": curricula.arms, **of_study, **of_arms}
-    return StudyRecord(threshold=threshold, problem=problem, **both)
+    return StudyRecord(threshold=threshold, threshold_from=level, problem=problem, **both)
 
 
 def curricula_record(

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
+from curricle.comparison.comparing import MIDPOINT
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
@@ -478,9 +479,9 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 failed[label] = StudyError(study.failed[name])
             elif name != SCRATCH:
                 found[label] = _arm(study, name, total, seeds)
-    threshold = first.threshold
+    threshold, level = first.threshold, first.threshold_from
     if threshold is None:
-        threshold = midpoint(found[SCRATCH].curve)
+        threshold, level = midpoint(found[SCRATCH].curve), MIDPOINT
     budget = min(study.record.budget or 0 for study in studies)
     planned = set.intersection(*(set(study.record.seeds) for study in studies))
     lacking, interim = any(study.lacks_arms for study in studies), ""
@@ -488,8 +489,8 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         some = " of some arms" * lacking
         interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
-    curves = first.target, found, budget, total, threshold, window, failed
-    return Comparison(*curves, interim=interim)
+    spans = budget, total, threshold, window
+    return Comparison(first.target, found, *spans, failed, interim=interim, threshold_from=level)
 
 
 def _prefixes(studies: Sequence[StudyResults]) -> list[str]:

@@ -88,6 +88,22 @@ def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
         staying = remains
 
 
+def steps_to(mdp: Any, goal: BoolArray, among: BoolArray | None = None) -> FloatArray:
+    """Return the fewest steps with which each of some states may reach `goal`, (S,); or infinity.
+
+    Both are (S,) bool; `among` is all states by default, and no way leads through others.
+    """
+    among = np.ones(len(goal), bool) if among is None else among
+    steps = np.where(goal & among, 0.0, np.inf)
+    while True:
+        after = np.where(mdp.probability > 0, steps[mdp.next_state], np.inf).min(axis=1)
+        nearer = np.minimum(steps, 1 + after[mdp.outcome_row].min(axis=1))
+        nearer[~among] = np.inf
+        if (nearer == steps).all():
+            return steps
+        steps = nearer
+
+
 # -- tables ----------------------------------------------------------------------------------------
 
 
@@ -121,7 +137,7 @@ class FiniteMDP(Frozen):
     start : (S,) float64
         Probability of starting in each state; 0 in terminal states.
     discount : float
-        In [0, 1]; 1 only where every policy is proper (ends) or a time limit is set.
+        In [0, 1]; 1 only where a way leads to an end from every state, or a time limit is set.
     time_limit : int, optional
         Steps after which an episode is truncated. This is not termination: learners bootstrap.
 
@@ -342,11 +358,11 @@ class FiniteMDP(Frozen):
     def _check_discount(self) -> None:
         check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
-            improper = improper_states(self)
-            if improper.size:
+            endless = np.flatnonzero(np.isinf(steps_to(self, self.terminal)))
+            if endless.size:
                 raise TaskError(
-                    "discount 1 needs a time limit or a task where every policy ends: from state "
-                    f"{improper[0]} an episode can go on for ever"
+                    "discount 1 needs a time limit or a way to an end from every state: none leads "
+                    f"there from state {endless[0]}"
                 )
 
     # -- derived -------------------------------------------------------------------------------

@@ -58,8 +58,10 @@ class FoundMapping:
         How it was found.
     scores : MappingScores
     bound : float
-        Proven: the Q* of no mapped pair is further than this from the Q* of the source pair that it
-        reads, in return units; NaN where nothing is proven.
+        Proven: the Q* of no mapped pair, reachable or not, is further than this from the Q* of the
+        source pair that it reads, or from 0 at the source's end, in return units, each task with
+        its own discount. NaN where nothing is mapped, where a task was sampled, and where one has
+        no finite Q* at discount 1.
     unmapped_value : float, optional
         What fits where it maps nothing (:func:`fitted_unmapped_value`); the mapping has it if the
         curriculum finds the mapping.
@@ -206,7 +208,7 @@ def find_mappings(
                 one.mapping,
                 one.how,
                 score_mapping(one.mapping, seed=seed, tasks=tasks),
-                one.bound,
+                tasks.bound(one.mapping.index),
                 fitted_unmapped_value(one.mapping, tasks=tasks),
             )
             for one in different(proposed, tasks)

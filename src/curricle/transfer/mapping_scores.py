@@ -14,6 +14,7 @@ import numpy as np
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.display import brief_repr, printed
 from curricle.planning.solution import evaluate, greedy_policy
+from curricle.tasks.mdp import steps_to
 from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
 from curricle.transfer.task_pair import TaskPair
 
@@ -310,7 +311,8 @@ def fitted_unmapped_value(
     tasks = TaskPair(mapping.target, mapping.source) if tasks is None else tasks
     phi = mapping.read(tasks.source_solution.action_values, scale, shift)
     unmapped = (mapping.index == UNMAPPED) & np.isnan(phi)
-    if not unmapped[tasks.judged].any() or not _leads_to(~unmapped.all(axis=1), tasks):
+    away = steps_to(tasks.target_mdp, ~unmapped.all(axis=1), tasks.judged)[tasks.judged]
+    if not unmapped[tasks.judged].any() or np.isinf(away).any():
         return None
     rewards = (tasks.target_mdp.probability * tasks.target_mdp.reward).sum(axis=1)
     lowest = min(0.0, float(rewards.min())) / (1 - tasks.target_mdp.discount)
@@ -322,17 +324,6 @@ def fitted_unmapped_value(
         if abs(found - last) <= SETTLED * max(abs(found), abs(last)):
             break
     return found if found < 0 else None
-
-
-def _leads_to(mapped: BoolArray, tasks: TaskPair) -> bool:
-    """Return whether some way leads from every state that can be reached to these states."""
-    mdp = tasks.target_mdp
-    reaches, before = mapped & tasks.judged, 0
-    while int(reaches.sum()) > before:
-        before = int(reaches.sum())
-        row = ((mdp.probability > 0) & reaches[mdp.next_state]).any(axis=1)
-        reaches = reaches | (row[mdp.outcome_row].any(axis=1) & tasks.judged)
-    return bool(reaches[tasks.judged].all())
 
 
 def _residuals(
