@@ -1,6 +1,6 @@
 """Ctrl-C while loops train: Python answers at once, and the loops end."""
 
-import _thread
+import signal
 import threading
 import time
 
@@ -17,6 +17,14 @@ SOON = 20.0
 """Seconds for what takes an hour where nothing ends it: much for a machine that is busy."""
 
 
+@pytest.fixture
+def ctrl_c():
+    """Return a function that sends the main thread SIGINT, which workers of xdist ignore."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield lambda: signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize(
     ("learner", "settings"),
     [
@@ -28,10 +36,10 @@ SOON = 20.0
     ],
     ids=["fast", "general", "guarded", "optimistic", "rollouts"],
 )
-def test_an_interrupt_ends_learning(learner, settings):
+def test_an_interrupt_ends_learning(learner, settings, ctrl_c):
     settings = {"evaluation": OFF, **settings}
     cr.learn(MAZE, learner, 100, eval_freq=100, **{**settings, "evaluation": OFF})
-    timer = threading.Timer(0.5, _thread.interrupt_main)
+    timer = threading.Timer(0.5, ctrl_c)
     timer.start()
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
