@@ -426,11 +426,6 @@ def words_of_state(state: Any, before: str = "") -> Words:
     """Return the whole numbers and words in a state, alone or in a short list, under their names.
 
     Names have `before` before them.
-
-    Examples
-    --------
-    >>> words_of_state((3, "red")), words_of_state(4), words_of_state({"at": (1, 2)}, "_")
-    ({'state_1': 3, 'state_2': 'red'}, {'state': 4}, {'_at_1': 1, '_at_2': 2})
     """
     named = state._asdict() if hasattr(state, "_asdict") else state
     found = dict[str, Any]()
