@@ -296,13 +296,7 @@ def several_entries(
 
 
 def widest(keys: AnyInts, values: FloatArray) -> tuple[float, int, int]:
-    """Return the largest difference of two values with equal keys, (n, k), and which two.
-
-    Examples
-    --------
-    >>> widest(np.array([[1], [2], [1]]), np.array([5.0, 0.0, 3.0]))
-    (2.0, 0, 2)
-    """
+    """Return the largest difference of two values with equal keys, (n, k), and which two."""
     order = np.lexsort((values, *keys.T))
     same = (keys[order][1:] == keys[order][:-1]).all(axis=1)
     first = np.flatnonzero(~np.concatenate([[False], same]))

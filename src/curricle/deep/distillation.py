@@ -22,26 +22,15 @@ from curricle.tasks.observation_task import ObservationTask
 
 @dataclass(frozen=True)
 class Distillation:
-    """How a network is fitted.
+    """How a network is fitted."""
 
-    Parameters
-    ----------
-    updates : int
-        Steps of Adam.
-    batch_size : int
-        Observations of each.
-    learning_rate : float
-    smoothing : float
-        Share of each policy that is spread over all actions (label smoothing, Szegedy et al. 2016).
-        An actor that is sure outside its training levels neither explores nor unlearns. Chosen on
-        SimpleCrossing of one wall to two, LavaGap of sides 5 and 6 to 7, and DoorKey of side 5 to
-        6: with 0.1 what is drawn from the actor returns .53, .25 and .38 there, with 0 .42, .09 and
-        .09.
-    """
-
-    updates: int = 1_000
+    updates: int = 1_000  # steps of Adam
     batch_size: int = 512
     learning_rate: float = 1e-3
+    # The share of each policy that is spread over all actions (label smoothing, Szegedy et al.
+    # 2016): an actor that is sure outside its training levels neither explores nor unlearns. Chosen
+    # on SimpleCrossing of one wall to two, LavaGap of sides 5 and 6 to 7, and DoorKey of side 5 to
+    # 6: with 0.1 what is drawn from the actor returns .53, .25, .38 there, with 0 .42, .09, .09.
     smoothing: float = 0.1
 
     def batches(self, n: int, seed: int) -> Iterator[IntArray]:

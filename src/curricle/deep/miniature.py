@@ -42,25 +42,14 @@ class Miniatures(ObservationTask):
 
     In a :class:`Curriculum` it is a source like any other: it takes no steps, and what it hands on
     is a network of its learner's kind, fitted to exact answers (:func:`distil`).
-
-    Attributes
-    ----------
-    members : tuple of ObservationTask
-    tested_on : tuple of ObservationTask
-        Relatives that are solved too, all of whose levels are held out.
-    resets : int
-    held_out : float
-    max_states : int
-    shuffled : bool
-        Whether each observation has the answer of another: a placebo.
     """
 
     members: tuple[ObservationTask, ...] = ()
-    tested_on: tuple[ObservationTask, ...] = ()
+    tested_on: tuple[ObservationTask, ...] = ()  # solved too, and all of whose levels are held out
     resets: int = RESETS
     held_out: float = HELD_OUT
     max_states: int = MOST_STATES
-    shuffled: bool = False
+    shuffled: bool = False  # whether each observation has the answer of another: a placebo
 
     def __repr__(self) -> str:
         names = ", ".join(made_by(one.make) for one in self.members)

@@ -89,10 +89,6 @@ class Shaping(ABC):
         """Return the same shaping of another potential."""
         return replace(self, **{"potential": potential})
 
-    def without_guard(self) -> Self:
-        """Return the same shaping without a guard."""
-        return self if self.guard is None else replace(self, **{"guard": None})
-
     def check(self, learner: Any) -> None:
         """Raise SettingError unless this shaping is valid for a learner."""
         tabular = isinstance(learner, Learner)

@@ -396,16 +396,7 @@ def levels(
 
 
 class Decisions(list[list[Decision]]):
-    """What a stopping rule decided at each checkpoint of each seed: a list of K lists.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld, StoppingRule
-    >>> rule = StoppingRule(max_steps=5_000, threshold=100.0)
-    >>> plan = Curriculum({"maze": GridWorld("S..T")}, budget=rule)
-    >>> plan.train(seeds=3).decisions("maze")
-    Decisions(3 seeds: threshold reached (3))
-    """
+    """What a stopping rule decided at each checkpoint of each seed: a list of K lists."""
 
     def __init__(self, each: Iterable[list[Decision]], seeds: Sequence[int]):
         super().__init__(each)

@@ -18,7 +18,7 @@ import numpy as np
 from curricle.array_types import FloatArray, IntArray
 from curricle.errors import SettingError
 from curricle.planning.models import TabularPlanningModel
-from curricle.tasks.mdp import FiniteMDP, improper_states, steps_to
+from curricle.tasks.mdp import FiniteMDP, steps_to
 from curricle.tasks.spaces import state_name
 
 LARGEST_DIRECT = 5_000
@@ -85,14 +85,9 @@ def best_policy(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, I
         if not gains.any():  # also where values are not finite
             break
         policy = np.where(gains, better, policy)
-        if model.discount == 1 and _endless(model, policy).size:
+        if model.discount == 1 and model.endless(policy).size:
             return np.full(len(policy), np.nan), policy
     return values, policy
-
-
-def _endless(model: TabularPlanningModel, policy: IntArray) -> IntArray:
-    """Return the states from which a policy never ends."""
-    return improper_states(model.mdp, np.arange(model.n_actions) == policy[:, None])
 
 
 def shortest_paths(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, float]:
@@ -104,17 +99,17 @@ def shortest_paths(model: TabularPlanningModel, unit: float) -> tuple[FloatArray
     away = steps_to(model.mdp, model.mdp.terminal)
     endless, why = np.flatnonzero(np.isinf(away)), "no way leads to an end"
     if not endless.size and len(away) > LARGEST_DIRECT:
-        endless, why = improper_states(model.mdp), f"{len(away):,} states are too many to tell"
+        endless, why = model.endless(None), f"{len(away):,} states are too many to tell"
     if not endless.size:
         (values, policy), why = best_policy(model, unit), "the way costs nothing"
-        endless = _endless(model, policy)
+        endless = model.endless(policy)
         for cost in () if endless.size else COSTS * model.largest_reward:
             above, last = best_policy(replace(model, mean_reward=model.mean_reward + cost), unit)
             error = _error(model, policy, unit, values, above)
             if error < np.inf:
                 return values, error
-            endless = _endless(model, last)
-    state = int((endless if endless.size else improper_states(model.mdp))[0])
+            endless = model.endless(last)
+    state = int((endless if endless.size else model.endless(None))[0])
     raise SettingError(
         "discount 1 needs every policy considered to end, or to cost without bound: from "
         f"{state_name(model.mdp.states, state)} an episode can go on for ever, and {why}; a "
@@ -134,7 +129,7 @@ def _error(
     `above` is W at the head of this file. V* is at least what the policy is worth.
     """
     live, places = ~model.terminal, np.arange(len(policy))
-    counted = replace(model, mean_reward=np.ones_like(model.mean_reward), largest_reward=1.0)
+    counted = model.counting_steps()
     lengths = policy_values(counted, policy)
     if not np.isfinite([values, above, lengths]).all():
         return np.inf

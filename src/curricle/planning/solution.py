@@ -288,7 +288,7 @@ def _iterate(
     unit = _unit(model, policy)
     if policy is None and model.discount == 1:
         assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
-        if improper_states(model.mdp).size:
+        if model.endless(None).size:
             values, error = shortest_paths(model, unit)
             return values, _within(tolerance, error, 2 * error)
     lengths = _lengths(model, policy, bars)
@@ -393,7 +393,11 @@ def _lengths(model: PlanningModel, policy: Policy | None, bars: Bars) -> FloatAr
         kept = model.discount * model.largest_sum(policy)
         return 1 / (1 - kept) if kept < 1 else np.inf
     assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
-    model.check_ends(policy)
+    if policy is not None and (endless := model.endless(policy)).size:  # else `_iterate` has looked
+        raise SettingError(
+            "discount 1 needs every policy considered to end: from state "
+            f"{endless[0]} an episode can go on for ever"
+        )
     precision = Precision(0.5, 0.0, EPSILON, 1.0, float(len(model.terminal)), 1.0)
     lengths, change = _fixed_point(
         model.counting_steps(), policy, 0.0, precision, bars.within("lengths of episodes")

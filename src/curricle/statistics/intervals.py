@@ -192,12 +192,6 @@ def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
     They are if the gap is more than three times the range of each: some seeds learnt, say, and the
     others did not. Of samples of one cluster (normal, Gumbel, lognormal with sigma 0.5) less than
     1 % are called two with 10 values or more, and up to 11 % with 5; fewer are never.
-
-    Examples
-    --------
-    >>> clusters([9.0, 0.2, 9.1, 9.3, 9.2, 0.1])
-    (array([0.1, 0.2]), array([9. , 9.1, 9.2, 9.3]))
-    >>> clusters([9.0, 7.2, 9.1, 6.3, 9.2, 8.1])
     """
     ordered = np.sort(vector("values", values))
     if len(ordered) < FEWEST_CLUSTERED:

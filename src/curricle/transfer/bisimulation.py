@@ -493,35 +493,12 @@ LARGEST_ROUND = MOST_WORK // 10
 
 @dataclass(frozen=True, eq=False)
 class LaxBisimulation(Frozen):
-    """Distances between the states of two tasks that bound the difference of their values.
+    """Distances between two tasks that bound the difference of their values, in return units."""
 
-    Attributes
-    ----------
-    states : (S, S') float64
-        abs(V*(s) - V*(u)) is at most this, in return units.
-    nearest : (S, A) int64
-        The nearest source pair of each target pair, s' * A' + a'; `ENDED` where that is the
-        source's end, and in terminal states.
-    pairs : (S, A) float64
-        abs(Q*(s, a) - Q*(nearest pair)) is at most this; 0 in terminal states.
-    error : float
-        How far the distances may be above those of the fixed point; it is part of them.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Rewards, solve
-    >>> poorer = GridWorld("T.S", rewards=Rewards(treasure=190))
-    >>> found = lax_bisimulation(GridWorld("S.T"), poorer)
-    >>> found.nearest[1]  # west for east
-    array([4, 7, 4, 5])
-    >>> found.states.diagonal()[1].round(2), solve(poorer).values[1]
-    (np.float64(10.0), np.float64(189.0))
-    """
-
-    states: FloatArray
-    nearest: IntArray
-    pairs: FloatArray
-    error: float
+    states: FloatArray  # (S, S') abs(V*(s) - V*(u)) is at most this
+    nearest: IntArray  # (S, A) source pair s' * A' + a', `ENDED` at its end and in terminal states
+    pairs: FloatArray  # (S, A) abs(Q*(s, a) - Q*(nearest pair)) is at most this, 0 in terminal ones
+    error: float  # how far the distances may be above those of the fixed point: a part of them
 
     __repr__ = brief_repr
 

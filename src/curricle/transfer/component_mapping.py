@@ -325,20 +325,12 @@ COMPARED = 5_000
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """One assignment of target components to the source's components.
+    """One assignment of target components to the source's components."""
 
-    Attributes
-    ----------
-    states, actions : dict of str to str
-        Source component -> target component.
-    error : float
-        Mean total variation distance, in [0, 1], between the source's next states and the
-        target's, read through the assignment; NaN if nothing maps.
-    mapping : StateActionMapping
-    """
-
-    states: dict[str, str]
+    states: dict[str, str]  # source component -> target component
     actions: dict[str, str]
+    # Mean total variation distance, in [0, 1], between the source's next states and the target's,
+    # read through the assignment; NaN if nothing maps.
     error: float
     mapping: StateActionMapping
 

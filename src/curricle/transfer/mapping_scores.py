@@ -30,51 +30,28 @@ class MappingScores:
     """How a mapping fits its tasks; phi are the source's exact values Q* read through it.
 
     All means are over pairs (s, a) of the target in states that can be reached and do not end it.
-
-    Attributes
-    ----------
-    dynamics_error : float
-        Mean total variation distance, in [0, 1], between the next states that the source predicts
-        and those of the target, over the mapped pairs; NaN if nothing maps. A target state stands
-        for the source state that its best pair reads; source states that behave alike
-        (bisimilar ones, terminal ones) count as one.
-    bellman_inconsistency : float
-        Mean of abs(r + gamma sum_s' P(s') max_a' phi(s', a') - phi(s, a)), in return units, over
-        the pairs that have a phi and whose next states all have one. 0 if phi is Q* there.
-    unexplained : float
-        The same, divided by what is left if a constant takes the place of phi(s, a): the median of
-        r + gamma sum_s' P(s') max_a' phi(s', a'). 0 if phi is Q*; from 1 on phi says no more of
-        pairs than a constant; NaN where nothing varies.
-    coverage : float
-        Share of pairs that have a phi: mapped, at the source's end, or by an unmapped value.
-    optimistic : float
-        Share of the pairs that have a phi with phi > Q*.
-    start_value : float
-        Value of the policy that is greedy on phi, at the target's start; phi is 0 where unmapped.
-    regained : float
-        Share of the way to the optimum that this policy goes, from what needs no source: the better
-        of the random policy and of the myopic one, which looks at the next reward alone.
-        (V^phi - V^without) / (V* - V^without), each summed over the states, V^phi being V^without
-        where nothing is known. At most 1; negative if phi misleads; NaN if there is no way to go.
-    regained_where_known : float
-        The same over the states of which something is known.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, same_position
-    >>> maze = GridWorld("S...T")
-    >>> print(score_mapping(same_position(maze, maze.crop(rows=(0, 1), columns=(2, 5)))))
-    regains 22% (100% where known), dynamics error 0.125, Bellman inconsistency 0 ...
     """
 
+    # Mean total variation distance, in [0, 1], between the next states that the source predicts
+    # and those of the target, over the mapped pairs; NaN if nothing maps. A target state stands for
+    # the source state that its best pair reads; source states that behave alike count as one.
     dynamics_error: float
+    # Mean of abs(r + gamma sum_s' P(s') max_a' phi(s', a') - phi(s, a)), in return units, over the
+    # pairs that have a phi and whose next states all have one. 0 if phi is Q* there.
     bellman_inconsistency: float
+    # The same, divided by what is left if a constant takes the place of phi(s, a): the median of
+    # r + gamma sum_s' P(s') max_a' phi(s', a'). 0 if phi is Q*; from 1 on phi says no more of pairs
+    # than a constant; NaN where nothing varies.
     unexplained: float
-    coverage: float
-    optimistic: float
-    start_value: float
+    coverage: float  # of pairs with a phi: mapped, at the source's end, or by an unmapped value
+    optimistic: float  # share of these with phi > Q*
+    start_value: float  # of the policy that is greedy on phi, 0 where unmapped, at the start
+    # (V^phi - V^without) / (V* - V^without), each summed over the states: the share of the way that
+    # this policy goes from what needs no source, the better of the random policy and of the myopic
+    # one, which looks at the next reward alone. V^phi is V^without where nothing is known. At most
+    # 1; negative if phi misleads; NaN if there is no way to go.
     regained: float
-    regained_where_known: float
+    regained_where_known: float  # the same over the states of which something is known
 
     __repr__ = brief_repr
     _repr_html_ = printed
@@ -140,13 +117,7 @@ def score_mapping(
 
 
 def backed_up(phi: FloatArray, tasks: TaskPair) -> FloatArray:
-    """Return r + gamma sum_s' P(s') max_a' phi(s', a') in the target, (S, A) float64.
-
-    Parameters
-    ----------
-    phi : (S, A) float64
-        NaN where nothing is known; so is the result where nothing is known of a next state.
-    """
+    """Return r + gamma sum_s' P(s') max_a' phi(s', a') in the target, (S, A); NaN where unknown."""
     mdp = tasks.target_mdp
     best = np.where(np.isnan(phi), -np.inf, phi).max(axis=1)
     best[np.isneginf(best)] = np.nan
@@ -225,14 +196,7 @@ def _dynamics_error(
 
 
 def total_variation(one: IntArray, p: FloatArray, other: IntArray, q: FloatArray) -> FloatArray:
-    """Return the total variation distance of two distributions in each row, (n,) float64.
-
-    Examples
-    --------
-    >>> one, p, other, q = [[1, 2]], [[0.5, 0.5]], [[2]], [[1.0]]
-    >>> total_variation(*(np.array(each) for each in (one, p, other, q)))
-    array([0.5])
-    """
+    """Return the total variation distance of two distributions in each row, (n,) float64."""
     outcomes = np.concatenate([one, other], axis=1)
     masses = np.concatenate([p, -q], axis=1)
     # Equal outcomes add up before their difference counts, once.

@@ -166,16 +166,6 @@ def greedy_observation_rollouts(
     """Return greedy rollouts of a potential as :func:`greedy_rollouts` does.
 
     ``states`` and ``actions`` are empty, as states are not numbered.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> from curricle.transfer import FunctionValues
-    >>> car = observation_task("MountainCar-v0")
-    >>> along = FunctionValues(lambda cars, acts: np.sign(cars[:, 1:]) * (acts - 1.0), actions=3)
-    >>> rollouts = greedy_observation_rollouts(ObservationPotential.of(car, along), episodes=3)
-    >>> rollouts.ended, bool(rollouts.returns.max() > -200)
-    (array([ True,  True,  True]), True)
     """
     found = greedy_episodes(
         potential, episodes=episodes, seed=seed, stream=stream, max_steps=max_steps

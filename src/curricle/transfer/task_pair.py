@@ -199,30 +199,10 @@ def discounted(mdp: FiniteMDP) -> FiniteMDP:
 
 @dataclass(frozen=True, eq=False)
 class SearchedMapping(StateActionMapping):
-    """A mapping that a search made pair by pair, with the words that say how.
-
-    Parameters
-    ----------
-    target, source, index, unmapped_value
-        As in :class:`StateActionMapping`.
-    how : str
-        How it was found.
-    steps : int
-        Steps that the search took in both tasks, where it had no tables of them; a curriculum
-        charges them as it charges those of sources.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Transfer
-    >>> from curricle.transfer.edges import mapping_words
-    >>> line = GridWorld("ST")
-    >>> index = [[0, 1, 2, 3], [-2, -2, -2, -2]]
-    >>> mapping_words(Transfer("a", "b", SearchedMapping(line, line, index, how="nearest pair")))
-    'found: nearest pair'
-    """
+    """A mapping that a search made pair by pair, with the words that say how."""
 
     how: str = ""
-    steps: int = 0
+    steps: int = 0  # of the search in tasks without tables, charged as those of sources are
 
 
 class Proposal(NamedTuple):
@@ -245,14 +225,6 @@ def search_steps(transfers: Iterable[Any]) -> int:
     """Return the steps that the searches for the mappings of transfers took.
 
     Mappings between the same two tasks are taken to be of one search.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Transfer
-    >>> line = GridWorld("ST")
-    >>> index = [[0, 1, 2, 3], [-2, -2, -2, -2]]
-    >>> search_steps([Transfer("a", "b", SearchedMapping(line, line, index, steps=50))] * 2)
-    50
     """
     most: dict[tuple[str, str], int] = {}
     for one in transfers:

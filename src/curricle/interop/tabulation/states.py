@@ -112,26 +112,20 @@ def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
     and attributes with names `left_out`. TaskError when a part holds what cannot be read, such as
     an open file.
     """
-    return _read(value, left_out).digest.digest()
-
-
-def _read(value: Any, left_out: Collection[str]) -> "_Reader":
-    """Return what has read a value and all that it refers to."""
-    reader = _Reader(frozenset(left_out))
-    reader.read(value)
-    return reader
+    return _Reader(value, frozenset(left_out)).digest.digest()
 
 
 class _Reader:
-    """Feeds values to a digest; each shared part once, then by its number."""
+    """Feeds a value to a digest; each shared part once, then by its number."""
 
-    def __init__(self, left_out: frozenset[str], *, strict: bool = True):
+    def __init__(self, value: Any, left_out: frozenset[str], *, strict: bool = True):
         self.left_out, self.strict = left_out, strict
         self.digest = hashlib.blake2b(digest_size=16)
         self.met = dict[int, int]()
         self.skipped = set[str]()  # the attributes among `left_out` that were met
         self.generators = dict[int, Any]()
         self.alive = list[Any]()  # so that no number in `met` is given to another object
+        self.read(value)
 
     def tell(self, *words: Any) -> None:
         for word in words:
@@ -327,7 +321,7 @@ class Copies(StateAccess):
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return the environment itself, and its digest."""
-        reader = _read(env, self.ignored | left_out(env))
+        reader = _Reader(env, self.ignored | left_out(env))
         self.unmet -= reader.skipped
         return reader.digest.digest(), (env, [*reader.generators.values()])
 
@@ -364,8 +358,7 @@ class SaveAndRestore(StateAccess):
 
     def begin(self, env: Environment) -> None:
         """Find the random generators, wherever the environment can be read."""
-        reader = _Reader(left_out(env), strict=False)
-        reader.read(env)
+        reader = _Reader(env, left_out(env), strict=False)
         self.generators = list(reader.generators.values())
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
@@ -426,11 +419,6 @@ def words_of_state(state: Any, before: str = "") -> Words:
     """Return the whole numbers and words in a state, alone or in a short list, under their names.
 
     Names have `before` before them.
-
-    Examples
-    --------
-    >>> words_of_state((3, "red")), words_of_state(4), words_of_state({"at": (1, 2)}, "_")
-    ({'state_1': 3, 'state_2': 'red'}, {'state': 4}, {'_at_1': 1, '_at_2': 2})
     """
     named = state._asdict() if hasattr(state, "_asdict") else state
     found = dict[str, Any]()

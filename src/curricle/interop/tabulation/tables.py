@@ -175,15 +175,7 @@ def _merged(tables: Tables, blocks: IntArray, n_actions: int) -> Tables:
 
 
 def words_of_blocks(words: Sequence[Words], blocks: IntArray) -> tuple[list[Words], set[str]]:
-    """Return the words of each block, and the names of which some block has several values.
-
-    Those values are `ANY` there.
-
-    Examples
-    --------
-    >>> words_of_blocks([{"row": 1, "told": 0}, {"row": 1, "told": 2}], np.array([0, 0]))
-    ([{'row': 1, 'told': 'any'}], {'told'})
-    """
+    """Return the words of each block, `ANY` where they differ, and the names of which some do."""
     found = dict[int, dict[str, int | str]]()
     vague = set[str]()
     for each, block in zip(words, blocks.tolist(), strict=True):
@@ -200,13 +192,6 @@ def named_states(words: Sequence[Words], terminal: BoolArray, vague: Collection[
 
     Where several states have the same values they are told apart by those with an underscore, then
     those that are vague, by whether they end the episode, `ended`, then by a number, `variant`.
-
-    Examples
-    --------
-    >>> words = [{"row": 1, "lamp": "on"}, {"row": 2, "lamp": "off"}, {"row": 2, "lamp": "off"}]
-    >>> space = named_states(words, np.array([False, False, True]), [])
-    >>> [space.label(state) for state in range(3)]
-    ['row=1 lamp=on ended=no', 'row=2 lamp=off ended=no', 'row=2 lamp=off ended=yes']
     """
     names = dict.fromkeys(name for each in words for name in each)
     parts = list[Part]()

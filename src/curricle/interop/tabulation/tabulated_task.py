@@ -138,13 +138,7 @@ def stacked_observations(observations: Sequence[Any], terminal: Iterable[bool]) 
 
 
 def parts_of(observation: Any) -> dict[str, Any]:
-    """Return the arrays, numbers and texts in an observation, by their places.
-
-    Examples
-    --------
-    >>> parts_of({"sight": (1, 2), "goal": "key"})
-    {'sight/#0': 1, 'sight/#1': 2, 'goal': 'key'}
-    """
+    """Return the arrays, numbers and texts in an observation by their places, as in "sight/#0"."""
     if isinstance(observation, Mapping):
         inner = [(str(key), part) for key, part in observation.items()]
     elif isinstance(observation, tuple):
