@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from hypothesis import given, strategies as st
 
 import curricle as cr
@@ -76,6 +77,17 @@ def test_bins_are_numpys(edges, data):
     assert [int(value) for value in found.values()] == expected
 
 
+class Listed(FrozenLakeEnv):
+    """An environment that is nothing but its table."""
+
+    def __init__(self, table, start):
+        super().__init__()
+        self.observation_space = spaces.Discrete(len(table))
+        self.action_space = spaces.Discrete(len(table[0]))
+        self.P = dict(enumerate(map(dict, map(enumerate, table))))
+        self.initial_state_distrib = start
+
+
 @st.composite
 def tables(draw):
     """Return a table in which any outcome may end the episode, whatever it leads to."""
@@ -92,7 +104,7 @@ def test_ends_of_a_table_are_kept(table, random):
     """The value of acting at random from the start, by the table's own flags and by the task."""
     start = np.zeros(len(table))
     start[random.randrange(len(table))] = 1.0
-    task = cr.FiniteMDP.from_outcomes(table, start=start, discount=0.5)
+    task = cr.from_gymnasium(Listed, discount=0.5, table=table, start=start)
     values = np.zeros(len(table))
 
     def worth(pair):

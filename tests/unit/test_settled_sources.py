@@ -123,7 +123,7 @@ def test_without_a_model_it_has_to_exceed_random_play_by_more_than_its_noise():
 
 
 def test_the_verdict_names_sources_that_did_not_learn(read, tmp_path):
-    short = "tasks.corner.budget={ max_steps = 20, settled = 0.05 }"
+    short = "tasks.corner.budget={ max_steps = 4, settled = 0.05 }"
     study = read(STUDY, set=["seeds=2", "tasks.maze.budget=500", "tasks.maze.eval_freq=5", short])
     found = cr.run_study(study, tmp_path / "out", progress=False).comparison
     again = cr.compare({"transfer": study.curriculum("transfer")}, seeds=2)

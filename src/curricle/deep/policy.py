@@ -10,7 +10,6 @@ from curricle.array_types import IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.knowledge import actor_of
 from curricle.deep.learner import DeepLearner
-from curricle.deep.networks import acting
 from curricle.errors import CurricleError, SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
 from curricle.interop.tabulation.tabulated_task import check_sight
@@ -161,6 +160,7 @@ class TrainedPolicy:
         from stable_baselines3.common.utils import set_random_seed
 
         from curricle.deep.checkpoint import isolated
+        from curricle.deep.networks import acting
 
         drawn = replace(self.task, make=with_pictures(self.task.make))
         with closing(drawn.environment()) as env, isolated(torch.get_num_threads()):
@@ -220,7 +220,8 @@ def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -
     source = actor_of(potential)
     if source is None:
         return float("nan")
-    from curricle.deep.checkpoint import drawing  # needs torch
+    from curricle.deep.checkpoint import drawing  # needs torch, as what follows
+    from curricle.deep.networks import acting
 
     start = splitmix64(stream_start(seed, "policy_return"))
     horizon = target.evaluation.horizon(target.task)
