@@ -642,7 +642,7 @@ MUTATIONS = [
     Mutation(
         "a tie that is not proven is called safe",
         "certificate/certification.py",
-        "if compared and not tied_exactly(met, own, found.optimal):",
+        "if behind and behind.plain.potential.any() and not tied_exactly(met, own, found.optimal):",
         "if False:",
         (
             "tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",

@@ -453,7 +453,7 @@ def _decided(
     if compared:
         vanishing &= found.undecided[:, None]
     hidden = float(found.short[vanishing].max(initial=0.0))
-    if compared and not tied_exactly(met, own, found.optimal):
+    if behind and behind.plain.potential.any() and not tied_exactly(met, own, found.optimal):
         hidden = max(hidden, found.error)
     if hidden <= found.tolerance:
         return True, ()
