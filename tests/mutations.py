@@ -640,6 +640,24 @@ MUTATIONS = [
         ),
     ),
     Mutation(
+        "a tie that is not proven is called safe",
+        "certificate/certification.py",
+        "if behind and behind.plain.potential.any() and not tied_exactly(met, own, found.optimal):",
+        "if False:",
+        (
+            "tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",
+        ),
+    ),
+    Mutation(
+        "ways into a state that nearly agree are called safe",
+        "certificate/diagnosis.py",
+        "if apart == 0:",
+        "if apart <= 1e-12 * abs(phi).max():",
+        (
+            "tests/unit/test_certificate_advice.py::test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree",
+        ),
+    ),
+    Mutation(
         "rewards below the normal numbers have no error",
         "planning/solution.py",
         "rounding += unit / EPSILON * TINIEST",
