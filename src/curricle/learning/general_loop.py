@@ -269,6 +269,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
     action, bits, counter, drawn = np.uint64(0), np.uint64(0), stream[0] + STRIDE, False
     ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
     draw_ties(ties, splitmix64(stream[0]))
+    looks_ahead = rule.update in (SARSA, EXPECTED_SARSA)
     while True:
         if step == checkpoint * eval_freq:
             acting = Acting(q, advice, at(weight, step), row)
@@ -300,7 +301,8 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
             coin, counter = splitmix64(counter), counter + STRIDE
             table = np.int64(coin & np.uint64(1))
         if not terminated:
-            acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
+            if looks_ahead:
+                acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
             if rule.update == SARSA:
                 next_action, bits, counter, _ = act(
                     rule, next_values, ties, next_state, step, counter
