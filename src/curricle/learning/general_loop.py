@@ -47,15 +47,6 @@ class Acting(NamedTuple):
     values: FloatArray  # (1, A) work space
 
 
-@inlined
-def acting_value(q, advice, weight, state, action):
-    """Return what the policy acts on for one pair, of one table."""
-    value = np.float64(q[0, state, action])
-    if advice.shape[0] > 0:
-        value += weight * advice[state, action]
-    return value
-
-
 @acting_rows.body(Acting)
 def _write_acting_row(view, state, out):
     for action in range(out.shape[1]):
@@ -136,10 +127,12 @@ def counted_row(q, table, state):
 
 
 @inlined
-def move(q, place, rate, target):
-    """Move Q in a place (table, state, action) towards a target, in the table's precision."""
-    real, old = q.dtype.type, q[place]
-    q[place] = old + real(rate) * (real(target) - old)
+def move(q, table, state, action, rate, target):
+    """Move Q(s, a) of a table towards a target, in the table's precision, and return it."""
+    real, old = q.dtype.type, q[table, state, action]
+    new = old + real(rate) * (real(target) - old)
+    q[table, state, action] = new
+    return np.float64(new)
 
 
 # -- ties: Q-learning has a fast loop too and draws them as there, a visit ahead; others at once ---
@@ -154,26 +147,22 @@ def draw_ties(ties, key):
 
 @inlined
 def act(rule, values, ties, state, step, counter):
-    """Return the action taken in a state on these acting values, its bits and the counter."""
+    """Return what :func:`choose` does in a state on these acting values."""
     tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)
     return choose(rule.exploration, values, tie, step, counter)
 
 
 @inlined
-def renew_tie(rule, ties, values, new, state, action, bits):
-    """Let the bits of an update break a state's ties from now on, where the fast loop draws again.
+def draws_again(values, tie, new, action):
+    """Return whether the fast loop would draw again among a state's ties after an update.
 
     That is where the action's value, which was in `values` and is `new`, changed and is or was the
-    highest, or where it did not change and the action is the one that had been drawn.
+    highest, or where it did not change and the action is the one that had been drawn by `tie`.
     """
-    if rule.update == Q_LEARNING:
-        old = values[0, action]
-        if new == old:
-            again = best_of(values, 0, ties[state])[1] & ACTION == action
-        else:
-            again = max(old, new) >= highest(values, 0)
-        if again:
-            ties[state] = bits
+    old = values[0, action]
+    if new == old:
+        return best_of(values, 0, tie)[1] & ACTION == action
+    return max(old, new) >= highest(values, 0)
 
 
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------
@@ -277,9 +266,10 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
     value = greedy_return(evaluation, model, first) if step > 0 else np.nan
     checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], q[q.shape[0] - 1])
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
-    action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
+    action, bits, counter, drawn = np.uint64(0), np.uint64(0), stream[0] + STRIDE, False
     ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
     draw_ties(ties, splitmix64(stream[0]))
+    looks_ahead = rule.update in (SARSA, EXPECTED_SARSA)
     while True:
         if step == checkpoint * eval_freq:
             acting = Acting(q, advice, at(weight, step), row)
@@ -298,7 +288,7 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
                 carried = state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
             acting_values(Acting(q, advice, at(weight, step), row), state, values)
-            action, bits, counter = act(rule, values, ties, state, step, counter)
+            action, bits, counter, drawn = act(rule, values, ties, state, step, counter)
         next_state, target, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + target
         extra, carried = shaping_reward(
@@ -311,16 +301,24 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
             coin, counter = splitmix64(counter), counter + STRIDE
             table = np.int64(coin & np.uint64(1))
         if not terminated:
-            acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
+            if looks_ahead:
+                acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
             if rule.update == SARSA:
-                next_action, bits, counter = act(rule, next_values, ties, next_state, step, counter)
+                next_action, bits, counter, _ = act(
+                    rule, next_values, ties, next_state, step, counter
+                )
             target = td_target(
                 rule, target, discount, q, next_state, next_action, next_values, table, coin, step
             )
         rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
-        move(q, (table, state, action), rate, target)
-        new = acting_value(q, advice, at(weight, step - 1), state, action)
-        renew_tie(rule, ties, values, new, state, action, bits)
+        new = move(q, table, state, action, rate, target)
+        if rule.update == Q_LEARNING:
+            if not drawn:  # what was drawn was the highest
+                if advice.shape[0] > 0:
+                    new += at(weight, step - 1) * advice[state, action]
+                drawn = draws_again(values, ties[state], new, action)
+            if drawn:
+                ties[state] = bits
         fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return

@@ -249,7 +249,7 @@ def decide(both, learner, rule, state, step, counter):
     """Draw what a learner does in a state, and return the stream's counter."""
     write_values(both, learner, state, step)
     tie = splitmix64(counter)
-    chosen, bits, counter = choose(rule.exploration, both.values, tie, step, counter)
+    chosen, bits, counter, _ = choose(rule.exploration, both.values, tie, step, counter)
     both.action[learner], both.bits[learner] = chosen, bits
     return counter
 
@@ -309,7 +309,7 @@ def learn_from(both, rule, discount, taken, step, counter):
                 coin,
                 step,
             )
-        move(q, (table, state, action), rate, target)
+        move(q, table, state, action, rate, target)
     return counter
 
 

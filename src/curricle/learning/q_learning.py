@@ -79,7 +79,7 @@ def train_q_learning(
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if is_spent(budget, record, step, episodes) or is_full(table, row) or has_failed(model):
             return step, episodes
-        stop = min(checkpoint * eval_freq, budget.steps, step + SLICE)
+        stop = min(checkpoint * eval_freq, budget.steps, step - step % SLICE + SLICE)
         while step < stop:
             action, bits, counter = act(rule.exploration, q, best, greedy, row, step, counter)
             next_state, reward, terminated = transition(model, state, action, splitmix64(bits))

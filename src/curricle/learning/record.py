@@ -10,6 +10,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.display import brief_repr
 from curricle.frozen_arrays import Frozen
 from curricle.learning.stopping import StoppingKernel
+from curricle.planning.policy_evaluation import SLICE
 from curricle.progress import HALTED
 from curricle.tasks.overloads import inlined
 
@@ -104,8 +105,10 @@ class Bounds(NamedTuple):
 
 @inlined
 def is_spent(bounds, record, step, episodes):
-    """Return whether a run has used its steps or its episodes, or was interrupted."""
-    return step >= bounds.steps or episodes >= bounds.episodes or record.halted[0]
+    """Return whether a run has used its steps or its episodes, or was interrupted a while ago."""
+    if step >= bounds.steps or episodes >= bounds.episodes:
+        return True
+    return step % SLICE == 0 and record.halted[0]
 
 
 # -- the warm-up ---------------------------------------------------------------------------------

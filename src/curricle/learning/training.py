@@ -27,13 +27,20 @@ from curricle.learning.stopping import (
 )
 from curricle.learning.storage import Storage, rows_allowed
 from curricle.planning.greedy import TIED
-from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.policy_evaluation import (
+    EvaluationKernel,
+    ExactEvaluation,
+    GreedyEvaluation,
+    RolloutEvaluation,
+)
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.draws import stream_start
 from curricle.tasks.task import Task, generative_model
 
 MOST_ACTIONS = int(TIED)
 """Actions that 15 bits can tell apart."""
+SHORT = 2**20
+"""Steps, of evaluations too, for which an interrupt can wait: 5 to 200 ms; a thread costs .15."""
 
 
 def learn(
@@ -134,6 +141,8 @@ def learn(
     snapshots = whole_number("snapshots", snapshots, 0, SettingError)
     stopping = stopping_kernel(budget, task, evaluation)
     threads = threads_for(generative, workers, len(each))
+    if threads == 1 and len(each) * _most_steps(longest, eval_freq, kernel) <= SHORT:
+        threads = 0
     guarded = any(one.shaping is not None and one.shaping.guard is not None for one in each)
     rows = rows_allowed(
         storage,
@@ -150,6 +159,16 @@ def learn(
         values, outcomes = train_all(run, each, stream, snapshots, threads, bars)
     numbers = tuple(one.seed for one in each)
     return learning_result(task, given, numbers, values, outcomes, eval_freq)
+
+
+def _most_steps(longest: int, eval_freq: int, evaluation: EvaluationKernel) -> int:
+    """Return the most steps of a seed; a sweep of an exact evaluation counts as one a pair."""
+    work = 0
+    if isinstance(evaluation, RolloutEvaluation):
+        work = evaluation.episodes * evaluation.horizon
+    elif isinstance(evaluation, ExactEvaluation):
+        work = evaluation.tables.outcome_row.size * evaluation.horizon
+    return longest + (longest // eval_freq + 1) * work
 
 
 def stopping_kernel(budget: Budget, task: Task, evaluation: GreedyEvaluation) -> StoppingKernel:
