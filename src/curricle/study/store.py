@@ -84,7 +84,7 @@ def check_ours(path: Place, resume: bool) -> None:
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
     for one in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
-        if one.is_symlink() and one.is_dir():
+        if one.is_symlink() and one.is_dir() and one.suffix != PART:
             raise StoreError(f"folders in one of results must be no links: delete {one}")
     ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
     if not ours and any(one.suffix != PART and one.name != LOCK for one in path.iterdir()):
