@@ -1,6 +1,6 @@
 """Ctrl-C while loops train: Python answers at once, and the loops end."""
 
-import _thread
+import signal
 import threading
 import time
 
@@ -31,7 +31,8 @@ SOON = 20.0
 def test_an_interrupt_ends_learning(learner, settings):
     settings = {"evaluation": OFF, **settings}
     cr.learn(MAZE, learner, 100, eval_freq=100, **{**settings, "evaluation": OFF})
-    timer = threading.Timer(0.5, _thread.interrupt_main)
+    main = threading.main_thread().ident  # `_thread.interrupt_main` wakes no thread that waits
+    timer = threading.Timer(0.5, signal.pthread_kill, (main, signal.SIGINT))
     timer.start()
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
