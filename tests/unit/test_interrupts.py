@@ -31,9 +31,8 @@ SOON = 20.0
 def test_an_interrupt_ends_learning(learner, settings):
     settings = {"evaluation": OFF, **settings}
     cr.learn(MAZE, learner, 100, eval_freq=100, **{**settings, "evaluation": OFF})
-    # A real signal: what only notes one in Python does not end the wait for a thread.
-    send = signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT)
-    timer = threading.Timer(0.5, *send)
+    main = threading.main_thread().ident  # `_thread.interrupt_main` wakes no thread that waits
+    timer = threading.Timer(0.5, signal.pthread_kill, (main, signal.SIGINT))
     timer.start()
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):

@@ -15,7 +15,8 @@ from curricle.files import RemotePath
 from curricle.study import StudyConfig, read_study, run_study
 from curricle.study.config.tables import ALLOW, load, parsed
 from curricle.study.serialization import DECISION_SCHEMA, read_parquet
-from curricle.study.store import LOCK, in_use, locked
+from curricle.study.store import CHECKPOINTS, LOCK, STUDY, UNITS, StudyStore, in_use, locked
+from curricle.study.tuning import TRIALS
 
 
 @pytest.mark.parametrize("name", ["os:system", "subprocess:run", "builtins:exec", "posix:system"])
@@ -61,17 +62,36 @@ def test_a_lock_that_is_a_link_is_not_followed(tmp_path):
     assert precious.read_text() == "words"
 
 
-def test_a_folder_that_is_moved_while_a_run_writes_ends_it(tmp_path):
+@pytest.mark.parametrize("place", [UNITS, f"{UNITS}/maze-1", CHECKPOINTS, TRIALS])
+def test_a_folder_that_is_a_link_is_not_written_to(place, tmp_path):
+    (tmp_path / "precious" / "mine").mkdir(parents=True)
+    for name in ("a.npz", "mine/a.npz"):
+        (tmp_path / "precious" / name).write_text("words")
+    link = tmp_path / "sent" / place
+    link.parent.mkdir(parents=True)
+    link.symlink_to(tmp_path / "precious")
+    (tmp_path / "sent" / STUDY).write_text("{}")
+    opened = StudyStore.opened(tmp_path / "sent", {}, resume=True)
+    with pytest.raises(StoreError, match=f"must be no links: delete {link}"), opened:
+        pass
+    assert len([*(tmp_path / "precious").rglob("*.npz")]) == 2
+
+
+@pytest.mark.parametrize(
+    ("stored", "why"),
+    [(0, "No such file or directory"), (2, "holds a study.json: .* has none")],
+)
+def test_a_folder_that_is_moved_while_a_run_writes_ends_it(stored, why, tmp_path):
     maze = {"type": "maze", "map": "S.T", "budget": 200}
     arms = {"transfer": {"tasks": {"maze": maze}}}
     study = StudyConfig.from_data({"name": "line", "seeds": [0, 1], "arms": arms}, tmp_path)
     folder = tmp_path / "results"
 
     def move(_):
-        if folder.exists():
+        if len([*folder.rglob("*.npz")]) == stored:
             folder.rename(tmp_path / "moved")
 
-    with pytest.raises(LostStoreError, match="No such file or directory"):
+    with pytest.raises(LostStoreError, match=why):
         run_study(study, folder, progress=move, workers=1)
     assert not folder.exists()
 

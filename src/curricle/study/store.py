@@ -77,9 +77,15 @@ CHECKPOINTS = ".checkpoints"
 
 
 def check_ours(path: Place, resume: bool) -> None:
-    """Raise StoreError if a path is a file, or a folder that holds other things than results."""
+    """Raise StoreError if a path is a file, or a folder that holds other things than results.
+
+    A folder in it that is a link is refused: what is damaged there would be deleted.
+    """
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
+    for one in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
+        if one.is_symlink() and one.is_dir() and one.suffix != PART:
+            raise StoreError(f"folders in one of results must be no links: delete {one}")
     ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
     if not ours and any(one.suffix != PART and one.name != LOCK for one in path.iterdir()):
         raise StoreError(
@@ -376,7 +382,8 @@ class StudyStore:
                 lacks = f"{self.path} has none"
                 if isinstance(self.path, RemotePath) and not self.path.bucket.exists():
                     lacks = f"there is no {self.path.bucket}"
-                raise StoreError(f"a folder of results holds a {STUDY}: {lacks}")
+                gone = FileNotFoundError(errno.ENOENT, "it is not there", str(self.path / STUDY))
+                raise StoreError(f"a folder of results holds a {STUDY}: {lacks}") from gone
         self.description = self.read_sealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
