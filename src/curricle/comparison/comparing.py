@@ -161,7 +161,7 @@ def compare(
     if threshold is None:
         threshold, level = default_threshold(target, found[SCRATCH])
     spans = plan.budget, plan.total, threshold, window
-    return Comparison(plan.target, found, *spans, failed, looks, stopped, level)
+    return Comparison(plan.target, found, *spans, failed, looks, stopped, threshold_from=level)
 
 
 def check_any_left(found: Mapping[str, Arm], failed: Mapping[str, Exception]) -> None:
