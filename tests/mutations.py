@@ -89,8 +89,8 @@ MUTATIONS = [
     Mutation(
         "truncation treated as termination",
         "learning/general_loop.py",
-        "        if not terminated:\n            acting_values",
-        "        if not terminated and length < limit:\n            acting_values",
+        "        if not terminated:\n            if looks_ahead",
+        "        if not terminated and length < limit:\n            if looks_ahead",
         ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
     ),
     Mutation(
@@ -110,8 +110,8 @@ MUTATIONS = [
     Mutation(
         "a tie never drawn again",
         "learning/general_loop.py",
-        "again = max(old, new) >= highest(values, 0)",
-        "again = False",
+        "return max(old, new) >= highest(values, 0)",
+        "return False",
         ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
     ),
     Mutation(

@@ -135,6 +135,30 @@ def move(q, table, state, action, rate, target):
     return np.float64(new)
 
 
+@inlined
+def advised(advice, weight, state, action):
+    """Return what advice adds to the value that a policy acts on."""
+    return weight * advice[state, action] if advice.shape[0] > 0 else 0.0
+
+
+@inlined
+def begin(model, shaping, step, counter):
+    """Return the first state of an episode, the stream's counter, and the potential carried."""
+    state, carried = first_state(model, splitmix64(counter)), 0.0
+    if shaping.kind == STATE:
+        carried = state_potential(shaping, state, step)
+    return state, counter + STRIDE, carried
+
+
+@inlined
+def toss(rule, counter):
+    """Return the table that is updated, the bits that chose it, and the stream's counter."""
+    if rule.update != DOUBLE_Q_LEARNING:
+        return 0, np.uint64(0), counter
+    coin = splitmix64(counter)
+    return np.int64(coin & np.uint64(1)), coin, counter + STRIDE
+
+
 # -- ties: Q-learning has a fast loop too and draws them as there, a visit ahead; others at once ---
 
 
@@ -264,7 +288,8 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
     step, episodes, ended, ended_return = used
     first = Acting(q, advice, at(weight, step), row)
     value = greedy_return(evaluation, model, first) if step > 0 else np.nan
-    checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], q[q.shape[0] - 1])
+    last = q[q.shape[0] - 1]
+    checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], last)
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
     action, bits, counter, drawn = np.uint64(0), np.uint64(0), stream[0] + STRIDE, False
     ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
@@ -274,18 +299,14 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         if step == checkpoint * eval_freq:
             acting = Acting(q, advice, at(weight, step), row)
             so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, acting)
-            if write_checkpoint(
-                record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.stopping
-            ):
+            if write_checkpoint(record, checkpoint, so_far, q[0], last, budget.stopping):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
         if is_spent(budget, record, step, episodes) or has_failed(model):
             return step, episodes
         if fresh:
-            state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
-            length, episode_return, carried = 0, 0.0, 0.0
-            if shaping.kind == STATE:
-                carried = state_potential(shaping, state, step)
+            state, counter, carried = begin(model, shaping, step, counter)
+            length, episode_return = 0, 0.0
         if fresh or rule.update != SARSA:
             acting_values(Acting(q, advice, at(weight, step), row), state, values)
             action, bits, counter, drawn = act(rule, values, ties, state, step, counter)
@@ -296,10 +317,8 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
         )
         target += extra
         # Cutting off at the time limit is not termination: it bootstraps like any other step.
-        next_action, table, coin = np.uint64(0), 0, np.uint64(0)
-        if rule.update == DOUBLE_Q_LEARNING:
-            coin, counter = splitmix64(counter), counter + STRIDE
-            table = np.int64(coin & np.uint64(1))
+        next_action = np.uint64(0)
+        table, coin, counter = toss(rule, counter)
         if not terminated:
             if looks_ahead:
                 acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
@@ -312,13 +331,9 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
             )
         rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
         new = move(q, table, state, action, rate, target)
-        if rule.update == Q_LEARNING:
-            if not drawn:  # what was drawn was the highest
-                if advice.shape[0] > 0:
-                    new += at(weight, step - 1) * advice[state, action]
-                drawn = draws_again(values, ties[state], new, action)
-            if drawn:
-                ties[state] = bits
+        new += advised(advice, at(weight, step - 1), state, action)
+        if rule.update == Q_LEARNING and (drawn or draws_again(values, ties[state], new, action)):
+            ties[state] = bits  # an action that a tie's bits chose was the highest
         fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return

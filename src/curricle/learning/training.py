@@ -140,9 +140,7 @@ def learn(
     kernel = evaluation.kernel(task)
     snapshots = whole_number("snapshots", snapshots, 0, SettingError)
     stopping = stopping_kernel(budget, task, evaluation)
-    threads = threads_for(generative, workers, len(each))
-    if threads == 1 and len(each) * _most_steps(longest, eval_freq, kernel) <= SHORT:
-        threads = 0
+    threads = _threads(generative, workers, len(each), _most_steps(longest, eval_freq, kernel))
     guarded = any(one.shaping is not None and one.shaping.guard is not None for one in each)
     rows = rows_allowed(
         storage,
@@ -159,6 +157,12 @@ def learn(
         values, outcomes = train_all(run, each, stream, snapshots, threads, bars)
     numbers = tuple(one.seed for one in each)
     return learning_result(task, given, numbers, values, outcomes, eval_freq)
+
+
+def _threads(task: Any, workers: int | None, seeds: int, steps: int) -> int:
+    """Return the number of threads, 0 for the caller's where starting another takes long."""
+    threads = threads_for(task, workers, seeds)
+    return 0 if threads == 1 and seeds * steps <= SHORT else threads
 
 
 def _most_steps(longest: int, eval_freq: int, evaluation: EvaluationKernel) -> int:
