@@ -36,6 +36,11 @@ FAMILIES: Mapping[str, Draw] = {
 """Skewness 0, 1.1, 1.7, 6.2, 0 and 2.7."""
 
 
+def learning(share):
+    """Return draws of runs of which a share learns: returns near 1, the others' near 0."""
+    return lambda rng, shape: (rng.random(shape) < share) + rng.normal(scale=0.02, size=shape)
+
+
 def covered(interval, truth):
     """Return the share of intervals that cover the truth, among those with bounds."""
     low, high = np.atleast_1d(interval.low), np.atleast_1d(interval.high)
@@ -195,6 +200,10 @@ KINDS: dict[str, Callable[[int, int, np.random.Generator], float]] = {
     "seeds added until a difference: none": partial(sequential, 0.0, None),
     "seeds added until a difference: 0.5": partial(sequential, 0.5, None),
     "seeds added until a half-width of 0.4": partial(sequential, 1.0, 0.4),
+    "mean: 95 in 100 learn": partial(mean, learning(0.95)),
+    "mean: 80 in 100 learn": partial(mean, learning(0.8)),
+    "interquartile mean: 95 in 100 learn": partial(interquartile, learning(0.95)),
+    "interquartile mean: 80 in 100 learn": partial(interquartile, learning(0.8)),
 }
 """Kind of interval and of data -> coverage of (seeds, studies, rng)."""
 

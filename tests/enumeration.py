@@ -1,11 +1,14 @@
-"""The oracle of certificates: small MDPs solved in exact fractions, without the library."""
+"""The oracle of certificates: small MDPs solved in exact fractions, or every policy in turn."""
 
 from fractions import Fraction
+from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+
+from curricle.tasks.mdp import improper_states
 
 CLOSE = 1e-5
 """Well above the error of a certificate's values of the sizes drawn."""
@@ -74,6 +77,60 @@ def action_values(mdp, added=0.0, allowed=None, sign=1):
         if not gains.any():
             return q
         policy = np.where(gains, better, policy)
+
+
+# -- tables of doubles, which count as exact -------------------------------------------------------
+
+
+def exact_values(mdp, policy):
+    """Return V of a policy of one action a state, by elimination in exact rational numbers."""
+    n, gamma = mdp.states.size, Fraction(mdp.discount)
+    rows = [[Fraction(int(i == j)) for j in range(n)] + [Fraction(0)] for i in range(n)]
+    for s in np.flatnonzero(~mdp.terminal):
+        row = mdp.outcome_row[s, policy[s]]
+        for p, after, r in zip(
+            mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True
+        ):
+            rows[s][-1] += Fraction(p) * Fraction(r)
+            if not mdp.terminal[after]:
+                rows[s][after] -= gamma * Fraction(p)
+    for i in range(n):
+        pivot = next(j for j in range(i, n) if rows[j][i] != 0)
+        rows[i], rows[pivot] = rows[pivot], rows[i]
+        rows[i] = [x / rows[i][i] for x in rows[i]]
+        for j in range(n):
+            if j != i and rows[j][i] != 0:
+                rows[j] = [x - rows[j][i] * y for x, y in zip(rows[j], rows[i], strict=True)]
+    return [row[-1] for row in rows]
+
+
+def exact_optimum(mdp):
+    """Return V*, of the best of all policies of one action a state that end, or are discounted."""
+    n, n_actions = mdp.outcome_row.shape
+    acting = np.flatnonzero(~mdp.terminal)
+    best = [None] * n
+    for chosen in product(range(n_actions), repeat=len(acting)):
+        policy = np.zeros(n, np.int64)
+        policy[acting] = chosen
+        if mdp.discount == 1 and improper_states(mdp, np.eye(n_actions, dtype=bool)[policy]).size:
+            continue
+        values = exact_values(mdp, policy)
+        best = [v if b is None else max(v, b) for v, b in zip(values, best, strict=True)]
+    return best
+
+
+def exact_action_values(mdp, values):
+    """Return Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')) of states that are not terminal."""
+    gamma = Fraction(mdp.discount)
+    found = {}
+    for s, a in product(np.flatnonzero(~mdp.terminal), range(mdp.actions.size)):
+        row = mdp.outcome_row[s, a]
+        outcomes = zip(mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True)
+        found[s, a] = sum(Fraction(p) * (Fraction(r) + gamma * values[t]) for p, t, r in outcomes)
+    return found
+
+
+# -- certificates ----------------------------------------------------------------------------------
 
 
 def best_actions(q):

@@ -26,6 +26,8 @@ COMPILED = ("tasks/", "planning/", "learning/")
 LIMIT = 300
 """Seconds of processor time that tests of a changed library may take: endless loops are caught."""
 TABULATE = "tests/unit/interop/test_tabulate.py"
+ACTING = "tests/unit/test_acting.py"
+TABLES = "tests/unit/interop/test_gymnasium_tables.py"
 
 
 class Mutation(NamedTuple):
@@ -46,10 +48,49 @@ class Mutation(NamedTuple):
 
 MUTATIONS = [
     Mutation(
+        "a link in the place of a lock followed",
+        "study/store.py",
+        "    if (path / LOCK).is_symlink():",
+        "    if not path:",
+        ("tests/unit/test_untrusted_files.py::test_a_lock_that_is_a_link_is_not_followed",),
+    ),
+    Mutation(
+        "a study file names Python's own library",
+        "study/config/tables.py",
+        "    if first in sys.stdlib_module_names:",
+        "    if not first:",
+        ("tests/unit/test_untrusted_files.py::test_pythons_own_library_is_refused",),
+    ),
+    Mutation(
+        "a study file names any installed package",
+        "study/config/tables.py",
+        "    if name not in SAFE and not any(",
+        "    if not name and not any(",
+        (
+            "tests/unit/test_untrusted_files.py::test_an_installed_package_is_named_where_it_is_allowed",
+        ),
+    ),
+    Mutation(
+        "what an interrupted loop learnt is a result",
+        "learning/run.py",
+        "        if seed.record.halted[0]:",
+        "        if not seed:",
+        ("tests/unit/test_interrupts.py::test_what_was_halted_is_no_result",),
+    ),
+    Mutation(
+        "a folder that was moved is made again",
+        "study/store.py",
+        "            (folder / STUDY).stat()",
+        "            str(folder)",
+        (
+            "tests/unit/test_untrusted_files.py::test_a_folder_that_is_moved_while_a_run_writes_ends_it",
+        ),
+    ),
+    Mutation(
         "truncation treated as termination",
         "learning/general_loop.py",
-        "        if not terminated:\n            acting_values",
-        "        if not terminated and length < limit:\n            acting_values",
+        "        if not terminated:\n            if looks_ahead",
+        "        if not terminated and length < limit:\n            if looks_ahead",
         ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
     ),
     Mutation(
@@ -58,6 +99,29 @@ MUTATIONS = [
         "if not terminated:",
         "if not terminated and step + 1 != last:",
         ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
+    ),
+    Mutation(
+        "ties of the general loop drawn at once",
+        "learning/general_loop.py",
+        "tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)",
+        "tie = splitmix64(counter)",
+        ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
+    ),
+    Mutation(
+        "a tie never drawn again",
+        "learning/general_loop.py",
+        "return max(old, new) >= highest(values, 0)",
+        "return False",
+        ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
+    ),
+    Mutation(
+        "values under a changing potential handed on",
+        "learning/potential.py",
+        "return len(self.frame_steps) > 1 or self.weight.first != self.weight.last",
+        "return False",
+        (
+            "tests/property/test_guard_properties.py::test_values_that_contain_what_shaping_added_say_so",
+        ),
     ),
     Mutation(
         "sign of the shaping term",
@@ -106,9 +170,27 @@ MUTATIONS = [
     Mutation(
         "charge_source off by one",
         "statistics/curves.py",
-        "transfer.source_steps[:, np.newaxis]\n    rows",
-        "transfer.source_steps[:, np.newaxis] + 1\n    rows",
+        "transfer.source_steps[:, np.newaxis]\n    training",
+        "transfer.source_steps[:, np.newaxis] + 1\n    training",
         ("tests/unit/test_metrics.py",),
+    ),
+    Mutation(
+        "a source that teaches nothing is paid",
+        "statistics/curves.py",
+        "if gift > 0:",
+        "if gift > 0 and False:",
+        (
+            "tests/property/test_metrics_properties.py::test_a_source_that_teaches_nothing_never_gains",
+        ),
+    ),
+    Mutation(
+        "settled at the floor",
+        "learning/stopping.py",
+        "recent_return(greedy, checkpoint) > rule.floor",
+        "greedy[0] == greedy[0]",
+        (
+            "tests/unit/test_settled_sources.py::test_a_return_that_fell_to_the_floor_has_not_settled",
+        ),
     ),
     Mutation(
         "a control that is not negated",
@@ -381,11 +463,217 @@ MUTATIONS = [
         (f"{TABULATE}::test_the_same_state_ended_and_not_ended_is_two",),
     ),
     Mutation(
+        "a step of a subclass is ignored",
+        "interop/toy_text.py",
+        "getattr(type(env), name) is getattr(kind, name) and name not in vars(env)",
+        "name not in vars(env)",
+        (f"{TABLES}::test_what_a_table_does_not_describe_is_live",),
+    ),
+    Mutation(
+        "a step that was replaced is ignored",
+        "interop/toy_text.py",
+        " and name not in vars(env)",
+        "",
+        (f"{TABLES}::test_what_a_table_does_not_describe_is_live",),
+    ),
+    Mutation(
+        "an environment whose step was replaced is made again without it",
+        "interop/gymnasium.py",
+        "            _check_unchanged(env, make)",
+        "            pass",
+        (f"{TABLES}::test_an_environment_whose_step_was_replaced_cannot_be_made_again",),
+    ),
+    Mutation(
+        "the order in which states were found is read by name",
+        "transfer/component_mapping.py",
+        "if component.arbitrary or origin.arbitrary:",
+        "if component.arbitrary and origin.arbitrary:",
+        (f"{TABULATE}::test_states_in_the_order_of_discovery_are_never_mapped_by_name",),
+    ),
+    Mutation(
+        "one of several resets is called exact",
+        "interop/tabulation/exploration.py",
+        "len(found.start) > 1 or not all(known)",
+        "len(found.start) > 1",
+        (f"{TABULATE}::test_resets_that_differ_are_said_to_be_some_of_several",),
+    ),
+    Mutation(
+        "draws from global generators are no draws",
+        "interop/tabulation/tabulate.py",
+        "if source is world and drawn():",
+        "if False:",
+        (f"{TABULATE}::test_draws_from_global_generators_are_repeated_and_given_back",),
+    ),
+    Mutation(
+        "a MiniGrid step is repeated at the same time",
+        "interop/tabulation/minigrid.py",
+        "return int(number * 0.618034 % 1 * max(1, env.max_steps - 1))",
+        "return 0",
+        ("tests/unit/interop/test_tabulate_minigrid.py::test_what_depends_on_the_time_is_refused",),
+    ),
+    Mutation(
+        "a reward of a MiniGrid subclass is replaced by 1",
+        "interop/tabulation/minigrid.py",
+        "if type(base)._reward is not known or",
+        "if",
+        ("tests/unit/interop/test_tabulate_minigrid.py::test_a_reward_of_a_subclass_is_kept",),
+    ),
+    Mutation(
         "states with different rewards are made one",
         "interop/tabulation/tables.py",
         " * len(different) + rewards.reshape(tables.reward.shape)",
         "",
         (f"{TABULATE}::test_observations_that_several_states_show_show_none",),
+    ),
+    Mutation(
+        "memory of episodes that have ended",
+        "deep/networks.py",
+        "part[:, kept] for part in memory",
+        "part[:, : len(running)] for part in memory",
+        (f"{ACTING}::test_each_episode_keeps_its_own_memory_when_others_end",),
+    ),
+    Mutation(
+        "masks of environments whose episodes have ended",
+        "deep/networks.py",
+        "for k in running]",
+        "for k in range(len(running))]",
+        (f"{ACTING}::test_masks_are_of_the_environments_that_are_still_running",),
+    ),
+    Mutation(
+        "networks with actions that count from 1",
+        "deep/learner.py",
+        'if np.any(getattr(part, "start", 0)):',
+        'if what == "Observation" and np.any(getattr(part, "start", 0)):',
+        (f"{ACTING}::test_networks_take_no_spaces_that_do_not_count_from_0",),
+    ),
+    Mutation(
+        "a model's actions counted from 0 in tables that count from 1",
+        "interop/tabulation/tabulated_task.py",
+        "if any(part.low for part in self.actions.components):",
+        "if not self.actions.components:",
+        (f"{ACTING}::test_actions_of_tables_count_from_0_where_a_model_is_read",),
+    ),
+    Mutation(
+        "an arm whose sources took more than the total that is compared",
+        "study/results.py",
+        "    if most > total:\n",
+        "    if most > 2 * total + 10_000:\n",
+        (
+            "tests/unit/test_study_reading.py::test_the_smallest_total_must_leave_steps_for_every_target",
+        ),
+    ),
+    Mutation(
+        "a curve read from its end",
+        "comparison/arms.py",
+        "if spent.max() > total:",
+        "if spent.min() < 0:",
+        (
+            "tests/unit/test_study_reading.py::test_the_smallest_total_must_leave_steps_for_every_target",
+        ),
+    ),
+    Mutation(
+        "schedules over another total compared",
+        "study/results.py",
+        'if arm.depends_on_total == "" or study.record.total == total or name in study.failed:',
+        "if total:",
+        (
+            "tests/unit/test_study_reading.py::test_what_depends_on_the_total_is_compared_at_one_alone",
+        ),
+    ),
+    Mutation(
+        "a verdict while seeds are missing",
+        "study/results.py",
+        "if lacking or len(seeds) < len(planned):",
+        "if lacking:",
+        ("tests/unit/test_study_reading.py::test_while_seeds_are_missing_there_is_no_verdict",),
+    ),
+    Mutation(
+        "a p-value while seeds are missing",
+        "comparison/verdicts.py",
+        "math.nan if interim else _p_value",
+        "_p_value",
+        ("tests/unit/test_verdicts.py::test_seeds_to_come_withhold_every_verdict",),
+    ),
+    Mutation(
+        "a difference shown beside an interval that holds 0",
+        "comparison/verdicts.py",
+        "    if p >= SIGNIFICANT or not gain.low",
+        "    if p >= SIGNIFICANT or gain.low",
+        (
+            "tests/unit/test_verdicts.py::test_no_difference_is_shown_beside_an_interval_that_holds_0",
+        ),
+    ),
+    Mutation(
+        "a bound of mappings at another discount than the task's",
+        "transfer/task_pair.py",
+        "s if tables(task).discount < 1 else solve(task)",
+        "s",
+        (
+            "tests/property/test_found_mappings.py::test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks",
+        ),
+    ),
+    Mutation(
+        "pairs of different values in a homomorphism",
+        "transfer/bisimulation.py",
+        "apart(index, *solutions) <= error",
+        "apart(index, *solutions) < np.inf",
+        (
+            "tests/property/test_found_mappings.py::test_a_homomorphism_maps_no_pairs_whose_values_differ",
+        ),
+    ),
+    Mutation(
+        "distances below the difference of two values",
+        "transfer/bisimulation.py",
+        "np.maximum(states, abs(between)) + error",
+        "states + error",
+        (
+            "tests/property/test_found_mappings.py::test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks",
+        ),
+    ),
+    Mutation(
+        "F that is off by its rounding is called safe",
+        "certificate/certification.py",
+        "reach = 2 * off * _longest(met.mdp)",
+        "reach = 2 * EPSILON * shaped.largest",
+        (
+            "tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",
+        ),
+    ),
+    Mutation(
+        "a tie that is not proven is called safe",
+        "certificate/certification.py",
+        "if behind and behind.plain.potential.any() and not tied_exactly(met, own, found.optimal):",
+        "if False:",
+        (
+            "tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",
+        ),
+    ),
+    Mutation(
+        "ways into a state that nearly agree are called safe",
+        "certificate/diagnosis.py",
+        "if apart == 0:",
+        "if apart <= 1e-12 * abs(phi).max():",
+        (
+            "tests/unit/test_certificate_advice.py::test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree",
+        ),
+    ),
+    Mutation(
+        "rewards below the normal numbers have no error",
+        "planning/solution.py",
+        "rounding += unit / EPSILON * TINIEST",
+        "pass",
+        (
+            "tests/oracle/test_proven_errors.py::test_rewards_below_the_normal_numbers_have_an_error_too",
+        ),
+    ),
+    Mutation(
+        "shortest paths without an error",
+        "planning/direct.py",
+        "(max(lower, upper) + rounding)",
+        "0.0",
+        (
+            "tests/oracle/test_proven_errors.py::test_stochastic_shortest_paths_are_within_their_bound",
+        ),
     ),
 ]
 

@@ -110,6 +110,32 @@ class Uncopyable(Corridor):
         self.file.close()
 
 
+class Unreadable(Corridor):
+    """Can be copied, but holds what has no parts to be compared."""
+
+    def __init__(self):
+        super().__init__()
+        self.part = Opaque()
+
+
+class OfNoModule(type):
+    """A type without a module, as SWIG makes them for Box2D."""
+
+    @property
+    def __module__(cls):
+        raise AttributeError("__module__")
+
+
+class Opaque(metaclass=OfNoModule):
+    __slots__ = ()
+
+    def __deepcopy__(self, memo):
+        return self
+
+    def __reduce_ex__(self, protocol):
+        raise TypeError("no parts")
+
+
 class Written(gym.Env):
     """An MDP written down: successors and rewards (S, A), terminal (S,); starts in state 0."""
 

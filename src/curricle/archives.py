@@ -71,6 +71,10 @@ ENCRYPTED = 1
 """The flag of such a member."""
 QUICK = 1
 """Level of compression: a third of the time of the default for a tenth more bytes."""
+KINDS = "biufU"
+"""Of the types of arrays: truth, numbers, text."""
+HELD = 256
+"""Bytes that a byte on disk may stand for: a file of holes would fill the memory."""
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError)
 
 
@@ -114,10 +118,10 @@ def _has_its_directory(archive: zipfile.ZipFile, file: IO[bytes]) -> bool:
 
 
 class ArrayArchive:
-    """An archive that is open, of a file of so many bytes."""
+    """An archive that is open, of a file of so many bytes, which are to hold at most `held`."""
 
-    def __init__(self, archive: zipfile.ZipFile, size: int):
-        self.archive = archive
+    def __init__(self, archive: zipfile.ZipFile, size: int, held: int):
+        self.archive, self.held = archive, held
         self.members = {one.filename: one for one in archive.infolist()}
         stored = [one for one in self.members.values() if not one.compress_type]
         if len(self.members) < len(archive.infolist()) or sum(o.file_size for o in stored) > size:
@@ -145,6 +149,9 @@ class ArrayArchive:
             raise ValueError("its arrays must not be compressed, but for snapshots")
         if most is not None and sum(wanted[name].file_size for name in packed) > most:
             raise ValueError(f"its snapshots must have at most {most:,} bytes")
+        check_held(
+            sum(one.file_size for one in wanted.values() if not one.compress_type), self.held
+        )
         found = dict[str, npt.NDArray[Any]]()
         for name, one in wanted.items():
             with self.archive.open(one) as file:
@@ -159,6 +166,14 @@ class ArrayArchive:
         return self.archive.read(member)
 
 
+def check_held(size: int, held: int) -> None:
+    """Raise ValueError where so many bytes are to be read of a file that is mostly holes."""
+    if size > max(held, READ_AT_ONCE):
+        raise ValueError(
+            f"it says that it has {size:,} bytes, and most of them are not on the disk"
+        )
+
+
 @contextmanager
 def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive]:
     """Open an archive to read some of it, or the `whole`, which is then in memory at once.
@@ -167,6 +182,8 @@ def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive
     """
     with opened_regular(path) as (file, size):
         source: IO[bytes] = file
+        blocks = getattr(path.stat(), "st_blocks", size) if isinstance(path, Path) else size
+        check_held(size if whole else 0, held := HELD * 512 * blocks)
         if whole or size <= READ_AT_ONCE:  # the members of a larger one have checksums too
             content = file.read()
             if digest_of(content[:-DIGEST]).encode() != content[-DIGEST:]:
@@ -176,7 +193,7 @@ def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive
             with zipfile.ZipFile(source) as archive:
                 if not _has_its_directory(archive, source):
                     raise Damaged
-                yield ArrayArchive(archive, size)
+                yield ArrayArchive(archive, size, held)
         except BROKEN:
             raise Damaged from None
 
@@ -189,10 +206,13 @@ def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
     version = np.lib.format.read_magic(file)
     if version != (1, 0):
         raise ValueError(f"its arrays must be of format 1.0: got {version}")
-    shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
-    if dtype.hasobject:
-        raise ValueError("its arrays must not hold Python objects, which are pickles")
-    if math.prod(shape) * dtype.itemsize != size - file.tell():
+    try:
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+    except Exception as error:  # of any kind: the header is parsed as Python
+        raise ValueError(f"an array's header makes no sense: {error}") from None
+    if dtype.kind not in KINDS:
+        raise ValueError("its arrays must hold numbers or text, and no Python objects or records")
+    if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != size - file.tell():
         raise ValueError(f"an array of shape {shape} does not fill its file")
     flat = np.frombuffer(bytearray(file.read()), dtype)
     return flat.reshape(shape, order="F" if fortran else "C")
@@ -200,8 +220,8 @@ def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
 
 ABOUT, FORMAT = "about.json", 1
 ENDING = ".npz"
-LARGEST_ABOUT = 2**26
-"""Bytes of ``about.json`` at most."""
+LARGEST_ABOUT = 2**24
+"""Bytes of ``about.json`` at most: in memory they are up to 25 times as many."""
 
 
 class SavedFile(NamedTuple):

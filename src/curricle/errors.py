@@ -19,11 +19,29 @@ Every message is one sentence: the rule, the value that broke it, and the place.
 apart: it is what a study's own code raised in another process, where its own class cannot be sent.
 """
 
+import re
 from concurrent.futures import BrokenExecutor
+
+LONGEST, SHOWN_END = 1500, 400
+"""Characters of a sentence, and how many of them are its end, which says the way out."""
+MOST_LINES = 100
+"""Mistakes in a study file that are listed."""
+PASSWORD = re.compile(r"(?<=:)/+[^/\s@]+@")
+"""What comes before a URL's host."""
+
+
+def _sentence(text: str) -> str:
+    """Return a text on one line, cut in the middle where it is long, without passwords."""
+    line = PASSWORD.sub("//...@", " ".join(text.splitlines()))
+    cut = f"{line[: LONGEST - SHOWN_END - 7]} [...] {line[-SHOWN_END:]}"
+    return line if len(line) <= LONGEST else cut
 
 
 class CurricleError(Exception):
-    """Base of everything Curricle raises on purpose."""
+    """Base of everything Curricle raises on purpose; its message is one sentence."""
+
+    def __init__(self, *args: object):
+        super().__init__(*(_sentence(one) if isinstance(one, str) else one for one in args))
 
 
 class TaskError(CurricleError, ValueError):
@@ -52,6 +70,12 @@ class CurriculumError(CurricleError, ValueError):
 
 class ConfigError(CurricleError, ValueError):
     """A study file cannot be understood; a line for each thing that is wrong with it."""
+
+    def __init__(self, *args: object):
+        lines = str(args[0]).splitlines() if args else []
+        if (more := len(lines) - MOST_LINES) > 0:
+            lines[MOST_LINES:] = [f"and {more:,} more"]
+        Exception.__init__(self, "\n".join(map(_sentence, lines)), *args[1:])
 
 
 class StoreError(CurricleError):

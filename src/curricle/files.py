@@ -53,7 +53,8 @@ class RemotePath:
         Options are those of ``pyarrow.fs.FileSystem.from_uri``.
         """
         parts = urlsplit(url)
-        secret = next((name for name, _ in parse_qsl(parts.query) if SECRETS.search(name)), None)
+        options = parse_qsl(parts.query)
+        secret = next((key for key, one in options if SECRETS.search(key) or "@" in one), None)
         if "@" in parts.netloc or secret:
             raise StoreError(
                 "a URL must have no password, key or token, since it is shown and stored: give "

@@ -1,4 +1,6 @@
-"""How far a function is that takes long: bars on a terminal or in a notebook, or a function told.
+"""How far a function is that takes long, and how it is interrupted.
+
+It shows bars on a terminal or in a notebook, or calls a function.
 
 Each such function takes ``progress``: True shows bars, a function is called with each part that is
 done, False and None do neither. Where stderr is neither terminal nor notebook, a line is printed
@@ -7,12 +9,15 @@ for each bar that is full.
 
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from importlib import import_module
 from time import monotonic
 from typing import Any, Union
 
+import numpy as np
 from rich.console import Console, RenderableType
 from rich.progress import (
     BarColumn,
@@ -26,6 +31,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from curricle.array_types import BoolArray
 from curricle.checks import brief
 from curricle.errors import SettingError
 
@@ -190,3 +196,27 @@ def check_progress(progress: Any) -> None:
         raise SettingError(
             f"progress must be True, False, None or a function: got {brief(progress)}"
         )
+
+
+# -- interrupts ------------------------------------------------------------------------------------
+
+_NEVER = np.zeros(1, np.bool_)
+HALTED: ContextVar[BoolArray] = ContextVar("halted", default=_NEVER)
+"""(1,), true once nobody waits for the results of a thread any more: compiled loops end then."""
+
+
+@contextmanager
+def interruptible(threads: int) -> Iterator[ThreadPoolExecutor]:
+    """Yield threads whose compiled loops end when the block is left by an exception.
+
+    Python handles a signal in the main thread, and not while that runs compiled code.
+    """
+    halted = np.zeros(1, np.bool_)
+    pool = ThreadPoolExecutor(threads, initializer=HALTED.set, initargs=(halted,))
+    try:
+        yield pool
+    except BaseException:
+        halted[0] = True
+        raise
+    finally:  # a thread that compiles a loop would be waited for long
+        pool.shutdown(wait=False, cancel_futures=True)

@@ -20,6 +20,7 @@ from curricle.errors import ConfigError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.arms import Arms
+from curricle.study.recording import curricula_record
 from curricle.study.serialization import RUN
 from tests.hunters import observed, transfers
 from tests.studies import OBSERVED_HUNT
@@ -295,6 +296,33 @@ def test_arms_and_controls_are_compared(plan):
     starts = {name: arm.curve.values[:, 0].mean() for name, arm in found.arms.items()}
     assert starts["transfer"] == starts["transfer, scaled x 2"]  # the same policy
     assert starts["transfer"] != starts["transfer, negated"]
+
+
+@pytest.mark.parametrize(
+    ("learner", "changes", "depends"),
+    [
+        ({"algorithm": "DQN"}, {}, "a schedule of DQN"),
+        ({"algorithm": "stable_baselines3:PPO"}, {}, "a schedule of stable"),  # may have some
+        ({"algorithm": "PPO"}, {}, ""),
+        ({"algorithm": "PPO", "settings": {"learning_rate": float}}, {}, ""),
+        ({"algorithm": "PPO", "settings": {"learning_rate": abs}}, {}, "a schedule of PPO"),
+        ({"algorithm": "PPO"}, {"shaping": cr.deep.WeightTransfer(kl=0.1)}, "its sources' policy"),
+        ({"algorithm": "PPO"}, {"shaping": cr.deep.WeightTransfer()}, ""),
+        ({"algorithm": "PPO"}, {"shaping": cr.deep.PolicyReuse()}, ""),
+        ({"algorithm": "SAC"}, {"shaping": cr.deep.PolicyReuse()}, "its sources' policy"),
+    ],
+)
+def test_a_record_says_why_what_is_learnt_depends_on_the_total(learner, changes, depends):
+    hunt = observed(2, time_limit=20)
+    plan = cr.Curriculum(
+        {"chase": hunt, "hunt": hunt},
+        [cr.Transfer("chase", "hunt", cr.transfer.ObservationMapping(hunt, hunt))],
+        learner=cr.deep.DeepLearner(**learner),
+        **changes,
+    )
+    found = curricula_record({"transfer": plan}, {}).arms["transfer"].depends_on_total
+    assert found.startswith(depends)
+    assert bool(found) is bool(depends)
 
 
 def test_a_comparison_of_two_ways_refuses_other_problems(plan):

@@ -25,7 +25,10 @@ def solved_maze():
 
 def agreement(values, known):
     """The share of observations in which a network does one of the best things that are known."""
-    chosen = known.policy[np.arange(len(known.values)), values.act(known.observations)]
+    chosen = known.policy[
+        np.arange(len(known.values)),
+        values.policy.predict(known.observations, deterministic=True)[0],
+    ]
     return (chosen >= known.policy.max(axis=1) - 1e-12).mean()
 
 

@@ -124,6 +124,60 @@ def test_the_loss_without_a_pull_is_that_of_plain_ppo():
         assert torch.allclose(plain, pulled, atol=1e-5)
 
 
+def gradients(policy, loss):
+    policy.zero_grad()
+    loss.backward()
+    return [None if one.grad is None else one.grad.clone() for one in policy.parameters()]
+
+
+@pytest.mark.parametrize("entropy", [0.0, 0.3])
+def test_the_pull_is_a_term_of_its_own_in_the_loss(entropy):
+    observed, values, _ = task_and_source()
+    shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=0.7)
+    model = model_for(observed, learner(ent_coef=entropy), shaping, seed=9)
+    policy = model.policy
+    with torch.no_grad():
+        for parameter in policy.parameters():
+            parameter.add_(0.3 * torch.randn_like(parameter))
+    seen, actions = torch.eye(5), torch.tensor([0, 1, 2, 0, 1])
+
+    def loss(values, log_prob, entropies):  # any that an algorithm may compute
+        return (
+            (log_prob.exp() * torch.arange(5)).mean() - entropy * entropies.mean() + values.mean()
+        )
+
+    mine = gradients(policy, loss(*policy.evaluate_actions(seen, actions)))
+    policy.kl_weight = 0.0
+    plain = loss(*policy.evaluate_actions(seen, actions))
+    wanted = policy.source.get_distribution(seen).distribution.probs.detach()
+    logs = policy.get_distribution(seen).distribution.logits
+    far = (wanted * (wanted.log() - logs)).sum(dim=1).mean()
+    explicit = gradients(policy, plain + 0.7 * far)
+    assert far > 0.01
+    for one, other in zip(mine, explicit, strict=True):
+        assert (one is None) == (other is None)
+        assert one is None or torch.allclose(one, other, atol=1e-6)
+
+
+class Annealed(BaseCallback):
+    """Sets the weight of the entropy, and notes what it was."""
+
+    seen = ()
+
+    def _on_step(self):
+        self.seen = (*self.seen, self.model.ent_coef)
+        self.model.ent_coef = self.model.ent_coef / 2
+        return True
+
+
+def test_the_weight_of_the_entropy_stays_the_learners_own():
+    observed, values, _ = task_and_source()
+    shaping = cr.deep.WeightTransfer(source=source(observed, values), kl=0.7)
+    model, halved = model_for(observed, learner(ent_coef=0.5), shaping, seed=9), Annealed()
+    model.learn(64, callback=halved)
+    assert halved.seen[:3] == (0.5, 0.25, 0.125)
+
+
 def test_a_killed_run_with_a_pull_goes_on_with_the_same_result(tmp_path):
     observed, values, _ = task_and_source()
     shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=1.0)

@@ -1,8 +1,10 @@
 """Training deep learners: curves, budgets, stopping, shapings, and runs that are resumed."""
 
 import random
+from types import SimpleNamespace
 from typing import ClassVar
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -10,6 +12,10 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
 from curricle.deep import checkpoint, training
+from curricle.deep.models import model_for
+from curricle.deep.networks import NetworkValues, acting
+from curricle.tasks.draws import splitmix64, stream_start
+from curricle.transfer.observation_rollouts import Environments, mean_episode_return
 
 from .worlds import one_hot, table_potential
 
@@ -76,6 +82,36 @@ def test_a_run_ends_at_its_budget_in_steps_or_episodes(observed):
     assert counted.steps_used[0] <= 4 * 30
 
 
+LAST = [
+    (PPO, 64),
+    (PPO, 192),
+    (cr.deep.DeepLearner("A2C", envs=2, settings={"n_steps": 5}), 10),
+    (DQN, 40),
+    (cr.deep.DeepLearner("DQN", envs=2, settings={**QUICK, "train_freq": 32}), 64),
+]
+
+
+@pytest.mark.parametrize(("learner", "budget"), LAST)
+def test_the_last_rollout_is_learnt_from_and_what_it_taught_is_reported(observed, learner, budget):
+    sampled = cr.GreedyEvaluation(episodes=40, sampled=True)
+    result = cr.deep.learn_deep(observed, learner, budget, eval_freq=budget, evaluation=sampled)
+    start = stream_start(0, "")
+    with checkpoint.isolated(1):
+        alone = model_for(observed, learner, seed=splitmix64(start) >> 33, steps=budget)
+        before = NetworkValues(alone.policy).parameters()
+        alone.learn(budget)
+        environments = Environments(observed, 40, sampled.horizon(observed))
+        act = acting(alone.policy, environments.environments, sampled=True)
+        with checkpoint.drawing(splitmix64(start ^ 2)):
+            episodes = environments.rollouts(act, splitmix64(start ^ 2))
+    learnt = result.values[0].parameters()
+    for name, wanted in NetworkValues(alone.policy).parameters().items():
+        assert np.array_equal(learnt[name], wanted)
+    assert any(not np.array_equal(learnt[name], before[name]) for name in before)
+    assert result.steps_used.tolist() == [budget]
+    assert result.greedy_return[0, -1] == mean_episode_return(episodes, 1.0)
+
+
 def test_a_stopping_rule_ends_a_run_where_it_says(observed):
     rule = cr.StoppingRule(max_steps=2000, threshold=-1e9, patience=2)
     result = cr.deep.learn_deep(observed, DQN, rule, eval_freq=50)
@@ -120,6 +156,73 @@ def test_a_killed_run_goes_on_to_the_same_result(
     assert saved == sorted(set(saved))
     same(whole, cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
     same(whole, cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
+
+
+class Wide(gymnasium.Env):
+    """Observes 600 entries, most of them 0: whole numbers, or halves at times."""
+
+    observation_space = gymnasium.spaces.Box(-1, 9, (600,), np.float32)
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def __init__(self, step):
+        self.unit = step
+
+    def seen(self):
+        row = np.zeros(600, np.float32)
+        row[self.np_random.integers(600, size=3)] = self.unit
+        return row
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.left = 9
+        return self.seen(), {}
+
+    def step(self, action):
+        self.left -= 1
+        return self.seen(), float(action), self.left == 0, False, {}
+
+
+@pytest.mark.parametrize(("unit", "most"), [(2.0, 0.2), (0.5, 0.55)])
+def test_a_buffer_is_saved_as_far_as_it_is_filled_and_in_few_bytes(
+    tmp_path, monkeypatch, unit, most
+):
+    wide = cr.tasks.ObservationTask(lambda: Wide(unit), 0.9, 20)
+    settings = {"eval_freq": 1000, "evaluation": cr.GreedyEvaluation("off")}
+    whole = cr.deep.learn_deep(wide, DQN, 1000, **settings)
+    save, sizes = training.Recorder._save, []
+
+    def killed(recorder):
+        save(recorder)
+        if recorder.progress.steps >= 400:
+            sizes.append((tmp_path / "seed-0.checkpoint").stat().st_size)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(training.Recorder, "_save", killed)
+    with pytest.raises(KeyboardInterrupt):
+        cr.deep.learn_deep(wide, DQN, 1000, **settings, saves=tmp_path)
+    monkeypatch.setattr(training.Recorder, "_save", save)
+    assert sizes[0] < most * 2 * 1000 * 600 * 4  # two arrays of the budget's observations
+    same(whole, cr.deep.learn_deep(wide, DQN, 1000, **settings, saves=tmp_path))
+
+
+NAN, ZERO = float("nan"), -0.0
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64", "float16", "int64", "uint8", "bool"])
+@pytest.mark.parametrize("special", [[0], [1], [255], [256], [-1], [0.5], [NAN], [ZERO], [1e30]])
+def test_large_arrays_are_saved_bit_by_bit(tmp_path, dtype, special):
+    with np.errstate(all="ignore"):
+        content = np.zeros((2**10, 1, 2**10), dtype)
+        content[:7] = np.arange(2**10) % 200
+        content[3, 0, 5] = np.array(special).astype(dtype)[0]
+    kept = {"whole": content, "again": content, "none": np.zeros(2**17), "turned": content.T}
+    checkpoint.save(tmp_path / "one", "run", SimpleNamespace(**kept), None)
+    held = checkpoint.load(tmp_path / "one", "run").model[1]
+    for name, array in kept.items():
+        assert held[name].dtype == array.dtype
+        assert held[name].tobytes() == array.tobytes()
+    assert held["whole"] is held["again"]
+    held["whole"][0, 0, 0] = 1  # as a buffer is written to
 
 
 def test_a_checkpoint_of_something_else_is_refused(observed, tmp_path):

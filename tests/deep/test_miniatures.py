@@ -180,9 +180,27 @@ def test_a_forecast_says_what_holds_on_held_out_levels():
     told = found.sources["small"]
     assert told.shares.shape == (2, 2)
     assert 0.5 < told.expected <= 1.0 + 1e-9
-    assert "held out, of the way from random to optimal" in str(told)
+    assert "held-out levels of " in str(told)
+    assert "training level" not in str(told)
     assert found.used.verdict.startswith("its network or policy enters, which returns ")
     assert 0 <= found.used.mean("start") <= 1
+
+
+@pytest.mark.parametrize(
+    ("settings", "kind"),
+    [({"resets": 1}, "training level"), ({"resets": 8, "held_out": 0.0}, "training level"),
+     ({"resets": 8, "held_out": 0.3}, "held-out level")],
+)  # fmt: skip
+def test_levels_that_were_trained_on_are_not_said_to_be_held_out(settings, kind):
+    small = miniatures(room(), tested_on=[room(5)], **settings)
+    result = cr.Curriculum({"small": small}, [], learner=PPO).train(1)["small"]
+    own, other = small.examined(result.values[0])
+    assert (own.kind, other.kind) == (kind, "held-out level")
+    (member,) = small.solved
+    apart = ~member.training & ~member.table.mdp.terminal
+    assert apart.any() == (kind == "held-out level")
+    assert own.levels == len(np.unique(member.level[apart if apart.any() else member.training]))
+    assert other.levels > 0
 
 
 DQN = DeepLearner("DQN", envs=2, settings={"learning_starts": 10})
@@ -214,7 +232,7 @@ def test_a_guide_with_action_values_is_read_through_its_mapping():
     result = mapped(PolicyReuse(), DQN, actions=SIDEWAYS).train(1)
     (phi,) = result.potentials["large"]
     seen = np.array([[0.3, 0.0], [0.0, -0.3]], np.float32)
-    own = result["small"].values[0].act(seen)
+    own = result["small"].values[0].policy.predict(seen, deterministic=True)[0]
     assert phi.pairs(seen).argmax(axis=1).tolist() == SIDEWAYS[own].tolist()
 
 

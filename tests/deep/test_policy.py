@@ -42,7 +42,7 @@ def test_a_saved_policy_is_read_by_stable_baselines3_and_here(tmp_path, algorith
         file = policy.save(tmp_path / f"new/seed-{k}")
         assert file == tmp_path / f"new/seed-{k}.zip"
         theirs, mine = algorithm.load(file), TrainedPolicy.load(file, LAKE, learner)
-        wanted = result.values[k].act(everywhere())
+        wanted = result.values[k].policy.predict(everywhere(), deterministic=True)[0]
         assert np.array_equal(policy.predict(everywhere()), wanted)
         assert np.array_equal(mine.predict(everywhere()), wanted)
         assert np.array_equal(theirs.predict(everywhere(), deterministic=True)[0], wanted)
@@ -63,7 +63,7 @@ def test_the_policy_of_a_residual_keeps_its_potential(tmp_path):
     potential = table_potential(MAZE, task, table)
     result = learn_deep(task, DEEP_Q, 64, shaping=cr.QInitialisation(potential), eval_freq=32)
     rows = np.eye(MAZE.states.size, dtype=np.float32)
-    wanted = result.values[0].act(rows)
+    wanted = result.values[0].policy.predict(rows, deterministic=True)[0]
     assert np.array_equal(result.policy.predict(rows), wanted)
     model = result.policy.model
     assert np.array_equal(cr.deep.NetworkValues(model.policy).v(rows), result.values[0].v(rows))

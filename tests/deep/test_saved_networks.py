@@ -77,7 +77,8 @@ def test_a_curriculum_of_networks_is_loaded_as_it_was(tmp_path):
     for name in result.nodes:
         same_networks(result[name], again[name])
         for mine, yours in zip(result[name].values, again[name].values, strict=True):
-            assert np.array_equal(mine.v(ROWS), yours.v(ROWS))
+            # phi is cached as the batch it was first computed in rounds it.
+            np.testing.assert_allclose(mine.v(ROWS), yours.v(ROWS), rtol=1e-6)
     assert again.save(tmp_path / "two").read_bytes() == file.read_bytes()
     assert np.array_equal(again.policy.predict(ROWS), result.policy.predict(ROWS))
     small = DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [8]}})

@@ -71,7 +71,10 @@ def thawed():
     return task
 
 
+LOOP: list = []
+LOOP.append(LOOP)
 BAD = [
+    LOOP,
     *(None, True, False, "", "x", "a" * 300, b"x", -1, 0, 0.5, NAN, INF, -INF, 1e308, 1j),
     *(2**63, 2**64, -(2**63), 10**30, 10**400, np.float32(NAN), np.int64(-1), np.uint64(2**64 - 1)),
     *([], [[]], (), {}, set(), {"x": 1}, [None], ["x"], [NAN], [2**63], range(3), [[1], [1, 2]]),

@@ -14,10 +14,9 @@ from curricle.cli.study_preview import print_preview
 from curricle.errors import CurricleError
 from curricle.study import read_study
 
-SECONDS = 10
-"""Of processor time: a study that takes more hangs, however busy the machine is."""
-COMPILING = 60
-"""Of processor time, for what seems to hang and may be compiling loops: it is then tried again."""
+SECONDS = 60
+"""Of processor time: a study that takes more hangs, however busy the machine is. Compiling loops
+takes up to 20, distilling the miniatures of a network up to 30."""
 WAITING = 6
 """Seconds on the clock for one of processor time: what waits for something takes none."""
 CALL = "made = make(**self.arguments)"
@@ -76,16 +75,8 @@ def outcome(text: str, folder: Path, what: Callable[[Path], None] = previewed) -
     """
     path = folder / "study.toml"
     path.write_text(text, "utf-8")
-    found = _outcome(path, what, SECONDS)
-    if found[0] == "hang":
-        _outcome(path, what, COMPILING)
-        found = _outcome(path, what, SECONDS)
-    return found
-
-
-def _outcome(path: Path, what: Callable[[Path], None], seconds: float) -> tuple[str, str]:
     try:
-        with limited(seconds):
+        with limited(SECONDS):
             what(path)
     except CurricleError as error:
         return "refused", str(error)

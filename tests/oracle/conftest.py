@@ -82,21 +82,18 @@ def draw_best(values, bits):
 
 
 class Ties:
-    """Draws among tied actions as the fast loop does: one visit ahead."""
+    """Draws among tied actions as Q-learning does: one visit ahead."""
 
-    def __init__(self, q, key):
-        self.drawn = [draw_best(row, splitmix64(key ^ splitmix64(s))) for s, row in enumerate(q)]
+    def __init__(self, n_states, key):
+        self.bits = [splitmix64(key ^ splitmix64(s)) for s in range(n_states)]
 
-    def take(self, state, bits):
-        return self.drawn[state][0]
+    def take(self, state, row):
+        return draw_best(row, self.bits[state])[0]
 
     def update(self, before, after, state, action, bits):
         old, new, best = before[action], after[action], max(before)
-        drawn, ties = self.drawn[state]
-        if new > best:
-            self.drawn[state] = action, 1
-        elif (new != old and best in (old, new)) or (new == old and drawn == action and ties > 1):
-            self.drawn[state] = draw_best(after, bits)
+        if best in (old, new) if new != old else self.take(state, before) == action:
+            self.bits[state] = bits
 
 
 def pick_action(values, learner, step, draw, take=None):
@@ -106,7 +103,7 @@ def pick_action(values, learner, step, draw, take=None):
         bits = next(draw)
         if (bits >> 32) / 2**32 < value_of(exploring(learner), step):
             return integers(bits, n), bits
-        return (take(bits) if take else draw_best(values, bits)[0]), bits
+        return (take(values) if take else draw_best(values, bits)[0]), bits
     beta = value_of(exploring(learner), step)
     weights = [math.exp(beta * (v - max(values))) for v in values]
     for _ in range(n):  # rejection first, the full row after n failures
@@ -178,11 +175,7 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
             row = [x + weight * y for x, y in zip(row, phi[state], strict=True)]
         return row
 
-    # Plain Q-learning has a loop of its own, which keeps the draw among tied actions at hand.
-    ties = None
-    if kind == "QLearning" and (literal or starts_at_phi or shaping is None):
-        shown = [acting(s, 0) for s in range(n_states)]
-        ties = Ties(shown, splitmix64(start))
+    ties = Ties(n_states, splitmix64(start)) if kind == "QLearning" else None
     eval_freq = eval_freq or max(1, steps // 100)
     training_return, episode_counts = [math.nan], [0]
     step = episode = 0

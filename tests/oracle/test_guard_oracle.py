@@ -50,7 +50,7 @@ def test_guarded_learning_equals_the_naive_one(way, kind, time_limit, random_mdp
     shaping = replace(shaping, guard=GUARD)
     result, naive = assert_same(task, learner, 1500, shaping)
     assert {acting for acting, _, _ in naive.turns} == {0, 1}
-    assert result.own_rewards[0] == (way.own_rewards or not naive.ahead)
+    assert result.own_rewards[0] == (shaping.own_rewards or not naive.ahead)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -143,7 +143,7 @@ def test_each_seed_equals_the_naive_learner(random_mdp, naive_learn):
 def test_fast_loop_equals_the_general_one(
     exploration, rate, method, random_mdp, random_shaping, monkeypatch
 ):
-    # phi is continuous: no values tie, where the loops would draw differently. How policies are
+    # Here no values tie; with ties see test_nothing_added_changes_nothing. How policies are
     # evaluated does not depend on the exploration or the rate, nor these on each other.
     tasks = [random_mdp(s, time_limit=[None, 7][s % 2], n_actions=2 + s % 4) for s in range(8)]
     learner = cr.QLearning(learning_rate=SCHEDULES[rate], **exploration)

@@ -55,7 +55,7 @@ def explored_naively(task, learner, steps, phi, seed=0):
         if not mdp.terminal[s] and visits[s, a] == 0:
             u[s, a] += high - low
     draw = random_bits(stream_start(seed, ""))
-    ties = Ties(u.tolist(), splitmix64(stream_start(seed, "")))
+    ties = Ties(len(u), splitmix64(stream_start(seed, "")))
     fresh = True
     for _ in range(steps):
         if fresh:
@@ -64,7 +64,7 @@ def explored_naively(task, learner, steps, phi, seed=0):
         if (bits >> 32) / 2**32 < (learner.epsilon or 0.0):
             action = ((bits & 0xFFFFFFFF) * shape[1]) >> 32
         else:
-            action = ties.take(state, bits)
+            action = ties.take(state, u[state].tolist())
         row = mdp.outcome_row[state, action]
         outcome = pick(mdp.probability[row].tolist(), uniform(splitmix64(bits)))
         after, reward = int(mdp.next_state[row, outcome]), float(mdp.reward[row, outcome])

@@ -218,8 +218,11 @@ def test_discount_1_refuses_a_policy_that_never_ends():
     assert cr.evaluate(maze, [1, 1, 0]).values.tolist() == [198.0, 199.0, 0.0]
     with pytest.raises(SettingError, match="state 0 an episode can go on for ever"):
         cr.evaluate(maze, [3, 1, 0])
-    with pytest.raises(SettingError, match="for ever"):
-        cr.solve(maze)
+    assert cr.solve(maze).values.tolist() == [198.0, 199.0, 0.0]
+    with pytest.raises(SettingError, match="for ever, and the way costs nothing"):
+        cr.solve(cr.GridWorld("S.T", rewards=cr.Rewards(step=0.0), discount=1.0))
+    with pytest.raises(SettingError, match="tolerance must be at least"):
+        cr.solve(maze, tolerance=1e-16)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan, 1e-16, 1e-300])

@@ -1,62 +1,17 @@
 """The proven error of exact planning: never exceeded, against exact rational arithmetic."""
 
 from fractions import Fraction
-from itertools import product
 
 import numpy as np
 import pytest
 
 import curricle as cr
 from curricle.errors import SettingError
+from curricle.planning import solution as planning_module
 from tests import tasks
+from tests.enumeration import exact_action_values, exact_optimum, exact_values
 
 SCALES = (1e-9, 1.0, 1e7)
-
-
-def exact_values(mdp, policy):
-    """Return V of a policy of one action a state, by elimination in exact rational numbers."""
-    n, gamma = mdp.states.size, Fraction(mdp.discount)
-    rows = [[Fraction(int(i == j)) for j in range(n)] + [Fraction(0)] for i in range(n)]
-    for s in np.flatnonzero(~mdp.terminal):
-        row = mdp.outcome_row[s, policy[s]]
-        for p, after, r in zip(
-            mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True
-        ):
-            rows[s][-1] += Fraction(p) * Fraction(r)
-            if not mdp.terminal[after]:
-                rows[s][after] -= gamma * Fraction(p)
-    for i in range(n):
-        pivot = next(j for j in range(i, n) if rows[j][i] != 0)
-        rows[i], rows[pivot] = rows[pivot], rows[i]
-        rows[i] = [x / rows[i][i] for x in rows[i]]
-        for j in range(n):
-            if j != i and rows[j][i] != 0:
-                rows[j] = [x - rows[j][i] * y for x, y in zip(rows[j], rows[i], strict=True)]
-    return [row[-1] for row in rows]
-
-
-def exact_optimum(mdp):
-    """Return V*, of the best of all policies of one action a state."""
-    n, n_actions = mdp.outcome_row.shape
-    acting = np.flatnonzero(~mdp.terminal)
-    best = [None] * n
-    for chosen in product(range(n_actions), repeat=len(acting)):
-        policy = np.zeros(n, np.int64)
-        policy[acting] = chosen
-        values = exact_values(mdp, policy)
-        best = [v if b is None else max(v, b) for v, b in zip(values, best, strict=True)]
-    return best
-
-
-def exact_action_values(mdp, values):
-    """Return Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')) of states that are not terminal."""
-    gamma = Fraction(mdp.discount)
-    found = {}
-    for s, a in product(np.flatnonzero(~mdp.terminal), range(mdp.actions.size)):
-        row = mdp.outcome_row[s, a]
-        outcomes = zip(mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True)
-        found[s, a] = sum(Fraction(p) * (Fraction(r) + gamma * values[t]) for p, t, r in outcomes)
-    return found
 
 
 def within_the_bound(found, mdp, values):
@@ -136,6 +91,149 @@ def test_a_target_is_solved_where_an_error_of_a_millionth_reward_is_out_of_reach
     task = tasks.random_mdp(1, discount=1 - 1e-5, time_limit=10)
     solution = cr.planning.Target.of(task).solution
     assert 1e-6 < solution.error_bound <= 1e-9 * abs(solution.values).max()
+
+
+def test_rewards_below_the_normal_numbers_have_an_error_too():
+    for seed in range(20):
+        mdp = scaled(tasks.random_mdp(seed, n_states=3, n_actions=2), 1e-323)
+        assert within_the_bound(cr.solve(mdp), mdp, exact_optimum(mdp))
+        assert within_the_bound(
+            cr.evaluate(mdp, [0, 1, 0]), mdp, exact_values(mdp, np.array([0, 1, 0]))
+        )
+
+
+# -- what sweeps do not solve ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("below_1", [1e-7, 1e-8, 1e-11, 1e-14])
+def test_a_discount_next_to_1_is_solved_directly(below_1):
+    rng = np.random.default_rng(2)
+    outcomes = [
+        [[(0.5, 0, r), (0.25, 1, -r), (0.25, s, 1.0)] for r in rng.normal(size=2)] for s in range(2)
+    ]
+    mdp = cr.FiniteMDP.from_outcomes(outcomes, terminal=[False] * 2, start=0, discount=1 - below_1)
+    found = cr.solve(mdp)
+    assert found.error_bound <= 1e-14 / below_1 * abs(found.values).max()
+    assert within_the_bound(found, mdp, exact_optimum(mdp))
+    assert within_the_bound(cr.evaluate(mdp, [0, 1]), mdp, exact_values(mdp, [0, 1]))
+    half = cr.evaluate(mdp, np.full((2, 2), 0.5))
+    assert half.error_bound <= 1e-14 / below_1 * abs(half.values).max()
+
+
+@pytest.mark.parametrize("halvings", [20, 30, 40])
+def test_an_end_that_comes_once_in_a_billion_steps_is_solved_directly(halvings):
+    ending = 0.5**halvings
+    mdp = cr.FiniteMDP.from_outcomes(
+        [[[(p, 1, r), (1 - p, 0, -1.0)] for p, r in ((ending, 1.0), (ending / 2, 5.0))], [[], []]],
+        terminal=[False, True],
+        start=0,
+        discount=1.0,
+    )
+    found = cr.solve(mdp)
+    assert found.error_bound <= 1e-14 / ending * abs(found.values).max()
+    assert within_the_bound(found, mdp, exact_optimum(mdp))
+    np.testing.assert_array_equal(cr.planning.visit_distribution(mdp), [1.0, 0.0])
+
+
+def test_visits_of_episodes_that_hardly_end_are_those_of_the_chain():
+    step = np.array([[0.5, 0.5], [0.1, 0.9]])
+    rows = [[[(p, after, 0.0) for after, p in enumerate(row)]] for row in step]
+    mdp = cr.FiniteMDP.from_outcomes(rows, terminal=[False] * 2, start=0, discount=1 - 1e-9)
+    np.testing.assert_allclose(cr.planning.visit_distribution(mdp), [1 / 6, 5 / 6], rtol=1e-7)
+
+
+def test_more_sweeps_than_end_are_refused(monkeypatch):
+    monkeypatch.setattr(planning_module, "LARGEST_DIRECT", 1)
+    monkeypatch.setattr(planning_module, "MOST_WORK", 1e8)
+    mdp = tasks.random_mdp(1, n_states=5, discount=1 - 1e-9)
+    pays = {name: getattr(mdp, name) for name in mdp.__dataclass_fields__}
+    pays["terminal"] = np.zeros(5, bool)
+    with pytest.raises(SettingError, match=r"e\+1. more are expected"):
+        cr.solve(cr.FiniteMDP(**pays))
+
+
+# -- stochastic shortest paths ---------------------------------------------------------------------
+
+
+def longest_ways(reward, after, end):
+    """Return the largest sums of rewards to the end, or None where going round pays or is free."""
+    best = [0 if s == end else -np.inf for s in range(len(reward))]
+    for _ in range(2 * len(reward) + 2):
+        before = best
+        best = [
+            0 if s == end else max(r + best[t] for r, t in zip(reward[s], after[s], strict=True))
+            for s in range(len(reward))
+        ]
+    return best if best == before and np.isfinite(best).all() else None
+
+
+def free_round(reward, after, end):
+    """Return whether some way round costs nothing, by the best sums of n steps back to a state."""
+    n = len(reward)
+    best = np.where(np.eye(n, dtype=bool), 0.0, -np.inf)
+    for _ in range(n):
+        step = np.full((n, n), -np.inf)
+        for s in set(range(n)) - {end}:
+            for r, t in zip(reward[s], after[s], strict=True):
+                step[s] = np.maximum(step[s], r + best[t])
+        if (np.delete(step.diagonal(), end) >= 0).any():
+            return True
+        best = step
+    return False
+
+
+def test_ways_in_a_graph_are_solved_or_refused_as_they_should_be():
+    solved = 0
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(2, 7))
+        reward, after = rng.integers(-4, 2, (n, 2)), rng.integers(0, n, (n, 2))
+        after[:-1, 1] = np.arange(1, n) if seed % 2 else after[:-1, 1]
+        truth = longest_ways(reward, after, n - 1)
+        mdp = cr.FiniteMDP.from_outcomes(
+            [
+                [[(1.0, int(t), float(r))] for r, t in zip(*pair, strict=True)]
+                for pair in zip(reward, after, strict=True)
+            ],
+            terminal=np.arange(n) == n - 1,
+            start=0,
+            discount=1.0,
+            time_limit=10,
+        )
+        if truth is None or free_round(reward, after, n - 1):
+            with pytest.raises(SettingError, match=r"from state .* can go on for ever"):
+                cr.solve(mdp)
+            continue
+        solved += 1
+        found = cr.solve(mdp)
+        assert abs(found.values - truth).max() <= found.error_bound <= 1e-9
+        assert within_the_bound(found, mdp, [Fraction(int(v)) for v in truth])
+    assert 50 < solved < 250
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_stochastic_shortest_paths_are_within_their_bound(scale):
+    for seed in range(40):
+        mdp = tasks.random_mdp(seed, n_states=4, n_actions=2, discount=1.0, time_limit=9)
+        fields = {name: getattr(mdp, name) for name in mdp.__dataclass_fields__}
+        cost = np.random.default_rng(seed).exponential(size=mdp.reward.shape) ** 4 + 1e-3
+        mdp = cr.FiniteMDP(**fields | {"reward": -scale * cost})
+        try:
+            found = cr.solve(mdp)
+        except SettingError as refusal:
+            assert "no way leads to an end" in str(refusal)  # noqa: PT017
+            continue
+        assert within_the_bound(found, mdp, exact_optimum(mdp))
+        assert found.error_bound <= 1e-6 * abs(found.values).max()
+
+
+def test_the_cliff_is_thirteen_steps_wide_at_discount_1():
+    cliff = cr.from_gymnasium("CliffWalking-v1", discount=1.0)
+    assert cr.solve(cliff).start_value == pytest.approx(-13, abs=1e-9)
+    with pytest.raises(SettingError, match="needs a time limit"):
+        cr.learn(cliff, cr.QLearning(), budget=100)
+    limited = cr.from_gymnasium("CliffWalking-v1", discount=1.0, time_limit=200)
+    assert cr.planning.Target.of(limited).optimum == pytest.approx(-13)
 
 
 def test_values_without_a_finite_bound_are_refused():

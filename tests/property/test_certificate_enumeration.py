@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,12 +12,16 @@ from hypothesis.extra.numpy import arrays
 import curricle as cr
 from curricle.certificate import ShapingReward, certify, shaped_task
 from curricle.certificate.shaped_task import Reachable
+from curricle.tasks.mdp import reachable_states
 from tests.certificates import difference
 from tests.enumeration import (
     CLOSE,
     action_values,
     agrees_exactly,
     agrees_with_values,
+    best_actions,
+    exact_action_values,
+    exact_optimum,
     fractions,
     met_states,
     pairs_of,
@@ -116,3 +121,68 @@ def test_constant_advice_agrees_with_its_greedy_policies(mdp, weight, data):
     found = certify(mdp.task(), cr.DecayingAdvice(phi, weight))
     q = action_values(mdp)
     agrees_with_values(mdp, found, q, q + Fraction(weight) * fractions(phi))
+
+
+# -- F that is nearly that of a potential ----------------------------------------------------------
+
+
+def nearly_shaped(rng):
+    """Return an MDP, F of its pairs and next states, and one with exact rewards r + F.
+
+    Chances are eighths, so that they sum to 1 exactly. F is that of a potential of any size, up
+    to a few units in the last place, or to many.
+    """
+    n, n_actions = int(rng.integers(2, 5)), 2
+    discount = float(rng.choice([0.5, 0.75, 0.9, 0.99, 1.0]))
+    p = rng.multinomial(8, rng.dirichlet(np.full(n, 0.4)), (n, n_actions)) / 8
+    if discount == 1.0:
+        p = (p + np.eye(n)[-1]) / 2
+    reward = rng.integers(-3, 4, p.shape) * rng.choice(
+        [1.0, 10.0 ** rng.integers(-9, 10)], (n, 1, 1)
+    )
+    task = cr.FiniteMDP(
+        states=cr.Space([cr.Component("state", n)]),
+        actions=cr.Space([cr.Component("action", n_actions)]),
+        outcome_row=np.arange(n * n_actions).reshape(n, n_actions),
+        probability=p.reshape(-1, n),
+        next_state=np.tile(np.arange(n), (n * n_actions, 1)),
+        reward=reward.reshape(-1, n),
+        terminal=np.arange(n) == n - 1,
+        start=np.eye(n)[0],
+        discount=discount,
+    )
+    phi = np.append(rng.normal(size=n - 1) * 10.0 ** rng.integers(-3, 15), 0.0)
+    f = np.broadcast_to(discount * phi - phi[:, None, None], p.shape).copy()
+    f += rng.choice([0, 1, 3, 10, 1e4, 1e12]) * rng.integers(-1, 2, p.shape) * np.spacing(abs(f))
+    fields = {name: getattr(task, name) for name in task.__dataclass_fields__}
+    exactly = np.vectorize(Fraction, otypes=[object])
+    fields["reward"] = (exactly(reward) + exactly(f)).reshape(-1, n)
+    return task, f, SimpleNamespace(**fields)
+
+
+def exact_q(mdp):
+    """Return Q* of an MDP of doubles, (S, A) fractions."""
+    q = exact_action_values(mdp, exact_optimum(mdp))
+    return np.array(
+        [[q.get((s, a), Fraction(0)) for a in range(2)] for s in range(len(mdp.terminal))]
+    )
+
+
+FLIPPED = [1774, 6257]  # by F's rounding: a difference of .01 beside 1e15, and one of 8e-26
+
+
+@pytest.mark.parametrize(
+    "seeds", [[*range(300), *FLIPPED], pytest.param(range(50_000), marks=pytest.mark.slow)]
+)
+def test_no_reward_is_safe_that_changes_what_is_optimal(seeds):
+    """An action that is optimal for r + F is optimal in the task, both in exact numbers."""
+    answers = {True: 0, None: 0, False: 0}
+    for seed in seeds:
+        task, f, exact = nearly_shaped(np.random.default_rng(seed))
+        found = certify(task, ShapingReward(lambda s, a, after, f=f: f[s, a, after]))
+        answers[found.holds] += 1
+        if found.holds:
+            met = reachable_states(task) & ~task.terminal
+            q, acted = exact_q(task)[met], exact_q(exact)[met]
+            assert (best_actions(q) | ~best_actions(acted)).all(), seed
+    assert min(answers.values()) > len(seeds) / 30, answers

@@ -10,7 +10,7 @@ was wrong by shrinks like n^(-h / 2) = 3e-9 in the end, but more slowly while th
 are wrong too, for which 1e-5 of it is allowed; V* itself is known to 1e-8.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from hypothesis import assume, given, strategies as st
@@ -207,3 +207,10 @@ def test_values_that_contain_what_shaping_added_say_so(problem, data):
     for learner, kind in (cr.SARSA(), cr.LookBackAdvice), (cr.QLearning(), cr.RewardBonus):
         assert not cr.learn(problem.task, learner, 10, shaping=kind(phi)).own_rewards.any()
         assert cr.learn(problem.task, learner, 10, shaping=kind()).own_rewards.all()
+    state = phi.to_state()
+    frames = np.concatenate([state.values, 2 * state.values])
+    for changing in (
+        replace(state, weight=cr.learning.linear(1.0, 0.5, steps=STEPS)),
+        replace(state, values=frames, frame_steps=(0, 5)),
+    ):
+        assert not cr.learn(problem.task, budget=10, shaping=cr.StateShaping(changing)).own_rewards

@@ -22,7 +22,9 @@ def reachable(mdp, function):
 def test_f_made_of_a_potential_is_recognised_and_the_potential_found(mdp, data):
     phi = mdp.zero_at_ends(states_of(data, mdp))
     found = certify(mdp.task(), ShapingReward(difference(phi, mdp.discount)))
-    assert found.holds is True
+    # Two actions may be equally good in a way that is not proven; F of 0 changes none.
+    equal = (np.diff(np.sort(cr.solve(mdp.task()).action_values)) <= 2 * found.error_bound).any()
+    assert found.holds or (found.holds is None and equal and phi.any())
     assert found.residual <= 1e-9
     np.testing.assert_allclose(found.potential[met_states(mdp)], phi[met_states(mdp)], atol=1e-8)
     # It is the value of any policy for rewards -F, of the uniform one say (Ng et al. 1999).

@@ -1,6 +1,8 @@
 """Whatever an environment does, its table is the part of its MDP that can be reached."""
 
+import gymnasium as gym
 import numpy as np
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from hypothesis import given, settings, strategies as st
 
 import curricle as cr
@@ -42,3 +44,49 @@ def test_a_table_is_the_reachable_part(parts, state):
             row = task.mdp.outcome_row[s, a]
             assert shown[task.mdp.next_state[row, 0]] == after[shown[s], a]
             assert task.mdp.reward[row, 0] == reward[shown[s], a]
+
+
+class Table(FrozenLakeEnv):
+    """An environment of Gymnasium's with another table."""
+
+    def __init__(self, after, reward, terminal):
+        super().__init__()
+        states, actions = after.shape
+        self.observation_space, self.action_space = map(gym.spaces.Discrete, after.shape)
+        self.initial_state_distrib = np.eye(states)[0]
+        self.P = {
+            s: {
+                a: [(1.0, int(after[s, a]), float(reward[s, a]), bool(terminal[after[s, a]]))]
+                for a in range(actions)
+            }
+            for s in range(states)
+        }
+
+
+@settings(deadline=None, max_examples=40)
+@given(written(), st.integers(0, 2), st.sampled_from([0.0, -0.25]))
+def test_a_step_of_its_own_is_never_ignored(parts, turned, cost):
+    """A subclass turns the actions round and pays: that is solved, not its parent's table."""
+    after, reward, terminal = parts
+    n_states, n_actions = after.shape
+    turn = (np.arange(n_actions) + turned) % n_actions
+
+    class Own(Table):
+        def step(self, action):
+            observation, earned, *rest = super().step(int(turn[action]))
+            return observation, earned + cost, *rest
+
+    def solved(order, cost):
+        moves, paid = np.eye(n_states)[after[:, order]], reward[:, order] + cost
+        known = cr.FiniteMDP.from_dense(moves, paid, terminal=terminal, start=0, discount=0.8)
+        return cr.solve(known).action_values[0]
+
+    plain = cr.from_gymnasium(lambda: Table(*parts), discount=0.8)
+    assert isinstance(plain, cr.FiniteMDP)
+    np.testing.assert_allclose(
+        cr.solve(plain).action_values[0], solved(np.arange(n_actions), 0), atol=1e-8
+    )
+    assert isinstance(cr.from_gymnasium(lambda: Own(*parts), discount=0.8), cr.tasks.LiveMDP)
+    task = cr.tabulate(lambda: Own(*parts), discount=0.8)
+    values = cr.solve(task).action_values[np.argmax(task.mdp.start)]
+    np.testing.assert_allclose(values, solved(turn, cost), atol=1e-8)

@@ -1,7 +1,6 @@
 """Theorems about learning: every shaping finds the optimum; shaping equals initialisation."""
 
 from fractions import Fraction
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.learning.run import Run
 from tests.tasks import DenseMDP, mdps, meeting_paths, tree
 
 whole = st.integers(-8, 8)
@@ -51,17 +49,51 @@ def test_state_shaping_learns_exactly_what_initialisation_does(kind, mdp, data):
     shaped = cr.learn(
         task, learner, 15, shaping=cr.StateShaping(cr.StatePotential(task, phi)), **settings
     )
-    # The fast loop draws among ties at other times.
-    with mock.patch.object(Run, "plain", return_value=False):
-        warm = cr.learn(
-            task,
-            learner,
-            15,
-            shaping=cr.QInitialisation(cr.StateActionPotential(task, as_pairs)),
-            **settings,
-        )
+    warm = cr.learn(
+        task,
+        learner,
+        15,
+        shaping=cr.QInitialisation(cr.StateActionPotential(task, as_pairs)),
+        **settings,
+    )
     np.testing.assert_array_equal(shaped.values, warm.values)
     np.testing.assert_array_equal(shaped.training_return, warm.training_return)
+
+
+STORED = [cr.Storage(), cr.Storage(dtype="float32"), cr.Storage(kind="sparse")]
+ADDED = [cr.QInitialisation, cr.StateShaping, cr.RewardBonus, cr.DecayingAdvice]
+
+
+@given(
+    mdps((0.0, 0.9, 0.75), max_actions=5),
+    st.sampled_from([None, *ADDED]),
+    st.sampled_from(STORED),
+    st.sampled_from([{"epsilon": 0.3}, {"inverse_temperature": 0.5}]),
+    st.sampled_from([0.3, 0.5, 1.0, cr.learning.harmonic(half=3)]),
+    st.sampled_from([-1.0, 0.0, 2.0]),
+    st.booleans(),
+)
+def test_nothing_added_changes_nothing(mdp, added, storage, exploration, rate, start, zeros):
+    """A shaping without a potential, or with one of zeros, serves the same setting as none.
+
+    Whole rewards and equal first values keep rows full of ties; the fast and the general loop and
+    all kinds of tables must draw the same among them.
+    """
+    task = mdp.task(time_limit=7)
+    learner = cr.QLearning(learning_rate=rate, initial_value=start, **exploration)
+    nothing = None if added is None else added()
+    if added is not None and zeros and storage.kind != "sparse":
+        nothing = added(np.zeros(mdp.shape[:2]))
+    common = {"seeds": 2, "workers": 1, "eval_freq": 20, "storage": storage}
+    plain = cr.learn(task, learner, 120, **(common | {"storage": cr.Storage(dtype=storage.dtype)}))
+    other = cr.learn(task, learner, 120, shaping=nothing, **common)
+    for k in range(2):
+        mine, yours = plain.values[k], other.values[k]
+        if storage.kind == "sparse":
+            mine, yours = mine[yours.states], yours.values
+        np.testing.assert_array_equal(mine, yours)
+    np.testing.assert_array_equal(plain.training_return, other.training_return)
+    np.testing.assert_array_equal(plain.greedy_return, other.greedy_return)
 
 
 @given(mdps(), st.data())

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks import false_alarms, interval_coverage
+from curricle.statistics.intervals import clusters
 
 pytestmark = pytest.mark.slow
 
@@ -39,6 +40,8 @@ PROMISED = (
     "pursuit as learnt: interquartile mean return",
     "pursuit as learnt: curve where seeds differ most",
     "seeds added until a difference: none",
+    "interquartile mean: 95 in 100 learn",
+    "interquartile mean: 80 in 100 learn",
 )
 """Kinds of interval and data whose coverage is 93 to 97 % at 5, 10, 20 and 50 seeds."""
 
@@ -62,6 +65,26 @@ def test_coverage_is_as_the_page_states(kind):
     for seeds, stated in zip(interval_coverage.SEEDS, STATED[kind], strict=True):
         found = interval_coverage.coverage(kind, seeds, studies)
         assert found == pytest.approx(stated, abs=allowed(stated, studies)), seeds
+
+
+FAMILIES = interval_coverage.FAMILIES
+
+
+@pytest.mark.parametrize("family", ["normal", "Gumbel", "lognormal, sigma 0.5"])
+@pytest.mark.parametrize(("seeds", "most"), [(5, 0.11), (10, 0.01), (20, 0.01)])
+def test_samples_of_one_cluster_are_seldom_called_two(family, seeds, most):
+    samples = FAMILIES[family](np.random.default_rng(7), (STUDIES, seeds))
+    assert np.mean([clusters(one) is not None for one in samples]) <= most + allowed(most, STUDIES)
+
+
+@pytest.mark.parametrize("seeds", [5, 10, 20])
+def test_few_seeds_that_fail_are_seen_where_there_are_any(seeds):
+    samples = interval_coverage.learning(0.9)(np.random.default_rng(7), (STUDIES, seeds))
+    failed = (samples < 0.5).sum(axis=1)
+    seen = [clusters(one) for one in samples]
+    assert {len(one[0]) == few for one, few in zip(seen, failed, strict=True) if one} <= {True}
+    some = [one is not None for one, few in zip(seen, failed, strict=True) if 0 < few < seeds]
+    assert np.mean(some) > 0.99
 
 
 @pytest.mark.parametrize("kind", PROMISED)

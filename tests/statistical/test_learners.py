@@ -33,7 +33,7 @@ def assert_frequencies(actions, probabilities):
 @njit
 def _choose_often(row, exploration, step, counter, out):
     for i in range(out.size):
-        out[i], _, counter = choose(exploration, row, step, counter)
+        out[i], _, counter, _ = choose(exploration, row, splitmix64(counter), step, counter)
 
 
 @njit

@@ -1,9 +1,12 @@
 """Verdicts are wrong in 5 % of simulated studies at most, and 3 standard errors of the rate."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from curricle.comparison.verdicts import Reason, verdicts_of
+from curricle.study import compare_studies, read_study, run_study
 
 pytestmark = pytest.mark.slow
 STUDIES = 2000
@@ -28,6 +31,47 @@ def test_curricula_that_equal_scratch_seldom_differ(curricula, seeds, draw):
         for returns in studies(["scratch", *names], seeds, draw)
     ]
     assert np.mean(wrong) <= ALLOWED
+
+
+LINES = """
+name = 'lines'
+seeds = 30
+eval_freq = 50
+tasks.near = { type = 'maze', map = 'S.T', budget = { max_steps = 50 } }
+tasks.far = { type = 'maze', map = 'S..T', budget = 50 }
+transfers = [{ source = 'near', target = 'far', mapping = 'same_position' }]
+"""
+
+
+def test_a_study_that_is_looked_at_after_every_unit_raises_no_more_false_alarms(tmp_path):
+    """Its curves are replaced by equal ones of both arms; 30 seeds are looked at every 5.
+
+    A look at each as if it were the last finds a difference in more than 10 % of studies.
+    """
+    file = tmp_path / "lines.toml"
+    file.write_text(LINES)
+    study = run_study(read_study(file), tmp_path / "lines", workers=1, progress=False)
+    rng, whole, wrong, looked = np.random.default_rng(2024), study.results, [], []
+    for _ in range(STUDIES // 4):
+        study.results = {
+            arm: {name: replaced(result, rng) for name, result in nodes.items()}
+            for arm, nodes in whole.items()
+        }
+        looks = []
+        for seeds in range(5, 31, 5):
+            study.seeds = tuple(range(seeds))
+            looks.append(compare_studies([study]))
+        wrong.append(any(one.verdicts["transfer"].direction for one in looks))
+        looks = [replace(one, interim="") for one in looks]
+        looked.append(any(one.verdicts["transfer"].direction for one in looks))
+    assert np.mean(wrong) <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / len(wrong))
+    assert np.mean(looked) > 0.1
+
+
+def replaced(result, rng):
+    """A learning result whose seeds have flat curves of normal heights."""
+    heights = np.repeat(rng.normal(size=(len(result.seeds), 1)), result.steps.size, axis=1)
+    return replace(result, greedy_return=heights)
 
 
 @pytest.mark.parametrize("draw", ["normal", "exponential"])

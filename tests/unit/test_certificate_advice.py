@@ -28,6 +28,17 @@ def test_look_back_advice_is_safe_where_only_an_end_has_two_pasts():
     assert sample.contradictions == ()
 
 
+def test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree():
+    fork = [[[(1.0, 1, 0.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2, [[(1.0, 3, 0.0)]] * 2]
+    task = cr.FiniteMDP.from_outcomes(
+        [*fork, [[(1.0, 4, 1.0)]] * 2, [[], []]], terminal=[0, 0, 0, 0, 1], start=0, discount=0.9
+    )
+    phi = np.array([[1.0, 5.0], [7.0, 7.0], [7.0, 7.0], [2.0, 3.0], [0.0, 0.0]])
+    assert certify(task, cr.LookBackAdvice(phi))
+    phi[1] = np.nextafter(7.0, 8.0)
+    assert certify(task, cr.LookBackAdvice(phi)).holds is None
+
+
 def test_look_back_advice_is_not_proven_where_paths_meet():
     task, phi = meeting_paths()
     found = certify(task, cr.LookBackAdvice(cr.StateActionPotential(task, phi)))

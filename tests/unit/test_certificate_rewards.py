@@ -84,6 +84,31 @@ def test_a_potential_hides_no_difference_that_is_more_than_rounding():
     assert flipped.loss == pytest.approx(5e-11, rel=0.01)
 
 
+def two_ways(short):
+    """Return a task of two ways to the end whose rewards are those of a potential and one less."""
+    return cr.FiniteMDP.from_outcomes(
+        [[[(1.0, 1, 1.0)], [(1.0, 2, 1.0)]], [[(1.0, 3, 1e-20)]] * 2,
+         [[(1.0, 3, 1e-20 - short)]] * 2, [[], []]],
+        terminal=[0, 0, 0, 1], start=0, discount=0.9,
+    )  # fmt: skip
+
+
+def test_a_tie_that_is_proven_stays_one_and_a_difference_too_small_to_be_known_is_undecided():
+    reward = ShapingReward(difference(np.array([0.3, 0.7, 1.1, 0.0])))
+    assert certify(two_ways(0.0), reward).theorem is not None
+    close = certify(two_ways(1e-21), reward)
+    assert close.holds is None
+    assert "the shaping is safe, but beside numbers of" in close.findings[0]
+    assert certify(two_ways(1e-21), reward, tolerance=1e-9)
+    assert (
+        certify(
+            cr.GridWorld(["S...", "....", "...T"], discount=0.9),
+            ShapingReward(difference(np.append(np.random.default_rng(0).normal(size=11), 0.0))),
+        ).theorem
+        is not None
+    )
+
+
 def test_a_reward_that_raises_is_named():
     with pytest.raises(PotentialError, match=r"it raised IndexError: index \d+ is out of bounds"):
         certify(MAZE, ShapingReward(lambda s, a, after: PHI[after + 99]))

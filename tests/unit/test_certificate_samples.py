@@ -9,6 +9,7 @@ import pytest
 import curricle as cr
 from curricle.certificate import SampledCertificate, ShapingReward, certify
 from curricle.certificate.checked_shaping import CHUNK, check_shaping
+from curricle.certificate.diagnosis import widest
 from curricle.errors import TaskError
 from curricle.planning.rollouts import random_rollouts
 from curricle.transfer.potentials import mapped_potential
@@ -234,3 +235,8 @@ def test_rollouts_follow_the_task():
     assert abs(joint - joint.sum() / 25).max() < 5 * np.sqrt(joint.sum() / 25)
     given = random_rollouts(MAZE, episodes=3, length=1, starts=np.array([2, 0, 1]))
     assert given.states[:, 0].tolist() == [2, 0, 1]
+
+
+def test_the_widest_difference_is_of_equal_keys():
+    keys, values = np.array([[1], [2], [1]]), np.array([5.0, 0.0, 3.0])
+    assert widest(keys, values) == (2.0, 0, 2)

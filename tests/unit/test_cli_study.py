@@ -276,21 +276,27 @@ def test_decisions_are_sentences(curricle, refused, finished):
 
 
 def test_studies_of_one_target_are_compared(curricle, refused, study_file, finished, tmp_path):
-    quick = ["--seeds", "0-2", "--workers", "2"]
-    less = ["--set", "name=less", "--set", "tasks.easy.budget=500"]
+    quick, easy = ["--seeds", "0-2", "--workers", "2"], "tasks.easy.budget"
+    less = ["--set", "name=less", "--set", f"{easy}=500"]
     assert curricle("run", study_file, "--out", "less", *quick, *less)[0] == 0
-    code, out, _ = curricle("compare", finished, "less")
+    refused(1, "arm 'calibrated' of ", "compare", finished, "less")  # takes a share of the total
+    text = tmp_path / "plain.toml"
+    text.write_text(study_file.read_text().partition("[[arms.calibrated")[0])
+    for folder, steps in (("a/of_600", 600), ("b/of_500", 500), ("c/of_600", 600)):
+        assert curricle("run", text, "--out", folder, *quick, "--set", f"{easy}={steps}")[0] == 0
+    code, out, _ = curricle("compare", "a/of_600", "b/of_500")
     assert code == 0
     arms = [line.split("  ")[0] for line in out.splitlines()[2:]]
-    assert arms == [
-        "scratch",
-        *[f"{s}: {arm}" for s in ("chain", "less") for arm in ("chain", "state", "calibrated")],
-    ]
+    ours = [f"{folder}: {arm}" for folder in ("of_600", "of_500") for arm in ("chain", "state")]
+    assert arms == ["scratch", *ours]  # by folder, where the names of studies are equal
     assert "1,400 steps" in out.splitlines()[0]  # the smaller total
     assert "3 seeds" in out.splitlines()[0]
+    code, out, _ = curricle("compare", "a/of_600", "c/of_600")
+    assert code == 0
+    assert "c/of_600: chain" in out
     code, alone, _ = curricle("compare", finished)
     assert alone == f"{StudyResults(finished).comparison}\n"
-    refused(1, "need different names", "compare", finished, finished)
+    refused(1, "need different folders", "compare", finished, finished)
 
 
 def test_parts_are_merged(curricle, refused, study_file, finished, tmp_path):

@@ -146,13 +146,26 @@ def test_the_threshold_lies_nine_tenths_of_the_way_to_the_optimum():
     found = compare(corner(), seeds=1)
     target = cr.planning.Target.of(MAZE)
     assert found.threshold == pytest.approx(0.9 * target.optimum + 0.1 * target.random_return)
-    assert compare(corner(), seeds=1, threshold=50).threshold == 50.0
+    title = f"threshold {found.threshold:.4g} (nine tenths of the way to the optimum)\n"
+    assert title in str(found)
+    stated = compare(corner(), seeds=1, threshold=50)
+    assert stated.threshold == 50.0
+    assert "threshold 50 (stated)\n" in str(stated)
 
 
 def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch(monkeypatch):
     monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
     found = compare(corner(), seeds=3)
     assert found.threshold == midpoint(found.scratch.curve)
+    assert "(midpoint of scratch's curve, without an optimum above random)\n" in str(found)
+
+
+def test_a_cliff_at_discount_1_has_a_threshold_of_its_optimum():
+    cliff = cr.from_gymnasium("CliffWalking-v1", discount=1.0, time_limit=100)
+    found = compare(copied(cliff), seeds=1)
+    target = cr.planning.Target.of(cliff)
+    assert target.optimum == pytest.approx(-13)
+    assert found.threshold == pytest.approx(0.9 * -13 + 0.1 * target.random_return)
 
 
 @pytest.mark.parametrize(
@@ -161,7 +174,7 @@ def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch
         FiniteMDP.from_outcomes(
             [[[(1.0, 1, 5.0)]], [[]]], terminal=[False, True], start=0, discount=0.9
         ),
-        GridWorld("S..T", discount=1.0, time_limit=20),
+        GridWorld("S..T", rewards=cr.Rewards(step=0.0), discount=1.0, time_limit=20),
         # 1 now or 5 later: at this discount 1 now is optimal, and half of the 6 is more.
         FiniteMDP.from_outcomes(
             [[[(1.0, 2, 1.0)], [(1.0, 1, 0.0)]], [[(1.0, 2, 5.0)]] * 2, [[], []]],
@@ -171,7 +184,7 @@ def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch
             time_limit=20,
         ),
     ],
-    ids=["nothing to choose", "discount 1", "too impatient"],
+    ids=["nothing to choose", "free rounds at discount 1", "too impatient"],
 )
 def test_without_a_usable_optimum_the_threshold_is_the_midpoint_of_scratch(task):
     summed = GreedyEvaluation(discounted=False)

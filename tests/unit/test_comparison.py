@@ -9,9 +9,11 @@ import curricle as cr
 from curricle import compare
 from curricle.comparison import Arm, Comparison
 from curricle.comparison.comparison import MEASURES
+from curricle.report.sections import findings
 from curricle.statistics import Curve
 from curricle.statistics.curves import charge_source
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test
+from curricle.statistics.intervals import interquartile_interval
 from tests.comparisons import HERE, corner, flat
 
 STEPS = np.array([0, 10, 20, 30, 40])
@@ -92,9 +94,66 @@ def test_measures_are_those_of_the_metrics():
             cr.statistics.mean_return(charged), cr.statistics.mean_return(scratch)
         )
         assert contrast.probability_of_improvement.estimate == wins.estimate
-        middle = np.sort(cr.statistics.mean_return(charged))[2:-2].mean()  # of eight
-        assert found.mean_return(name).estimate == pytest.approx(middle)
+        mean = cr.statistics.mean_return(charged).mean()
+        assert found.mean_return(name).estimate == pytest.approx(mean)
         assert contrast.p == sign_flip_test(expected["strong_gain"])
+
+
+def test_a_gain_is_the_difference_of_two_entries_of_its_column():
+    """Also where few seeds of an arm learn, whose middle half does not."""
+    learnt = np.where(np.arange(20)[:, None] < 3, np.linspace(0, 1, 11), 0.0)
+    returns = {"scratch": np.flip(learnt, axis=0) * 2, "few": learnt}
+    rows = comparison_of(**returns).rows()
+    assert rows[0]["mean_return"] > 0
+    gain = rows[1]["mean_return"] - rows[0]["mean_return"]
+    assert rows[1]["strong_gain"] == pytest.approx(gain)
+
+
+@pytest.mark.parametrize("start", [0.0, -0.3, 1e6])
+def test_a_threshold_at_which_nothing_was_learnt_is_not_reached_by_it(start):
+    """That of a curve that stays as it is lies on it; who learns more passes it."""
+    flat = np.full((6, 11), start)
+    later = flat + np.where(np.arange(11) < 5, 0.0, 0.5)
+    found = comparison_of(scratch=flat, same=flat.copy(), later=later, threshold=start)
+    assert [row["reached"] for row in found.rows()] == [0, 0, 6]
+    assert found.times("scratch").steps.tolist() == [100.0] * 6
+    assert found.times("later").steps.tolist() == [50.0] * 6
+    assert found.contrasts["later"].strong_steps_saved.estimate == 50
+    assert found.contrasts["same"].strong_steps_saved.estimate == 0
+    assert "> 100 (6 never)" in str(found)
+    above = comparison_of(scratch=flat + 1.0, same=flat + 1.0, threshold=start)
+    assert [row["steps_to_threshold"] for row in above.rows()] == [0, 0]  # it was reached before
+
+
+def test_seeds_that_are_apart_from_the_others_are_said_to_be():
+    rng = np.random.default_rng(5)
+    heights = np.where(np.arange(12) < 2, 1.0, 150.0) + rng.normal(scale=0.5, size=12)
+    few = np.repeat(heights[:, None], 11, axis=1)
+    half = np.repeat(heights[(np.arange(12) % 4), None], 11, axis=1) + rng.normal(size=(12, 1))
+    found = comparison_of(scratch=few + 300, few=few, half=half, none=few[2:].repeat(2, 0)[:12])
+    assert [name for name in found.arms if found.cluster_sentence(name)] == [
+        "scratch",
+        "few",
+        "half",
+    ]
+    one = found.cluster_sentence("few")
+    middle = interquartile_interval(found.returns["few"])
+    assert one.startswith("the seeds of few are in two clusters, mean return of 10 near 150.")
+    assert f"and of 2 near {heights[:2].mean():.4g}; interquartile mean" in one
+    assert one.endswith(f"without the few: {str(middle).rpartition(',')[0]}")
+    assert "of 6 near" in found.cluster_sentence("half")
+    assert "interquartile" not in found.cluster_sentence("half")
+    assert one in str(found)
+    (sentences,) = [each.sentences for each in findings(found) if each.arm == "few"]
+    assert any("The seeds of few are in two" in each for each in sentences)
+    assert any("The seeds of scratch are in two" in each for each in sentences)
+
+
+def comparison_of(threshold=0.5, **returns):
+    """A comparison of curves over 100 steps, of arms without sources."""
+    steps = np.arange(11) * 10
+    arms = {name: Arm(Curve(steps, each), each, each, False) for name, each in returns.items()}
+    return Comparison("maze", arms, 100, 100, threshold, 1)
 
 
 @pytest.mark.parametrize(("more", "gain"), [(1e-9, 0.0), (1e-5, 1e-5), (-1e-5, -1e-5)])

@@ -208,17 +208,16 @@ def test_modules_of_trials_alone_travel_too(tuned_lakes, tmp_path):
 def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_path, monkeypatch):
     threads, pools = [], []
 
-    class Threads(ThreadPoolExecutor):
-        def __init__(self, workers):
-            threads.append(workers)
-            super().__init__(workers)
+    def interruptible(workers):
+        threads.append(workers)
+        return ThreadPoolExecutor(workers)
 
     class Processes(ThreadPoolExecutor):
         def __init__(self, workers):
             pools.append(workers)
             super().__init__(1)
 
-    monkeypatch.setattr(running, "ThreadPoolExecutor", Threads)
+    monkeypatch.setattr(running, "interruptible", interruptible)
     monkeypatch.setattr(progress_bars, "WorkerProcesses", Processes)
     monkeypatch.setattr(running, "tune", stop)
     for run in (run_study, run_with_bars):

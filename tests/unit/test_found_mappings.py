@@ -14,6 +14,11 @@ from curricle.transfer import (
     identity,
     score_mapping,
 )
+from curricle.transfer.edges import mapping_words, mappings_digest, numbered
+from curricle.transfer.mapping_scores import total_variation
+from curricle.transfer.observation_mapping import ObservationCoverage
+from curricle.transfer.partition_refinement import levels, model_for_refinement, refined
+from curricle.transfer.task_pair import SearchedMapping, search_steps
 from tests.refusals import check_refusal
 from tests.tasks import ring
 
@@ -153,3 +158,37 @@ def test_at_discount_1_the_time_limit_is_the_horizon():
     task = cr.GridWorld(["S..T"], discount=1.0, time_limit=20)
     assert TaskPair(task, task).target_mdp.discount == 0.95
     assert find_mappings(task, task)[0].scores.regained == pytest.approx(1)
+
+
+def test_states_that_behave_alike_are_one_block():
+    room = model_for_refinement(cr.GridWorld(["...", ".T.", "S.."]).mdp)
+    blocks = refined([room])[0].states.reshape(3, 3)  # corners, sides, and the end
+    np.testing.assert_array_equal(blocks, [[2, 1, 2], [1, 0, 1], [2, 1, 2]])
+    assert levels(np.array([0.1 + 0.2, 0.3, 5.0])).tolist() == [0, 0, 1]
+
+
+def test_equal_outcomes_count_once_in_a_distance():
+    rows = [[1, 2]], [[0.5, 0.5]], [[2]], [[1.0]]
+    assert total_variation(*map(np.array, rows)).tolist() == [0.5]
+
+
+def test_a_search_of_two_tasks_is_charged_once():
+    line = cr.GridWorld("ST")
+    index = [[0, 1, 2, 3], [-2, -2, -2, -2]]
+    edge = cr.Transfer("a", "b", SearchedMapping(line, line, index, how="nearest pair", steps=50))
+    assert search_steps([edge] * 2) == 50
+    assert mapping_words(edge) == "found: nearest pair"
+
+
+def test_mappings_in_words_and_digests():
+    chase = cr.project(cr.Pursuit(3, 2), cr.Pursuit(3, 1), predator="predator_2")
+    words = mapping_words(cr.Transfer("chase", "hunt", chase))
+    assert words == "predator is predator_2, prey by name"
+    assert numbered(["a", "b", "a"]) == ["a [1]", "b", "a [2]"]
+    line = cr.GridWorld("S.T")
+    mappings = identity(line), cr.same_position(line, line)
+    one, other = (mappings_digest([cr.Transfer("a", "b", mapping)]) for mapping in mappings)
+    assert one == other
+    covered = str(ObservationCoverage(200, 0.75, 0.0, 0.25, 0.5))
+    assert covered.startswith("75.0% of the pairs of 200 observations mapped, 0.0% at the source's")
+    assert covered.endswith("25.0% unmapped; 50.0% of the counterparts outside the source's space")

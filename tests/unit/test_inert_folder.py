@@ -130,7 +130,7 @@ class Pickled:
 def test_pickles_in_an_archive_of_arrays_are_refused(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     put(a_unit(folder), steps__npy=npy(np.array([Pickled()], dtype=object)))
-    refuses(folder, r"\.npz is not as .*must not hold Python objects, which are pickles")
+    refuses(folder, r"\.npz is not as .*must hold numbers or text, and no Python objects")
     assert not (tmp_path / "ran").exists()
 
 

@@ -279,14 +279,15 @@ def test_the_estimate_bootstraps_at_truncation():
 
 
 def test_a_discount_of_one_with_a_time_limit_is_estimated_too():
-    """Not every policy ends, so there is no Q* without the limit."""
-    maze = cr.GridWorld("S.T", discount=1.0, time_limit=10)
+    """Going round is free, so that without the limit nothing tells the ways to the end apart."""
+    free = cr.Rewards(step=0.0, treasure=200)
+    maze = cr.GridWorld("S.T", rewards=free, discount=1.0, time_limit=10)
     target = Target.of(maze)
     assert target.solution is None
-    phi = cr.StateActionPotential(maze, np.tile([0.0, 198.0, 0.0, 0.0], (3, 1)))
+    phi = cr.StateActionPotential(maze, np.tile([0.0, 199.0, 0.0, 0.0], (3, 1)))
     found = potential_quality(phi, target)
     assert (found.start, found.excess, found.mean_absolute_value) == pytest.approx(
-        (198.0, -0.5, 198.5)
+        (200.0, -1.0, 200.0)
     )
 
 

@@ -5,13 +5,18 @@ import pytest
 
 import curricle as cr
 from curricle.errors import ConfigError
-from curricle.learning.stopping import SETTLED, share_of_rise
+from curricle.learning.stopping import SETTLED, UNLEARNT, levels, share_of_rise
+from curricle.planning.greedy import EqualValues
+from curricle.planning.policy_evaluation import greedy_policy_return
+from curricle.planning.target import Target
 from tests.studies import CORNER as STUDY
+from tests.tasks import ring
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
 EDGE = cr.Transfer("corner", "maze", cr.same_position(MAZE, CORNER))
 TASKS = {"corner": CORNER, "maze": MAZE}
+EVALUATION = cr.GreedyEvaluation(method="rollouts", episodes=1_000)
 
 
 def plan(**settings):
@@ -53,6 +58,84 @@ def test_all_conditions_that_are_given_have_to_hold():
     assert both.decisions(steps, greedy)[-1].criterion == "all steps used"
     either = cr.StoppingRule(1_000, settled=0.05, threshold=1.0)
     assert either.decisions(steps, greedy)[-1].criterion == "threshold reached"
+
+
+def test_a_return_that_fell_to_the_floor_has_not_settled():
+    # It begins at 5, which is random, falls to 0 and stays there; or it rises to 8.
+    fallen, risen = np.array([5.0] + [0.0] * 100), np.array([5.0] * 20 + [8.0] * 81)
+    steps, rule = np.arange(101) * 10, cr.StoppingRule(1_000, settled=0.05)
+    assert rule.decisions(steps, fallen)[-1].step < 1_000  # nobody knows where the floor is
+    last = rule.decisions(steps, fallen, floor=6.0)[-1]
+    assert (last.step, last.criterion) == (1_000, UNLEARNT)
+    assert "greedy 0 <= 6, too low to have settled" in str(last)
+    known, unknown = (rule.decisions(steps, risen, floor=f)[-1] for f in (6.0, -np.inf))
+    assert known.step == unknown.step < 1_000
+
+
+def hanoi(disks=4):
+    """Moves of the top disk from one of three pegs to another; -1 a step: 81 states."""
+    n, moves = 3**disks, [(a, b) for a in range(3) for b in range(3) if a != b]
+    outcomes = []
+    for s in range(n):
+        pegs = [s // 3**d % 3 for d in range(disks)]
+        top = [pegs.index(p) if p in pegs else disks for p in range(3)]
+        after = [s + (b - a) * 3 ** top[a] if top[a] < top[b] else s for a, b in moves]
+        outcomes.append([[] if s == n - 1 else [(1.0, t, -1.0)] for t in after])
+    ends = np.arange(n) == n - 1
+    return cr.FiniteMDP.from_outcomes(
+        outcomes, terminal=ends, start=0, discount=0.99, time_limit=300
+    )
+
+
+FALLING = {
+    "pursuit": cr.Pursuit(size=3, predators=1),
+    "FrozenLake": cr.tasks.FrozenLake(),
+    "four rooms": cr.tasks.FourRooms(),
+    "Hanoi": hanoi(),
+}
+
+
+@pytest.mark.parametrize("name", FALLING)
+def test_sources_whose_return_falls_at_first_learn_as_much_as_by_exact_training(name):
+    task = FALLING[name]
+    uniform = np.full(task.mdp.outcome_row.shape, 1 / task.actions.size)
+    random, optimum = cr.evaluate(task, uniform).start_value, cr.solve(task).start_value
+    settled, exact = (
+        cr.learn(task, budget=cr.StoppingRule(10_000, settled=s), seeds=10) for s in (SETTLED, None)
+    )
+    ways = [(r.greedy_return[:, -1].mean() - random) / (optimum - random) for r in (settled, exact)]
+    assert ways[0] > 0.8 * ways[1]
+
+
+def test_without_a_model_it_has_to_exceed_random_play_by_more_than_its_noise():
+    walk = ring(9)
+    floor = Target.of(walk, episodes=1_000).floor
+    randoms = [
+        greedy_policy_return(walk, EqualValues(np.zeros((1, 2))), EVALUATION, seed=k)
+        for k in range(20)
+    ]
+    assert Target.of(walk).solution is None
+    # 20 means of 1,000 episodes: the floor lies within their range of 4 standard errors.
+    assert np.mean(randoms) < floor < np.mean(randoms) + 4 * np.std(randoms)
+    assert levels(cr.StoppingRule(100, settled=0.05), walk, cr.GreedyEvaluation()) == (None, floor)
+    off = cr.GreedyEvaluation(method="off")
+    assert levels(cr.StoppingRule(100, settled=0.05), walk, off) == (None, -np.inf)
+
+
+def test_the_verdict_names_sources_that_did_not_learn(read, tmp_path):
+    short = "tasks.corner.budget={ max_steps = 4, settled = 0.05 }"
+    study = read(STUDY, set=["seeds=2", "tasks.maze.budget=500", "tasks.maze.eval_freq=5", short])
+    found = cr.run_study(study, tmp_path / "out", progress=False).comparison
+    again = cr.compare({"transfer": study.curriculum("transfer")}, seeds=2)
+    for one in (found, again):
+        assert (
+            one.unlearnt("transfer")
+            == "sources of transfer that did NOT learn: corner in 2 of 2 seeds"
+        )
+        assert one.unlearnt("transfer") in str(one)
+        assert one.rows()[1]["unlearnt"] == one.unlearnt("transfer")
+    learnt = cr.compare(plan(budget={"maze": 20_000}), seeds=2)
+    assert learnt.unlearnt("transfer") == ""
 
 
 # -- sources ---------------------------------------------------------------------------------------

@@ -215,3 +215,11 @@ def test_evaluation_steps_are_those_of_the_episodes():
     shaping = QInitialisation(east)
     found = learn(line, learner, 50, shaping=shaping, eval_freq=25, evaluation=evaluation)
     assert found.evaluation_steps.tolist() == [3 * 10 * 3]
+
+
+def test_what_a_rule_decided_for_all_seeds_in_words():
+    rule = StoppingRule(max_steps=5_000, threshold=100.0)
+    plan = Curriculum({"maze": GridWorld("S..T")}, budget=rule)
+    assert (
+        repr(plan.train(seeds=3).decisions("maze")) == "Decisions(3 seeds: threshold reached (3))"
+    )

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from curricle.archives import sealed
 from curricle.errors import StoreError
 from curricle.study import StudyResults, StudyStore, read_study, run_study
 from curricle.study.store import StoredUnit, without_folders
@@ -46,7 +48,7 @@ def refused(contents):
 
 @pytest.mark.parametrize(
     "change",
-    ["name=other", "threshold=3", "window=1", "seeds_per_unit=4", "snapshots=0", "seeds=1"],
+    ["name=other", "threshold=3", "window=1", "seeds_per_unit=4", "seeds=1"],
 )
 def test_what_only_concerns_its_reading_may_change(study_file, finished, copied, contents, change):
     run_study(read_study(study_file, set=[change]), copied, resume=True)
@@ -215,6 +217,30 @@ def test_tables_of_all_units_are_written_anew(study_file, finished, copied, cont
     (copied / name).write_bytes(b"damaged")
     run_study(read_study(study_file), copied, resume=True)
     assert contents(copied) == contents(finished)
+
+
+@pytest.mark.parametrize("text", ["{", "{}", "[3]", "null"])
+@pytest.mark.parametrize("name", ["runs.json", "analysis.json"])
+def test_what_blocks_a_run_says_how_to_go_on(study_file, copied, name, text):
+    (copied / name).write_text(text)
+    with pytest.raises(StoreError, match=f"{name} .*; delete it and run .* again with --resume"):
+        run_study(read_study(study_file), copied, resume=True)
+    (copied / name).write_bytes(sealed({"of": 3}))
+    with pytest.raises(StoreError, match=f"{name} .*; delete it and run .* again with --resume"):
+        run_study(read_study(study_file), copied, resume=True)
+    (copied / name).unlink()
+    assert len(run_study(read_study(study_file), copied, resume=True).seeds) == 4
+
+
+def test_other_snapshots_are_refused_where_units_have_theirs(study_file, copied, contents):
+    before, message = contents(copied), r"holds units with snapshots = \d+, and it is 3 here; set"
+    with pytest.raises(StoreError, match=message):
+        run_study(read_study(study_file, set=["snapshots=3"]), copied, resume=True)
+    assert contents(copied) == before
+    for folder in copied.glob("units/*"):
+        shutil.rmtree(folder)
+    again = run_study(read_study(study_file, set=["snapshots=3"]), copied, resume=True)
+    assert again.result("chain", "maze").snapshots.values.shape[0] <= 5
 
 
 # -- several processes, and a full disk --------------------------------------------------------

@@ -1,15 +1,55 @@
 """A study's tables are read by other tools, without Curricle, and say what Curricle says."""
 
+import re
+
 import duckdb
 import numpy as np
 import pandas as pd
 import polars as pl
 import pytest
 
-from curricle.report.study_report import write_report
-from curricle.study import StudyResults, compare_studies, read_study, run_study
+from curricle.cli.tables import print_results
+from curricle.comparison.arms import Arm
+from curricle.errors import CurriculumError
+from curricle.report.study_report import _only, write_report
+from curricle.study import StudyResults, compare_studies, merge, read_study, run_study
 from curricle.study.results import ANALYSIS, DECISIONS as ALL_DECISIONS, RESULTS
 
+CORNER = """
+name = "corner"
+seeds = 3
+eval_freq = 100
+[learner]
+learning_rate = 0.5
+epsilon = 0.1
+[tasks.corner]
+type = "crop"
+of = "maze"
+rows = [0, 2]
+columns = [2, 5]
+budget = { max_steps = 4000 }
+[tasks.maze]
+type = "maze"
+map = '''
+....T
+.PPP.
+S....
+'''
+budget = 1000
+[[transfers]]
+source = "corner"
+target = "maze"
+mapping = "same_position"
+"""
+LINES = """
+name = "lines"
+seeds = 16
+seeds_per_unit = 4
+eval_freq = 50
+tasks.near = { type = 'maze', map = 'S..T', budget = { max_steps = 100 } }
+tasks.far = { type = 'maze', map = 'S...T', budget = 200 }
+transfers = [{ source = 'near', target = 'far', mapping = 'same_position' }]
+"""
 CURVES = {
     "arm": "VARCHAR",
     "task": "VARCHAR",
@@ -140,6 +180,80 @@ def test_a_page_of_a_run_that_has_not_ended_says_what_it_lacks(copied):
     assert "predicted start" not in page
     assert "left out, because the run has not ended: curricle run --resume makes them" in page
     assert page.count('class="moments') == whole.count('class="moments') > 0
+
+
+@pytest.fixture
+def corner(tmp_path):
+    """A function: budget, changes -> the results of a study with so many steps for its target."""
+
+    def ran(budget, *changes):
+        file = tmp_path / "corner.toml"
+        file.write_text(CORNER)
+        study = read_study(file, set=[f"tasks.maze.budget={budget}", *changes])
+        return run_study(study, tmp_path / f"of_{budget}", workers=1, progress=False)
+
+    return ran
+
+
+def test_the_smallest_total_must_leave_steps_for_every_target(corner):
+    """Or its curve would be read from the end: a target that was learnt before its first step."""
+    small, large = corner(1000, "tasks.corner.budget=200"), corner(9000)
+    assert large.source_steps("transfer").max() > small.record.total
+    for studies in ([small, large], [large, small]):
+        with pytest.raises(CurriculumError, match=r"arm 'transfer' of .*of_9000 took 4,000 of its"):
+            compare_studies(studies)
+    target = large.results["transfer"]["maze"]
+    with pytest.raises(CurriculumError, match="at most the total of 1,200 steps: got 4,000"):
+        Arm.of(target, large.source_steps("transfer"), 1200, 100)
+
+
+def test_the_smallest_total_does_not_change_what_was_learnt_by_it(corner):
+    small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
+    together = compare_studies([small, large])
+    one, other = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
+    np.testing.assert_array_equal(one.values, other.values)
+    np.testing.assert_array_equal(one.source_steps, other.source_steps)
+
+
+def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
+    small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
+    for why, words in (("a schedule", "a schedule"), (None, "did not note whether")):
+        arms = large.record.arms
+        other = arms["transfer"].model_copy(update={"depends_on_total": why})
+        large.record = large.record.model_copy(update={"arms": {**arms, "transfer": other}})
+        message = rf"'transfer' of .*of_3000 had 3,200 .* smallest total is 1,200 .*{words}"
+        with pytest.raises(CurriculumError, match=message):
+            compare_studies([small, large])
+        large.record = large.record.model_copy(update={"arms": arms})
+    assert compare_studies([small, large]).total == 1200
+
+
+def test_while_seeds_are_missing_there_is_no_verdict(tmp_path, capsys):
+    file, words = tmp_path / "lines.toml", "interim, 8 of 16 seeds: no verdict"
+    file.write_text(LINES)
+    study, pages = read_study(file), []
+    for shard in ((1, 2), (2, 2)):
+        part = run_study(study, tmp_path / f"{shard[0]}", shard=shard, progress=False)
+        print_results(part, None, None)
+        saved = write_report(part.store.path)
+        pages.append(capsys.readouterr().out + saved.read_text() + part._repr_html_())
+        assert part.comparison.interim == words
+        assert words in pages[-1]
+        assert words.capitalize() in pages[-1]
+    whole = merge(tmp_path / "whole", [tmp_path / "1", tmp_path / "2"])
+    assert whole.comparison.interim == ""
+    print_results(whole, None, None)
+    text = capsys.readouterr().out + write_report(whole.store.path).read_text()
+    for sign in (r"\bp\s=\s\d", r"\bp values?\b", "significant"):
+        assert not any(re.search(sign, page) for page in pages)
+        assert re.search(sign, text) or sign == "significant"
+
+
+def test_a_page_of_some_arms_has_no_verdict(finished):
+    study = StudyResults(finished)
+    part = _only(study, {"scratch", "chain"})
+    assert compare_studies([part]).interim == "interim, 4 of 4 seeds of some arms: no verdict"
+    assert compare_studies([_only(study, {*study.record.arms})]).interim == ""
 
 
 def test_a_window_ends_with_the_smallest_budget(tmp_path):

@@ -221,6 +221,7 @@ def test_the_comparison_is_that_of_compare(study_file, finished):
         np.testing.assert_array_equal(found[name].training_return, arm.training_return)
     assert (found.total, found.budget, found.window) == (wanted.total, wanted.budget, wanted.window)
     assert found.threshold == wanted.threshold
+    assert found.threshold_from == wanted.threshold_from != ""
     assert str(found) == str(wanted)
 
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import curricle as cr
+from curricle.study.config.study_config import StudyConfig
 from curricle.transfer import (
     UNMAPPED,
     StateActionMapping,
@@ -98,13 +99,20 @@ def test_a_curriculum_states_it_where_one_transfer_says_all():
     assert scaled.mapping.unmapped_value < edge.mapping.unmapped_value - 1
     one, _ = made(auto, cr.Transfer("end", "line", cr.same_position(LINE, END))).transfers
     assert one.mapping.unmapped_value is None  # which an aggregate skips
-    (edge,) = made(auto, unknown_value=-2.0).transfers
-    assert edge.mapping.unmapped_value is None
+    for stated in (-2.0, 0.0, {"line": 0.0}):  # 0 is the default
+        (edge,) = made(auto, unknown_value=stated).transfers
+        assert edge.mapping.unmapped_value is None
+    (edge,) = made(auto, unknown_value={"end": 0.0}).transfers
+    assert edge.mapping.unmapped_value < -3
+    assert made(auto).setting("unknown_value", "line") == 0
 
 
-@pytest.mark.parametrize(("more", "stated"), [([], True), (["unknown_value=-2.0"], False)])
-def test_a_study_states_it_as_a_curriculum_does(read, more, stated):
+@pytest.mark.parametrize(
+    ("more", "stated"),
+    [([], True), (["unknown_value=-2.0"], False), (["unknown_value=0.0"], False)],
+)
+def test_a_study_states_it_as_a_curriculum_does(read, tmp_path, more, stated):
     costs = "tasks.maze.rewards={ step = -1.0, treasure = 0.0 }"
     study = read(CORNER, set=["transfers.0.mapping=auto", costs, *more])
-    (edge,) = study.curriculum("transfer").transfers
+    (edge,) = StudyConfig.from_data(study.to_data(), tmp_path).curriculum("transfer").transfers
     assert (edge.mapping.unmapped_value is not None) is stated

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from scipy import stats
 
 from curricle import compare
 from curricle.cli.app import main
@@ -40,6 +41,50 @@ def test_a_verdict_stays_when_controls_come():
     for found in (alone, beside):
         assert found.contrasts["mine"].verdict == "costs more than it brings"
         assert found.contrasts["mine"].adjusted_p == found.contrasts["mine"].p == 2**-7
+
+
+def test_seeds_to_come_withhold_every_verdict():
+    arms = {"scratch": column(0), "mine": column(2), "c_control": column(1)}
+    whole = compared(**arms)
+    found = replace(whole, interim="interim, 8 of 20 seeds: no verdict")
+    assert whole.verdicts["mine"].direction == whole.control_verdicts["mine"].direction == 1
+    every = (found.verdicts, found.control_verdicts, found.against("c_control"))
+    for verdict in (one["mine"] for one in every):
+        assert verdict.direction == 0
+        assert verdict.answer == verdict.against_scratch == found.interim
+        assert np.isnan([verdict.p, verdict.adjusted_p]).all()
+    rows = found.rows()
+    assert np.isnan([row[p] for row in rows for p in ("p", "adjusted_p", "beats_controls_p")]).all()
+    assert rows[1]["verdict"] == rows[1]["beats_controls"] == found.interim
+    assert found.reasons["mine"].why == ""
+    assert "p =" in whole.text() + repr(whole)
+    assert "p =" not in found.text() + repr(found) + found._repr_html_()
+    assert rows[1]["strong_gain"] == whole.rows()[1]["strong_gain"]
+
+
+@settings(max_examples=200)
+@given(st.data())
+def test_no_difference_is_shown_beside_an_interval_that_holds_0(data):
+    """Sign flips and Student's t differ for skewed differences."""
+    seeds, n = data.draw(st.integers(6, 12)), data.draw(st.integers(1, 3))
+    skewed = st.floats(-1, 1).map(lambda x: np.sign(x) * abs(x) ** 9 + 0.01)
+    rows = st.lists(skewed, min_size=seeds, max_size=seeds)
+    returns = {"mine": np.zeros(seeds)} | {f"r{i}": data.draw(rows) for i in range(n)}
+    looks = data.draw(st.sampled_from([Looks((1,)), Looks.doubling(3, seeds)]))
+    one = verdicts_of(returns, {"mine": list(returns)[1:]}, looks=looks)["mine"]
+    if one.direction:
+        assert not one.gain.low <= 0 <= one.gain.high
+        assert one.adjusted_p < SIGNIFICANT
+
+
+def test_a_difference_that_sign_flips_alone_would_show_is_not_shown():
+    """Seven small gains and a large one: p = 2^-7 by flips, and Student's interval holds 0."""
+    gains = [0.1, 0.2, 0.1, 0.3, 0.2, 0.1, 0.2, 9.0]
+    assert sign_flip_test(gains) == 2**-7
+    one = verdicts_of({"mine": gains, "scratch": np.zeros(8)}, {"mine": ["scratch"]})["mine"]
+    assert one.gain.low < 0 < one.gain.high
+    assert (one.answer, one.against_scratch) == ("not shown", "no difference shown")
+    assert one.p == pytest.approx(stats.ttest_1samp(gains, 0).pvalue)
 
 
 @settings(max_examples=40)

@@ -27,10 +27,13 @@ from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.mdp import FiniteMDP, improper_states
 from curricle.tasks.spaces import action_name, state_name, values_of
 from curricle.tasks.task import Task, generative_model, has_tables, tables
+from curricle.transfer.partition_refinement import numbered_rows
 
 LARGEST_EXACT = 20_000_000
 """Outcomes (S x A x O) up to which ``method="auto"`` compares every state (2 GB, seconds)."""
 
+MOST_REFINEMENTS = 100
+"""Rounds after which equally good actions are not proven equal."""
 THEOREMS: dict[Claim, str] = {
     "telescoping": "Ng, Harada, Russell 1999",
     "fixed_point": "Wiewiora 2003",
@@ -129,10 +132,14 @@ def certify(
     action can be optimal in both problems and no other in either; with a tolerance, if all that can
     be optimal fall short by no more. It fails if all actions that can be optimal in one problem
     fall short by more in the other. Between the two it is undecided, unless a theorem proves the
-    shaping safe: F comes from a potential that is 0 at the ends, with the task's discount, and for
-    a bonus or reward up to rounding; or advice has a last weight of 0 or one value for all actions.
-    It is undecided also then if a known difference of two actions above the tolerance vanishes, in
-    double precision, beside the numbers that the potential adds to it.
+    shaping safe: F comes from a potential that is 0 at the ends, with the task's discount; or
+    advice has a last weight of 0 or one value for all actions. It is undecided also then if a known
+    difference of two actions above the tolerance vanishes, in double precision, beside what the
+    potential adds to it in all steps of an episode. A bonus or reward is taken as its numbers are,
+    which rounding keeps from being F of a potential exactly: no action that they make optimal loses
+    anything, but they may prefer one of equally good actions. Actions too close to be told apart
+    must therefore be proven equally good, by leading alike, or it is undecided. Where states are
+    not compared, a finding says so.
 
     Examples
     --------
@@ -222,7 +229,7 @@ def _theorem(shaping: CheckedShaping, ends: IntArray, behind: Origin | None) -> 
     elif claim == "added_values":  # the same for all actions changes no order
         applies = shaping.last_weight == 0 or not np.ptp(shaping.last_values(), axis=1).any()
     else:
-        applies = behind is None or behind.by_rounding
+        applies = behind is None or behind.found is behind.plain
     return THEOREMS[claim] if applies else None
 
 
@@ -282,15 +289,34 @@ def compare_actions(
     short = q.max(axis=1, keepdims=True) - q
     shaped_short = shaped.values.max(axis=1, keepdims=True) - shaped.values
     error, shaped_error = 2 * bound, 2 * shaped.bound
-    return ActionComparison(
-        short <= error,
-        shaped_short <= shaped_error,
-        short,
-        shaped_short,
-        error,
-        shaped_error,
-        tolerance,
-    )
+    optimal, chosen = short <= error, shaped_short <= shaped_error
+    return ActionComparison(optimal, chosen, short, shaped_short, error, shaped_error, tolerance)
+
+
+def tied_exactly(met: Reachable, own: Solution, optimal: BoolArray) -> bool:
+    """Return whether all actions that may be optimal in a state, (N, A), are proven equally good.
+
+    States whose values are not known to differ are split until in each block these actions have the
+    same chances of the same rewards and blocks (bisimulation: Givan, Dean, Greig 2003).
+    """
+    mdp, block = met.mdp, np.empty(len(own.values), np.int64)
+    order = np.argsort(own.values)
+    block[order] = np.append(0, np.cumsum(np.diff(own.values[order]) > 2 * own.error_bound))
+    block[mdp.terminal] = -1
+    kinds, paid = np.unique(mdp.reward + 1j * mdp.probability, return_inverse=True)
+    blocks = 0
+    for _ in range(MOST_REFINEMENTS):
+        after = (block[mdp.next_state] + 1) * len(kinds) + paid.reshape(mdp.reward.shape)
+        after = np.sort(np.where(mdp.probability > 0, after, -1), axis=1)
+        alike = np.where(optimal, numbered_rows(after)[mdp.outcome_row[met.states]], -1)
+        most = alike.max(axis=1)
+        if (optimal & (alike != most[:, None])).any():
+            return False  # and smaller blocks only tell more apart
+        finer = numbered_rows(np.column_stack([block[met.states], most]))
+        if (found := int(finer.max(initial=-1)) + 1) == blocks:
+            return True
+        block[met.states], blocks = finer, found
+    return False
 
 
 def total_loss(own: Solution, met: Reachable, chosen: BoolArray) -> float:
@@ -370,13 +396,16 @@ def _exact_certificate(shaping: CheckedShaping, tolerance: float) -> Certificate
         f = met.reward(shaping.reward())
         behind = origin(shaping.task, met, f)
         shaped = shaped_task.with_reward(own, met, f, np.zeros(len(met.states)))
-        shaped = replace(shaped, residual=behind.plain.worst)
+        largest = max(shaped.largest, float(abs(behind.plain.potential).max()))
+        shaped = replace(shaped, residual=behind.plain.worst, largest=largest)
         findings += behind.sentences
     else:
         shaped = shaped_task.shaped_values(shaping, own, met)
     found = compare_actions(own.action_values[met.states], own.error_bound, shaped, tolerance)
-    theorem = _theorem(shaping, met.ends, behind)
-    holds, undecided = _decided(met, own, shaped, found, theorem)
+    # At discount 1 the sum of F need not vanish in an episode without an end.
+    endless = mdp.discount == 1 and improper_states(mdp).size > 0
+    theorem = None if endless else _theorem(shaping, met.ends, behind)
+    holds, undecided = _decided(met, own, shaped, found, theorem, behind)
     if shaping.changing:
         findings += ("the potential changes while learning; its last values were compared",)
     loss = 0.0 if holds and theorem is not None and behind is None else found.loss
@@ -402,22 +431,44 @@ def _decided(
     shaped: ShapedValues,
     found: ActionComparison,
     theorem: str | None,
+    behind: Origin | None,
 ) -> tuple[bool | None, tuple[str, ...]]:
-    """Return whether the optimal actions are the same, and where that is undecided."""
+    """Return whether the optimal actions are the same, and where that is undecided.
+
+    A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that was
+    given is off by its residual besides, so that a difference of two actions changes by up to twice
+    that in every step of an episode. Up to there no known difference is certain; and where F was
+    given none that is too small to be known, unless it is proven to be 0.
+    """
     if found.lost.any() or found.given_up.any():
         return False, ()
+    compared = theorem is None or behind is not None  # the very rewards, with their rounding
+    if compared and not found.undecided.any():
+        return True, ()
     if theorem is None:
-        undecided = found.undecided.any()
-        return (None, (too_close(met, own, shaped, found),)) if undecided else (True, ())
-    # A theorem holds in exact arithmetic. In double precision .01 vanishes beside 1e14.
-    vanishing = (found.short > found.error) & (found.short <= 2 * EPSILON * shaped.largest)
-    hidden = found.short[vanishing].max(initial=0.0)
+        return None, (too_close(met, own, shaped, found),)
+    off = 3 * EPSILON * shaped.largest + (0.0 if behind is None else behind.plain.worst)
+    reach = 2 * off * _longest(met.mdp)
+    vanishing = (found.short > found.error) & (found.short <= reach + found.error)
+    if compared:
+        vanishing &= found.undecided[:, None]
+    hidden = float(found.short[vanishing].max(initial=0.0))
+    if behind and behind.plain.potential.any() and not tied_exactly(met, own, found.optimal):
+        hidden = max(hidden, found.error)
     if hidden <= found.tolerance:
         return True, ()
     return None, (
         f"by theory ({theorem}) the shaping is safe, but beside numbers of {shaped.largest:.2g} "
         f"differences of {hidden:.2g} between actions vanish in double precision",
     )
+
+
+def _longest(mdp: FiniteMDP) -> float:
+    """Return a bound of the expected (discounted) steps of an episode."""
+    if mdp.discount < 1:
+        return 1 / (1 - mdp.discount)
+    steps = solve(replace(mdp, reward=frozen(np.ones_like(mdp.reward))))
+    return float(steps.values.max()) + steps.error_bound
 
 
 def _several_entries(shaping: CheckedShaping, met: Reachable) -> str | None:
@@ -453,6 +504,11 @@ def _without_comparison(
     if not applies:
         return Certificate(None, name, tolerance=tolerance, findings=findings)
     theorem = THEOREMS[claim]
+    if claim != "added_values":
+        findings += (
+            "differences between actions that are less than the rounding of F, in every step of "
+            "an episode, vanish in double precision",
+        )
     return Certificate(
         True, name, 0, theorem, tolerance, loss=0.0, total_loss=0.0, findings=findings
     )

@@ -41,19 +41,6 @@ def negligible(f: FloatArray) -> float:
     return RELATIVE_RESIDUAL * float(abs(f).max(initial=0.0))
 
 
-def rounding(met: Reachable, f: FloatArray, fitted: Fit) -> float:
-    """Return the residual that rounding leaves where F, (E,), is that of the fitted potential.
-
-    F itself has three roundings of Phi. Phi is a sum of F along a path, with two a step; a path has
-    at most as many steps as there are states, and later ones count less by the discount.
-    """
-    steps: float = len(met.states)
-    if fitted.discount < 1:
-        steps = min(steps, 1 / (1 - fitted.discount))
-    largest = abs(f).max(initial=0.0) + abs(fitted.potential).max()
-    return float((2 * steps + 3) * np.finfo(np.float64).eps * largest)
-
-
 def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
     """Return the Phi that F must have if it is ``discount`` Phi(s') - Phi(s), and the residual.
 
@@ -181,8 +168,6 @@ def _potential(
 AnyInts = npt.NDArray[np.integer[Any]]
 NAMED = 3
 """Ends that are named; the others are counted."""
-EQUAL = 1e-12
-"""Relative difference up to which two phi are equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +177,6 @@ class Origin:
     plain: Fit  # with the task's discount and Phi = 0 at the ends
     found: Fit | None  # without residual, maybe with ends that are not 0
     sentences: tuple[str, ...]
-    by_rounding: bool = False  # whether rounding alone keeps F from being gamma Phi(s') - Phi(s)
 
 
 def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
@@ -205,7 +189,7 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
     if plain.worst <= enough:
         form = f"F = {discount:g} Phi(s') - Phi(s)"
         sentence = f"{form} with Phi = 0 at the ends, to {plain.worst:.1g}"
-        return Origin(plain, plain, (sentence,), plain.worst <= rounding(met, f, plain))
+        return Origin(plain, plain, (sentence,))
     by_action = _depends_on_action(task, met, f)
     found = None if by_action else fit(met, f, discount, ends_are_zero=False)
     if found is None or found.worst > enough:
@@ -280,7 +264,7 @@ def several_entries(
     entered = np.append(target, starts)
     phi = np.append(phi, np.zeros(len(starts)))
     apart, *ways = widest(entered[:, None], phi)
-    if apart <= EQUAL * abs(phi).max():
+    if apart == 0:
         return apart, None
     told = [
         f"with phi = {phi[i]:.4g} from {state_name(task.states, int(source[i]))} by "
@@ -296,13 +280,7 @@ def several_entries(
 
 
 def widest(keys: AnyInts, values: FloatArray) -> tuple[float, int, int]:
-    """Return the largest difference of two values with equal keys, (n, k), and which two.
-
-    Examples
-    --------
-    >>> widest(np.array([[1], [2], [1]]), np.array([5.0, 0.0, 3.0]))
-    (2.0, 0, 2)
-    """
+    """Return the largest difference of two values with equal keys, (n, k), and which two."""
     order = np.lexsort((values, *keys.T))
     same = (keys[order][1:] == keys[order][:-1]).all(axis=1)
     first = np.flatnonzero(~np.concatenate([[False], same]))

@@ -32,18 +32,7 @@ BRANCHES, DEPTH = 40, 3
 def sampled(
     shaping: CheckedShaping, steps: int, seed: int, reason: str, findings: tuple[str, ...] = ()
 ) -> SampledCertificate:
-    """Return the result of a check on about so many steps of the uniform policy.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> from curricle.certificate.checked_shaping import ShapingReward, check_shaping
-    >>> reward = ShapingReward(lambda state, action, after: action % 5 == 0)
-    >>> task = Pursuit(size=10, predators=3)
-    >>> found = sampled(check_shaping(task, reward), 10_000, 0, "as asked for")
-    >>> print(found.contradictions[0])
-    not potential-based: from ...; with a potential the action does not matter
-    """
+    """Return the result of a check on about so many steps of the uniform policy."""
     check = _check_reward if shaping.shaping.claim == "added_rewards" else _check_entries
     taken, residual, contradictions = check(shaping, steps, seed)
     return SampledCertificate(

@@ -18,6 +18,7 @@ import sys
 import traceback
 from collections import Counter
 from importlib.metadata import version
+from io import TextIOWrapper
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
@@ -75,7 +76,9 @@ def _options(
 
 # -- What several commands take, and what they do first --------------------------------------------
 
-File = Annotated[Path, typer.Argument(help="The study, a TOML file.", show_default=False)]
+File = Annotated[
+    Path, typer.Argument(help="A TOML file. It is code: modules it names run.", show_default=False)
+]
 Folder = Annotated[
     str, typer.Argument(help="A study's folder, or its URL: s3://bucket/name.", show_default=False)
 ]
@@ -450,6 +453,9 @@ def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
     from curricle.errors import CurricleError, EngineError, LostStoreError, StudyError
 
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # ? for signs that an encoding lacks
     try:
         app(standalone_mode=True)
     except CurricleError as error:

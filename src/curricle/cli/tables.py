@@ -73,7 +73,6 @@ EXPLANATIONS = {
     "threshold": "the return that counts as learnt; by default nine tenths of the way from the "
     "random policy's to the optimum",
     "mean return": "the mean height of the learning curve: its area, divided by all steps",
-    "IQM": "interquartile mean: the mean of the middle half of the seeds",
     INTERVAL: "after a number: its interval of 95 % confidence over seeds",
     "strong gain": "mean return above that of scratch, source steps charged (strong transfer)",
     "weak gain": "the same with the source steps free (weak transfer)",

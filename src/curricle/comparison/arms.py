@@ -6,10 +6,11 @@ from typing import Self
 
 import numpy as np
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.comparison.levels import Level, concatenated_levels
 from curricle.comparison.verdicts import difference
 from curricle.display import brief_repr
+from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
 from curricle.statistics.curves import SCRATCH, Curve, charge_source
 from curricle.statistics.metrics import mean_return
@@ -31,6 +32,8 @@ class Arm:
         Whether it learns the target from scratch with a learner of its own.
     level : Level or None
         What a control that knows nothing of the task adds to every value.
+    unlearnt : dict of str to (K,) bool
+        For each source, which seeds did not learn it, by its stopping rule.
 
     Examples
     --------
@@ -47,6 +50,7 @@ class Arm:
     control: bool
     scratch: bool = False
     level: Level | None = field(default=None, repr=False)
+    unlearnt: Mapping[str, BoolArray] = field(default_factory=dict, repr=False)
 
     __repr__ = brief_repr
 
@@ -68,9 +72,13 @@ class Arm:
         """Return an arm from the target's learning result.
 
         Seed k learns for total - spent_k steps, after which its last value is repeated. `total` are
-        the steps of every arm, sources included, `spent` (K,) the source steps, `eval_freq` the
-        steps between checkpoints.
+        the steps of every arm, sources included, `spent` (K,) the source steps, at most as many,
+        `eval_freq` the steps between checkpoints.
         """
+        if spent.max() > total:
+            raise CurriculumError(
+                f"sources must take at most the total of {total:,} steps: got {spent.max():,}"
+            )
         n = total // eval_freq + 1
         last = np.minimum((total - spent) // eval_freq, len(result.steps) - 1)
         place = np.minimum(np.arange(n), last[:, None])
@@ -95,7 +103,8 @@ class Arm:
         curve = Curve(self.curve.steps, self.curve.values[seeds], self.curve.source_steps[seeds])
         level = None if self.level is None else self.level.take(seeds)
         training, guard_share = self.training_return[seeds], self.guard_share[seeds]
-        return Arm(curve, training, guard_share, self.control, self.scratch, level)
+        unlearnt = {source: each[seeds] for source, each in self.unlearnt.items()}
+        return Arm(curve, training, guard_share, self.control, self.scratch, level, unlearnt)
 
     def strong_gain(self, scratch: "Arm") -> FloatArray:
         """Return the area under the charged curve minus that of scratch, (K,), in return.
@@ -116,7 +125,11 @@ def concatenated(arms: Sequence[Arm]) -> Arm:
     guard_share = np.concatenate([arm.guard_share for arm in arms])
     levels = [arm.level for arm in arms if arm.level is not None]
     level = concatenated_levels(levels) if levels else None
-    return Arm(curve, training, guard_share, arms[0].control, arms[0].scratch, level)
+    unlearnt = {
+        source: np.concatenate([arm.unlearnt[source] for arm in arms])
+        for source in arms[0].unlearnt
+    }
+    return Arm(curve, training, guard_share, arms[0].control, arms[0].scratch, level, unlearnt)
 
 
 def best_from_scratch(arms: Mapping[str, Arm], failed: Collection[str] = ()) -> str:

@@ -51,6 +51,9 @@ from curricle.transfer.observation_rollouts import ObservationTarget, target_of
 GivenScratch = Sequence[Any] | Mapping[str, Any]
 FRACTION = 0.9
 """Of the way from the random policy's return to the optimum: the default threshold."""
+STATED, OF_OPTIMUM = "stated", "nine tenths of the way to the optimum"
+MIDPOINT = "midpoint of scratch's curve, without an optimum above random"
+"""Where a threshold comes from."""
 
 
 def compare(
@@ -154,11 +157,11 @@ def compare(
             found, stopped = plan.run_until(first, precision, difference, most_seeds, failed)
             looks = Looks.doubling(first, most_seeds)
     check_any_left(found, failed)
+    level = STATED
     if threshold is None:
-        threshold = default_threshold(target, found[SCRATCH])
-    return Comparison(
-        plan.target, found, plan.budget, plan.total, threshold, window, failed, looks, stopped
-    )
+        threshold, level = default_threshold(target, found[SCRATCH])
+    spans = plan.budget, plan.total, threshold, window
+    return Comparison(plan.target, found, *spans, failed, looks, stopped, threshold_from=level)
 
 
 def check_any_left(found: Mapping[str, Arm], failed: Mapping[str, Exception]) -> None:
@@ -167,13 +170,15 @@ def check_any_left(found: Mapping[str, Arm], failed: Mapping[str, Exception]) ->
         raise next(iter(failed.values()))
 
 
-def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> float:
-    """Return nine tenths of the way from the random policy's return to the optimum.
+def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> tuple[float, str]:
+    """Return nine tenths of the way from the random policy's return to the optimum, and its source.
 
     If the optimum is unknown or not above that return, return the midpoint of the curve of scratch.
     """
     of_optimum = threshold_of_optimum(target)
-    return midpoint(scratch.curve) if of_optimum is None else of_optimum
+    if of_optimum is None:
+        return midpoint(scratch.curve), MIDPOINT
+    return of_optimum, OF_OPTIMUM
 
 
 def threshold_of_optimum(target: Target | ObservationTarget) -> float | None:
@@ -347,7 +352,9 @@ class ComparisonPlan:
             known = self.alone.sources(curriculum, seeds)
             trained.append(self._trained(curriculum, seeds, bars, known))
             self.alone.add_sources(curriculum, seeds, trained[0].nodes)
-            return self._arm(trained[0][self.target], trained[0].source_steps(self.target))
+            result = trained[0]
+            arm = self._arm(result[self.target], result.source_steps(self.target))
+            return replace(arm, unlearnt=result.unlearnt(self.target))
 
         yield "", own
         (result,) = trained

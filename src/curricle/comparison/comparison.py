@@ -13,10 +13,11 @@ from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
 from curricle.comparison.verdicts import ONE_LOOK, Reason, Verdict, not_asked, verdicts_of
 from curricle.display import COLOURS, OWN_COLOURS, block, brief_repr, curves, shortened, table
 from curricle.errors import CurriculumError, in_words
-from curricle.statistics.curves import SCRATCH, Curve
+from curricle.statistics.curves import ROUNDING, SCRATCH, Curve
 from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
+    clusters,
     interquartile_interval,
     mean_interval,
     paired_difference,
@@ -116,6 +117,10 @@ class Comparison:
         for them, and so hold at whichever look it stopped.
     stopped : str
         What ended the adding of seeds, in words; empty where their number was given.
+    interim : str
+        That seeds of the plan are to come, in words: then there is no verdict and no p-value.
+    threshold_from : str
+        Where the threshold comes from, in words.
     """
 
     target: str
@@ -127,6 +132,8 @@ class Comparison:
     failed: Mapping[str, Exception] = field(default_factory=dict)
     looks: Looks = ONE_LOOK
     stopped: str = ""
+    interim: str = ""
+    threshold_from: str = ""
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
@@ -194,8 +201,11 @@ class Comparison:
         The question is corrected for the number of curricula (Holm), and for nothing else.
         """
         one_of("an arm", rival, self.arms, CurriculumError)
-        questions = {name: (rival,) for name in self.controls if name != rival}
-        return verdicts_of(self.returns, questions, looks=self.looks)
+        return self._verdicts({name: (rival,) for name in self.controls if name != rival})
+
+    def _verdicts(self, questions: Mapping[str, tuple[str, ...]]) -> dict[str, Verdict]:
+        asked = {name: rivals for name, rivals in questions.items() if rivals}
+        return verdicts_of(self.returns, asked, looks=self.looks, interim=self.interim)
 
     @cached_property
     def verdicts(self) -> dict[str, Verdict]:
@@ -203,20 +213,22 @@ class Comparison:
 
         Where several learners do that, more than each of them.
         """
-        questions = dict.fromkeys(self.controls, self.scratches)
-        return verdicts_of(self.returns, questions, looks=self.looks)
+        return self._verdicts(dict.fromkeys(self.controls, self.scratches))
+
+    @property
+    def withheld(self) -> str:
+        """Why there are no verdicts, in words; empty where there are some."""
+        return next((one.withheld for one in self.verdicts.values()), self.interim)
 
     @cached_property
     def control_verdicts(self) -> dict[str, Verdict]:
         """Whether each curriculum that has controls gains more than all of them."""
-        questions = {name: those for name, those in self.controls.items() if those}
-        return verdicts_of(self.returns, questions, looks=self.looks)
+        return self._verdicts(self.controls)
 
     @cached_property
     def knowledge_verdicts(self) -> dict[str, Verdict]:
         """Whether each curriculum gains more than all of its controls that know nothing."""
-        questions = {name: those for name, those in self.know_nothing.items() if those}
-        return verdicts_of(self.returns, questions, looks=self.looks)
+        return self._verdicts(self.know_nothing)
 
     @cached_property
     def reasons(self) -> dict[str, Reason]:
@@ -231,12 +243,20 @@ class Comparison:
     def times(self, name: str, *, strong: bool = True) -> Times:
         """Return an arm's steps to the threshold; seeds that never reach it are censored."""
         curve = self[name].charged(self.scratch) if strong else self._weak(name)
-        return time_to_threshold(curve, self.threshold, window=self.window)
+        return time_to_threshold(curve, self._level, window=self.window)
+
+    @property
+    def _level(self) -> float:
+        """The threshold; just above it where scratch is at it before it has learnt anything."""
+        start = float(self.scratch.curve.filled()[:, 0].mean())
+        margin = ROUNDING * max(abs(self.threshold), abs(start))
+        if not abs(start - self.threshold) <= margin:
+            return self.threshold
+        return float(np.nextafter(max(start, self.threshold) + margin, np.inf))
 
     def mean_return(self, name: str) -> Interval:
-        """Return the interquartile mean over seeds of an arm's area under the strong curve."""
-        values = mean_return(self[name].charged(self.scratch))
-        return interquartile_interval(values, confidence=self.confidence)
+        """Return the mean over seeds of the area under an arm's strong curve, as gains are."""
+        return mean_interval(self.returns[name], confidence=self.confidence)
 
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
@@ -252,11 +272,11 @@ class Comparison:
 
     def _contrast(self, name: str) -> Contrast:
         arm, scratch = self[name], self[self.best_scratch]
-        alone = verdicts_of(self.returns, {name: self.scratches}, looks=self.looks)[name]
+        alone = self._verdicts({name: self.scratches})[name]
         verdict, reason = self.verdicts.get(name), self.reasons.get(name)
         weak, base = self._weak(name), self._weak(self.best_scratch)
         strong, whole = arm.charged(self.scratch), scratch.curve
-        saved = partial(steps_saved, threshold=self.threshold, window=self.window)
+        saved = partial(steps_saved, threshold=self._level, window=self.window)
         of_mean, of_difference, of_improvement = (
             partial(interval_of, confidence=self.confidence)
             for interval_of in (mean_interval, paired_difference, probability_of_improvement)
@@ -308,6 +328,7 @@ class Comparison:
         row["adjusted_p"] = float("nan") if contrast is None else contrast.adjusted_p
         row["verdict"] = "" if contrast is None else contrast.verdict
         row["reason"] = "" if contrast is None else contrast.reason
+        row["unlearnt"] = self.unlearnt(name)
         row["against"] = "" if contrast is None else self.best_scratch
         row["strongest_control"] = "" if own is None else own.rival
         row["beats_controls"] = "" if own is None else own.answer
@@ -358,6 +379,7 @@ class Comparison:
             f"{counted(self.seeds, 'seed')}"
             f"{self.stopped and f' ({self.stopped})'}; "
             f"threshold {or_dash(self.threshold, '.4g')}"
+            f"{self.threshold_from and f' ({self.threshold_from})'}"
         )
 
     def _cells(self, name: str) -> tuple[str, ...]:
@@ -371,7 +393,7 @@ class Comparison:
             contrast = self.contrasts[name]
             strong, weak = short(contrast.strong_gain), short(contrast.weak_gain)
             words = contrast.verdict
-            if name in self.verdicts and not self.verdicts[name].too_few:
+            if name in self.verdicts and not self.withheld:
                 words += f" (p = {contrast.adjusted_p:.2g})"
             words += f", {contrast.reason}" if contrast.reason else ""
         elif name == self.best_scratch and len(self.scratches) > 1:
@@ -381,13 +403,15 @@ class Comparison:
     @property
     def sentences(self) -> list[str]:
         """What the table does not say: the answers about controls, and a cheaper way."""
-        lines = [self.control_sentence(name) for name in self.control_verdicts]
+        lines = [words for name in self.arms if (words := self.cluster_sentence(name))]
+        lines += [self.control_sentence(name) for name in self.control_verdicts]
         lines += [
             _sentence(name, verdict, "controls that know nothing")
             for name, verdict in self.knowledge_verdicts.items()
             if self.know_nothing[name] != self.controls[name]
         ]
         lines += [line for name in self.controls if (line := self.cheaper_way(name))]
+        lines += [line for name in self.controls if (line := self.unlearnt(name))]
         open_ = not_asked(list(self.reasons.values()))
         return [*lines, open_] if open_ else lines
 
@@ -412,6 +436,24 @@ class Comparison:
             f"{guarded}"
         )
 
+    def cluster_sentence(self, name: str) -> str:
+        """Return how many of an arm's seeds are apart from the others, in words; else nothing."""
+        values = self.returns[name]
+        if (found := clusters(values)) is None:
+            return ""
+        high, low = (f"{len(some)} near {some.mean():.4g}" for some in reversed(found))
+        words = f"the seeds of {name} are in two clusters, mean return of {high} and of {low}"
+        if min(map(len, found)) > self.seeds // 4:
+            return words
+        middle = interquartile_interval(values, confidence=self.confidence)
+        return f"{words}; interquartile mean, without the few: {short(middle)}"
+
+    def unlearnt(self, name: str) -> str:
+        """Return which sources of an arm did not learn their own tasks; empty if all did."""
+        shares = {source: seeds for source, seeds in self[name].unlearnt.items() if seeds.any()}
+        each = [f"{one} in {n.sum()} of {counted(n.size, 'seed')}" for one, n in shares.items()]
+        return f"sources of {name} that did NOT learn: {', '.join(each)}" if each else ""
+
     def control_sentence(self, name: str) -> str:
         """Return whether a curriculum gains more than its controls, in words."""
         return _sentence(name, self.control_verdicts[name], "controls")
@@ -428,7 +470,7 @@ def _sentence(name: str, verdict: Verdict, controls: str) -> str:
     )
 
 
-HEADS = ("", "steps to threshold", "mean return (IQM)", "strong gain", "weak gain", "verdict")
+HEADS = ("", "steps to threshold", "mean return", "strong gain", "weak gain", "verdict")
 
 
 def short(interval: Interval) -> str:

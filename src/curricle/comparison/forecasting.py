@@ -389,7 +389,7 @@ def _judgement(
     """Return how good potentials are, and their scale."""
     of_actions: Sequence[Any]
     if isinstance(any_target, ObservationTarget):
-        threads, fit = 1, Calibrate(any_target.episodes)
+        threads, fit = 0, Calibrate(any_target.episodes)
         of_actions = potentials if potentials[0].of_actions else ()
     else:
         fit, of_actions = Calibrate(), potentials

@@ -21,8 +21,8 @@ from curricle.deep.miniature import Miniatures
 from curricle.display import brief_repr, printed
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.greedy import EqualValues, Values
-from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
-from curricle.planning.target import Target
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
 from curricle.progress import Bars, Progress, shown
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task, made_by
@@ -31,12 +31,6 @@ from curricle.text_tables import counted
 
 LEARNT = 0.9
 """Share of the way from random to the reference from which a source learnt its own task."""
-NOT_LEARNT = 0.5
-"""Share below which it did not."""
-BATCHES = 10
-"""Parts into which the rollouts of an evaluation are divided, for their standard error."""
-STANDARD_ERRORS = 2.0
-"""Within which two returns are called the same."""
 OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""
 """What a source is measured by."""
 
@@ -164,20 +158,17 @@ def _learning(
     if generative.time_limit is None:  # nothing else has a bound
         evaluation = replace(evaluation, discounted=True)
     target = Target.of(node.task, evaluation)
-    evaluation = target.evaluation
-    equal = EqualValues(np.zeros((1, generative.actions.size)))
-    random, random_noise = _return(node.task, equal, evaluation)
-    returns, noise = _returns(node.task, learnt.values, evaluation)
+    random, random_noise = target.estimated(EqualValues(np.zeros((1, generative.actions.size))))
+    returns, noise = _returns(target, learnt.values)
     reference, reference_noise, by, steps = float("nan"), 0.0, UNKNOWN, 0
     if target.solution is not None:
         best = Values(target.solution.optimal.astype(np.float64))
-        reference, reference_noise = _return(node.task, best, evaluation)
+        reference, reference_noise = target.estimated(best)
         by = OPTIMUM
     elif fresh and not is_live(node.task):
         steps = 2 * int(learnt.steps_used.max())
-        found, reference_noise = _returns(
-            node.task, _fresh_values(node, learnt.seeds, steps, workers, bars), evaluation
-        )
+        fresh_values = _fresh_values(node, learnt.seeds, steps, workers, bars)
+        found, reference_noise = _returns(target, fresh_values)
         reference, by = float(found.mean()), FRESH
     total = float(np.sqrt(noise**2 + random_noise**2 + reference_noise**2))
     return SourceLearning(
@@ -199,24 +190,11 @@ def _fresh_values(
     return alone.train(seeds, workers=workers, progress=bars).values
 
 
-def _returns(task: Any, values: Any, evaluation: GreedyEvaluation) -> tuple[FloatArray, float]:
+def _returns(target: Target, values: Any) -> tuple[FloatArray, float]:
     """Return the greedy return of each of K tables, and the standard error of their mean."""
-    each = [_return(task, Values(table), evaluation) for table in values]
+    each = [target.estimated(Values(table)) for table in values]
     returns, noise = np.array(each).T
     return returns, float(np.sqrt((noise**2).sum()) / len(each))
-
-
-def _return(task: Any, view: Any, evaluation: GreedyEvaluation) -> tuple[float, float]:
-    """Return the expected return of a greedy policy, and its standard error; 0 if it is exact."""
-    if evaluation.method == "exact":
-        return greedy_policy_return(task, view, evaluation), 0.0
-    episodes = -(-evaluation.rollouts(task) // BATCHES)
-    part = replace(evaluation, episodes=episodes)
-    found = [
-        greedy_policy_return(task, view, part, seed=k, stream="source_learning")
-        for k in range(BATCHES)
-    ]
-    return float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(BATCHES))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +206,7 @@ class DistilledSource(Frozen):
 
     name: str
     members: tuple[str, ...]  # M: the miniatures, then those that are only tested on
-    levels: tuple[int, ...]  # how many levels each was examined on
+    levels: tuple[str, ...]  # which levels each was examined on, and how many
     shares: FloatArray  # (K, M): what each seed regains in each
 
     @property
@@ -241,13 +219,8 @@ class DistilledSource(Frozen):
 
     def __str__(self) -> str:
         each = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
-        told = [
-            f"{round(x, 2) + 0.0:.0%} on {counted(n, 'level')} of {member}" for x, n, member in each
-        ]
-        return (
-            f"{self.name}'s network regains {', '.join(told)}, held out, of the way from random to "
-            "optimal"
-        )
+        told = [f"{round(x, 2) + 0.0:.0%} on {levels} of {member}" for x, levels, member in each]
+        return f"{self.name}'s network regains {', '.join(told)} of the way from random to optimal"
 
 
 def distilled_sources(
@@ -261,6 +234,6 @@ def distilled_sources(
             each = [task.examined(values) for values in learnt.values]
             shares = np.array([[one.regained for one in examined] for examined in each])
             members = tuple(made_by(one.member.make) for one in each[0])
-            levels = tuple(one.levels for one in each[0])
+            levels = tuple(counted(one.levels, one.kind) for one in each[0])
             found[name] = DistilledSource(name, members, levels, shares)
     return found

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from curricle.comparison.candidates import Candidate, part_of
 from curricle.comparison.comparing import (
+    STATED,
     ComparisonPlan,
     LearntAlone,
     check_any_left,
@@ -203,10 +204,12 @@ def _compared(
         plan = replace(plan, bars=bars, alone=LearntAlone() if alone is None else alone)
         found = plan.run(seed_tuple(seeds), failed)
     check_any_left(found, failed)
+    level = STATED
     if threshold is None:
-        threshold = default_threshold(plan.solved_target(), found[SCRATCH])
+        threshold, level = default_threshold(plan.solved_target(), found[SCRATCH])
     window = min(WINDOW, plan.checkpoints)
-    return Comparison(plan.target, found, plan.budget, plan.total, threshold, window, failed)
+    spans = plan.budget, plan.total, threshold, window
+    return Comparison(plan.target, found, *spans, failed, threshold_from=level)
 
 
 def apart(curriculum: Curriculum) -> Curriculum:

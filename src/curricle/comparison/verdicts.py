@@ -15,12 +15,14 @@ Sources: Holm 1979; Berger, "Multiparameter hypothesis testing and acceptance sa
 Technometrics 24, 1982 (intersection-union tests).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import stdtr
 
 from curricle.array_types import FloatArray
 from curricle.checks import whole_number
@@ -59,6 +61,8 @@ class Verdict:
         The same, corrected for the number of questions in the family (Holm).
     seeds, needed : int
         Seeds K, and the fewest with which there can be a verdict.
+    interim : str
+        As of :func:`verdicts_of`.
     """
 
     gain: Interval
@@ -68,37 +72,38 @@ class Verdict:
     adjusted_p: float
     seeds: int
     needed: int
+    interim: str = ""
 
     __repr__ = brief_repr
     _repr_html_ = printed
 
     @property
-    def too_few(self) -> str:
-        """That there are too few seeds for any verdict, in words; empty if there are enough."""
-        return too_few_seeds(self.seeds, self.needed)
+    def withheld(self) -> str:
+        """Why there is no verdict, as too few seeds or seeds to come; empty where there is one."""
+        return self.interim or too_few_seeds(self.seeds, self.needed)
 
     @property
     def direction(self) -> int:
         """1 if the arm is shown to gain more than every rival, -1 if less than one, else 0."""
-        shown = not self.too_few and self.adjusted_p < SIGNIFICANT
+        shown = not self.withheld and self.adjusted_p < SIGNIFICANT
         return int(np.sign(self.gain.estimate)) if shown else 0
 
     @property
     def against_scratch(self) -> str:
         """The answer to whether a curriculum pays."""
         words = ("no difference shown", "pays", "costs more than it brings")
-        return self.too_few or words[self.direction]
+        return self.withheld or words[self.direction]
 
     @property
     def answer(self) -> str:
         """The answer to whether the arm gains more: "yes", "no, less" or "not shown"."""
-        return self.too_few or ("not shown", "yes", "no, less")[self.direction]
+        return self.withheld or ("not shown", "yes", "no, less")[self.direction]
 
     def __str__(self) -> str:
         """Return the answer with the gain, such as ``yes, +3.1 [1.2, 5.0] (p = 0.004)``."""
         gain, _, _ = str(self.gain).rpartition(", ")
         words = f"{self.answer}, {'+' * (float(self.gain.estimate) > 0)}{gain}"
-        return words if self.too_few else f"{words} (p = {self.adjusted_p:.2g})"
+        return words if self.withheld else f"{words} (p = {self.adjusted_p:.2g})"
 
 
 def verdicts_of(
@@ -106,6 +111,7 @@ def verdicts_of(
     rivals: Mapping[str, Sequence[str]],
     *,
     looks: Looks = ONE_LOOK,
+    interim: str = "",
 ) -> dict[str, Verdict]:
     """Return for each of some arms whether it gains more than all of its rivals.
 
@@ -114,7 +120,9 @@ def verdicts_of(
     correction), else p = n min p_c over the rivals ahead of it. Called at most 5 %, either wrong
     answer has a probability of at most 2.5 %, however many rivals there are. The interval is
     [min_c low_c, min_c high_c], with lower bounds at 97.5 % each and upper ones at
-    1 - 0.025 / n, and so covers the smallest true difference in 95 % of studies.
+    1 - 0.025 / n, and so covers the smallest true difference in 95 % of studies. Where p is below
+    5 % and the interval holds 0, as it may for skewed differences, p is that of Student's tests, by
+    which the interval is made: no difference is shown beside an interval that holds 0.
 
     Parameters
     ----------
@@ -126,6 +134,9 @@ def verdicts_of(
     looks : Looks
         Interim analyses planned, where seeds were added; p-values and intervals are adjusted for
         them.
+    interim : str
+        That seeds are to come, in words: then there is no verdict, and p-values are NaN. Whoever
+        looks after every batch and stops at the first p below 5 % sees one far too often.
 
     Returns
     -------
@@ -156,13 +167,14 @@ def verdicts_of(
         for name, those in rivals.items()
     }
     draws = _draws(looks, sum(map(len, apart.values())))
-    p = [_p_value(rows, draws, looks) for rows in apart.values()]
+    p = [math.nan if interim else _p_value(rows, draws, looks) for rows in apart.values()]
+    each = p if interim else holm(p).tolist()
     found = {}
-    for (name, rows), one, adjusted in zip(apart.items(), p, holm(p).tolist(), strict=True):
+    for (name, rows), one, adjusted in zip(apart.items(), p, each, strict=True):
         strongest = rivals[name][int(rows.mean(axis=1).argmin())]
-        seeds, needed = rows.shape[1], seeds_needed(len(apart), looks=looks)
+        number = rows.shape[1], seeds_needed(len(apart), looks=looks)
         gain = _smallest_gain(rows, looks)
-        found[name] = Verdict(gain, strongest, len(rows), one, adjusted, seeds, needed)
+        found[name] = Verdict(gain, strongest, len(rows), one, adjusted, *number, interim)
     return found
 
 
@@ -217,7 +229,18 @@ def _draws(looks: Looks, tests: int) -> int:
 
 def _p_value(differences: FloatArray, draws: int, looks: Looks) -> float:
     """Return the p-value of an arm's differences from n rivals (n, K), as :func:`verdicts_of`."""
-    p = np.array([looks.adjusted_p(sign_flip_test(row, resamples=draws)) for row in differences])
+    p = _of_all(differences, [sign_flip_test(row, resamples=draws) for row in differences], looks)
+    gain = _smallest_gain(differences, looks)
+    if p >= SIGNIFICANT or not gain.low <= 0 <= gain.high:
+        return p
+    k = differences.shape[1]
+    t = differences.mean(axis=1) / differences.std(axis=1, ddof=1) * math.sqrt(k)
+    return max(SIGNIFICANT, _of_all(differences, 2 * stdtr(k - 1, -abs(t)), looks))
+
+
+def _of_all(differences: FloatArray, of_each: npt.ArrayLike, looks: Looks) -> float:
+    """Return the p-value of n rivals from that of each."""
+    p = np.array([looks.adjusted_p(one) for one in np.asarray(of_each).tolist()])
     means = differences.mean(axis=1)
     if (means > 0).all():
         return float(p.max())
@@ -268,7 +291,7 @@ class Reason:
         if self.pays.direction <= 0:
             return ""
         over = self.over_controls
-        if over is None or over.too_few:
+        if over is None or over.withheld:
             return "not asked" if over is None else "not shown"
         little = self.share <= SHARE
         if over.direction > 0:

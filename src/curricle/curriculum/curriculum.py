@@ -101,13 +101,13 @@ class Curriculum:
     ('chase', 'hunt')
     >>> result = curriculum.train(seeds=2)
     >>> result.source_steps("hunt")
-    array([5200, 3900])
+    array([10000,  7500])
     """
 
     tasks: Mapping[str, Task]
     transfers: Sequence[Transfer] = ()
     aggregate: Aggregate | Mapping[str, Aggregate] = SETTINGS["aggregate"]
-    unknown_value: float | Mapping[str, float] = SETTINGS["unknown_value"]
+    unknown_value: float | Mapping[str, float | None] | None = None
     learner: Learner | Mapping[str, Learner] = SETTINGS["learner"]
     budget: Budget | Mapping[str, Budget | None] | None = SETTINGS["budget"]
     shaping: Shaping | Mapping[str, Shaping | None] | None = SETTINGS["shaping"]
@@ -177,10 +177,9 @@ class Curriculum:
         """Return whether a mapping that is found may state a value where it knows nothing.
 
         Not where several transfers lead into a task, of which each is to be skipped where it knows
-        nothing, nor where `unknown_value` is given.
+        nothing, nor where `unknown_value` is given, be it the default.
         """
-        given = self.setting("unknown_value", name)
-        return len(self.in_edges(name)) == 1 and given == SETTINGS["unknown_value"]
+        return len(self.in_edges(name)) == 1 and self._stated("unknown_value", name) is None
 
     @property
     def target(self) -> str:
@@ -247,8 +246,7 @@ class Curriculum:
 
     def setting(self, which: str, name: str) -> Any:
         """Return what a setting, such as ``"learner"``, is for one task."""
-        given = getattr(self, which)
-        value = given.get(name, SETTINGS[which]) if isinstance(given, Mapping) else given
+        value = self._stated(which, name)
         if which == "budget":
             return self._budget(name, value)
         if which == "learner" and value == SETTINGS["learner"]:
@@ -260,7 +258,14 @@ class Curriculum:
             distilled = self._source_is_distilled(name)
             budget = self.setting("budget", name) if distilled else None
             return default_shaping(self.tasks[name], *others, distilled=distilled, budget=budget)
-        return None
+        return SETTINGS[which] if which == "unknown_value" else None
+
+    def _stated(self, which: str, name: str) -> Any:
+        """Return a setting of one task as given; None for an `unknown_value` that was not."""
+        given = getattr(self, which)
+        if not isinstance(given, Mapping):
+            return given
+        return given.get(name, None if which == "unknown_value" else SETTINGS[which])
 
     def _source_is_distilled(self, name: str) -> bool:
         """Return whether a task's one source is a network like its own, from miniatures."""

@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from curricle.array_types import IntArray
+import numpy as np
+
+from curricle.array_types import BoolArray, IntArray
 from curricle.checks import instance, number
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
@@ -21,9 +23,10 @@ from curricle.learning.stopping import (
     Decision,
     Decisions,
     StoppingRule,
+    levels,
     longest_run,
+    recent_return,
     spacing,
-    stopping_level,
 )
 from curricle.learning.storage import Storage
 from curricle.learning.training import learn
@@ -33,6 +36,7 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential
+from curricle.transfer.observation_rollouts import target_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,29 +164,34 @@ class Node:
                 self.task, self.learner, self.budget, shaping=each or None, saves=saves, **common
             )
             return found if self.storage.save_values else replace(found, values=None)
-        # Without sources there is no potential, so no guard either. The shaping stays: unless it is
-        # one that starts Q at a potential, the general loop then does the Q-learning, which draws
-        # other random numbers than the fast loop. A study file gives a task without sources no
-        # shaping, so there the fast loop does it.
         return learn(
             self.task,
             self.learner,
             self.budget,
-            shaping=each or self.shaping.without_guard(),
+            shaping=each or None,
             storage=self.storage,
             snapshots=snapshots,
             workers=workers,
             **common,
         )
 
+    def unlearnt(self, result: LearningResult) -> BoolArray:
+        """Return which seeds ended with a return too low to have settled, (K,); none without it."""
+        if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
+            return np.zeros(len(result.seeds), np.bool_)
+        _, floor = levels(self.budget, self.task, self.evaluation, target_of)
+        last = (result.steps_used // self.eval_freq).tolist()
+        recent = [recent_return(*each) for each in zip(result.greedy_return, last, strict=True)]
+        return np.array(recent) <= floor
+
     def decisions(self, result: LearningResult) -> Decisions:
         """Return what the stopping rule decided at each checkpoint of each seed; [] without one."""
         if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
             return Decisions([[] for _ in result.seeds], result.seeds)
-        level = stopping_level(self.budget, self.task, self.evaluation)
+        level, floor = levels(self.budget, self.task, self.evaluation, target_of)
         totals = result.steps_used.tolist(), result.evaluation_steps.tolist()
         found = list[list[Decision]]()
         for greedy, used, read in zip(result.greedy_return, *totals, strict=True):
-            each = self.budget.decisions(result.steps, greedy, level=level, used=used)
+            each = self.budget.decisions(result.steps, greedy, level=level, floor=floor, used=used)
             found.append([*each[:-1], replace(each[-1], evaluation_steps=read)])
         return Decisions(found, result.seeds)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.archives import SavedFile, read_saved, write_saved
-from curricle.array_types import IntArray
+from curricle.array_types import BoolArray, IntArray
 from curricle.checks import one_of
 from curricle.curriculum.sources import SourceValues, StoredValues, source_values
 from curricle.deep.result import DeepResult
@@ -117,6 +117,11 @@ class CurriculumResult:
         """Return what a task's stopping rule decided at each checkpoint of each seed."""
         found: Decisions = self.curriculum.node(name).decisions(self[name])
         return found
+
+    def unlearnt(self, name: str) -> dict[str, BoolArray]:
+        """Return for each source of a task which seeds its stopping rule says did not learn it."""
+        sources = [one for one in self.curriculum.ancestors(name) if one in self.nodes]
+        return {one: self.curriculum.node(one).unlearnt(self[one]) for one in sources}
 
     # -- to take away --------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 Checkpoints are pickles: read only those of your own runs. Results are no pickles.
 """
 
+import io
 import random
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -33,6 +34,34 @@ class Saved(NamedTuple):
     """Of the random number generators."""
 
 
+class _Packing(cloudpickle.Pickler):
+    """Leaves out the zeros that end a large array, and writes small whole numbers as bytes."""
+
+    def reducer_override(self, obj: Any) -> Any:
+        if not isinstance(obj, np.ndarray) or obj.nbytes < 2**20 or obj.dtype.kind not in "biuf":
+            return super().reducer_override(obj)
+        rows = np.ascontiguousarray(obj).reshape(len(obj), -1)
+        filled = np.flatnonzero(rows.view(np.uint8).any(axis=1))
+        used = rows[: filled[-1] + 1 if filled.size else 0]
+        with np.errstate(invalid="ignore"):  # what is no byte is compared below
+            small = used.astype(np.uint8)
+        if np.array_equal(small, used) and not (used.dtype.kind == "f" and np.signbit(used).any()):
+            used = small
+        return _unpacked, (obj.shape, obj.dtype, used.dtype, used.tobytes())
+
+
+def _unpacked(shape: tuple[int, ...], dtype: Any, packed: Any, content: bytes) -> Any:
+    array, used = np.zeros(shape, dtype), np.frombuffer(content, packed)
+    array.reshape(-1)[: used.size] = used
+    return array
+
+
+def _pickled(saved: Saved) -> bytes:
+    file = io.BytesIO()
+    _Packing(file).dump(saved)
+    return file.getvalue()
+
+
 def save(path: Place, run: str, model: Any, progress: Any) -> None:
     """Write a checkpoint, whole or not at all.
 
@@ -40,9 +69,9 @@ def save(path: Place, run: str, model: Any, progress: Any) -> None:
     """
     saved = Saved(run, _held(model), progress, generator_states())
     try:
-        content = cloudpickle.dumps(saved)
+        content = _pickled(saved)
     except Exception:  # whatever an environment's own code raises
-        content = cloudpickle.dumps(saved._replace(model=_held(model, env=None, _last_obs=None)))
+        content = _pickled(saved._replace(model=_held(model, env=None, _last_obs=None)))
     try:
         if isinstance(path, Path):
             path.parent.mkdir(parents=True, exist_ok=True)

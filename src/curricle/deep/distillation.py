@@ -11,36 +11,26 @@ from torch.nn import functional
 from curricle.array_types import FloatArray, IntArray
 from curricle.deep.checkpoint import isolated
 from curricle.deep.knowledge import Knowledge, rows_of
-from curricle.deep.learner import DeepLearner
+from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
+from curricle.interop.tabulation.tabulated_task import needs_of
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
 
 
 @dataclass(frozen=True)
 class Distillation:
-    """How a network is fitted.
+    """How a network is fitted."""
 
-    Parameters
-    ----------
-    updates : int
-        Steps of Adam.
-    batch_size : int
-        Observations of each.
-    learning_rate : float
-    smoothing : float
-        Share of each policy that is spread over all actions (label smoothing, Szegedy et al. 2016).
-        An actor that is sure outside its training levels neither explores nor unlearns. Chosen on
-        SimpleCrossing of one wall to two, LavaGap of sides 5 and 6 to 7, and DoorKey of side 5 to
-        6: with 0.1 what is drawn from the actor returns .53, .25 and .38 there, with 0 .42, .09 and
-        .09.
-    """
-
-    updates: int = 1_000
+    updates: int = 1_000  # steps of Adam
     batch_size: int = 512
     learning_rate: float = 1e-3
+    # The share of each policy that is spread over all actions (label smoothing, Szegedy et al.
+    # 2016): an actor that is sure outside its training levels neither explores nor unlearns. Chosen
+    # on SimpleCrossing of one wall to two, LavaGap of sides 5 and 6 to 7, and DoorKey of side 5 to
+    # 6: with 0.1 what is drawn from the actor returns .53, .25, .38 there, with 0 .42, .09, .09.
     smoothing: float = 0.1
 
     def batches(self, n: int, seed: int) -> Iterator[IntArray]:
@@ -74,6 +64,7 @@ def distil(
     Errors of values are in units of their spread. No step of any environment is taken. The network
     has the task's spaces; `seed` draws its first weights and the batches.
     """
+    check_spaces(task, learner)
     small = splitmix64(stream_start(seed, "distillation")) >> 33
     with isolated(learner.threads):
         model = model_for(task, learner, seed=small, steps=1)
@@ -173,13 +164,12 @@ def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
                 f"knowledge to distil must be of the task's actions, {task.actions}: got "
                 f"{known.shape[1]} of them; a mapping's actions= says which is which"
             )
-    recurrent = hasattr(policy, "lstm_actor")
-    if hasattr(policy, "value_net") and task.n_actions is not None and not recurrent:
+    if hasattr(policy, "value_net") and task.n_actions is not None and not needs_of(policy):
         return _ActorCriticFit(policy, knowledge, knowledge.values)
     has_q = any(getattr(policy, name, None) is not None for name in ("q_net", "quantile_net"))
     if has_q and knowledge.action_values is not None:
         return _QFit(policy, knowledge, knowledge.action_values)
     raise SettingError(
-        "a network to distil into must be an actor-critic of numbered actions without memory, or "
-        f"DQN's or QR-DQN's where action values are known: got {type(policy).__name__}"
+        "a network to distil into must be an actor-critic of numbered actions without memory or "
+        f"masks, or DQN's or QR-DQN's where action values are known: got {type(policy).__name__}"
     )

@@ -20,26 +20,13 @@ COLUMNS = ("values", "action_values", "policy", "states")
 
 @dataclass(frozen=True, eq=False)
 class Knowledge(Frozen):
-    """Values, action values and a policy over n different observations.
+    """Values, action values and a policy over n different observations."""
 
-    Attributes
-    ----------
-    observations : n stacked observations
-    values : (n,) float64
-        V.
-    action_values : (n, A) float64 or None
-        Q.
-    policy : (n, A) float64 or None
-        The probability of each action.
-    states : (n,) int64
-        How many states look like this. What is known of an observation is their mean.
-    """
-
-    observations: Any
-    values: FloatArray
-    action_values: FloatArray | None
-    policy: FloatArray | None
-    states: IntArray
+    observations: Any  # n, stacked
+    values: FloatArray  # (n,) V
+    action_values: FloatArray | None  # (n, A) Q
+    policy: FloatArray | None  # (n, A) the probability of each action
+    states: IntArray  # (n,) how many states look like this: what is known is their mean
 
     __repr__ = brief_repr
 

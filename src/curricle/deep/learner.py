@@ -93,6 +93,14 @@ class DeepLearner:
         """The names of the algorithm's arguments."""
         return tuple(inspect.signature(self.algorithm_class()).parameters)
 
+    @property
+    def scheduled(self) -> bool:
+        """Whether a setting changes over the budget; an algorithm of one's own may have such."""
+        functions = (one for one in self.settings.values() if not isinstance(one, type))
+        if ":" in self.algorithm or any(map(callable, functions)):
+            return True
+        return "exploration_fraction" in self.takes
+
     def algorithm_class(self) -> Any:
         """Return the algorithm's class; ImportError without Stable-Baselines3."""
         module, colon, name = self.algorithm.rpartition(":")
@@ -147,6 +155,12 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
             raise SettingError(
                 "observations of a deep learner must be a Box, Discrete, MultiDiscrete or "
                 f"MultiBinary, or a Dict of these: {name} {space_text(part)}; {_encoders(parts)}"
+            )
+    for what, part in (("Action", task.actions), *(("Observation", one) for one in parts.values())):
+        if np.any(getattr(part, "start", 0)):
+            raise SettingError(
+                f"{what.lower()}s of a deep learner must count from 0: got {space_text(part)}; a "
+                f"wrapper such as gymnasium.wrappers.Transform{what} makes them, as encode="
             )
     if isinstance(space, Dict):
         if policy.startswith(("Mlp", "Cnn")):

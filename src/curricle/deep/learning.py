@@ -22,6 +22,7 @@ from curricle.learning.stopping import (
     Episodes,
     StoppingKernel,
     StoppingRule,
+    levels,
     limits,
     longest_run,
     spacing,
@@ -30,6 +31,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.observation_task import ObservationTask
+from curricle.transfer.observation_rollouts import target_of
 from curricle.transfer.potentials import ObservationPotential
 
 
@@ -56,8 +58,8 @@ def learn_deep(
     learner : DeepLearner
         By default DQN with the settings of Stable-Baselines3.
     budget : int, Episodes or StoppingRule
-        As in :func:`learn`. A run ends within a rollout, at the first step of its
-        sub-environments that reaches the budget.
+        As in :func:`learn`. A run ends at the first step of its sub-environments that reaches the
+        budget. A rollout that is whole by then is learnt from, one that is cut off is not.
     seeds : int or sequence of int
         As in :func:`learn`; torch's version and the machine round differently.
     shaping : Shaping or sequence of K Shaping, optional
@@ -118,7 +120,7 @@ def learn_deep(
         warm_up=warm_up,
         charged=charged,
     )
-    stopping = _stopping(budget, task)
+    stopping = _stopping(budget, task, evaluation)
     from curricle.deep.training import DeepRun  # needs Stable-Baselines3
 
     run = DeepRun(
@@ -172,12 +174,14 @@ def _check(task: Any, learner: Any, evaluation: Any) -> None:
         evaluation.horizon(task)  # SettingError without a bound
 
 
-def _stopping(budget: Budget, task: ObservationTask) -> StoppingKernel:
+def _stopping(
+    budget: Budget, task: ObservationTask, evaluation: GreedyEvaluation
+) -> StoppingKernel:
     if not isinstance(budget, StoppingRule):
         return NEVER_STOPS
     if budget.fraction is not None:
         raise not_solved(budget.fraction, task)
-    return budget.kernel()
+    return budget.kernel(*levels(budget, task, evaluation, target_of))
 
 
 def _of_observations(

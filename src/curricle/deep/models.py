@@ -24,6 +24,7 @@ from curricle.deep.networks import NetworkValues
 from curricle.deep.shaping import PolicyReuse, WeightTransfer, residual_policy
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import CurricleError, SettingError
+from curricle.interop.tabulation.tabulated_task import needs_of
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.potentials import ObservationPotential
@@ -76,6 +77,11 @@ def model_for(
             f"{learner.algorithm} must take its task and its settings: with {task} "
             f"Stable-Baselines3 says {said!r}"
         ) from error
+    if needs_of(model) == "masks of actions" and not venv.has_attr("action_masks"):
+        raise SettingError(
+            f"{learner.algorithm} needs environments with a method action_masks, which "
+            f"sb3_contrib.common.wrappers.ActionMasker adds as encode=: {task} has none"
+        )
     if guide is not None:
         model.guide = guide
     elif isinstance(shaping, PolicyReuse | WeightTransfer):
@@ -236,26 +242,36 @@ def _pull_of(shaping: Shaping | None) -> float:
     return shaping.kl if isinstance(shaping, PolicyReuse | WeightTransfer) else 0.0
 
 
-class _NearSource:
-    """Makes an actor-critic policy report c H(pi) - w KL(source || pi) as its entropy.
+class _WithLoss(torch.autograd.Function):
+    """x as it is; whatever loss is computed from it, a further loss is added to that."""
 
-    PPO and A2C subtract ent_coef times the mean of what is reported from the loss. With ent_coef 1
-    the loss gets -c H + w KL.
+    @staticmethod
+    def forward(ctx: Any, x: torch.Tensor, loss: torch.Tensor) -> torch.Tensor:
+        return x.view_as(x)
+
+    @staticmethod
+    def backward(ctx: Any, *gradient: torch.Tensor) -> Any:
+        return *gradient, gradient[0].new_ones(())
+
+
+class _NearSource:
+    """Makes an actor-critic policy add w KL(source || pi) to the loss that is computed from it.
+
+    PPO and A2C compute their losses within one method, which has no place for a further term: it
+    comes in where they differentiate, through the log probabilities that every loss reads.
     """
 
     source: Any  # the frozen policy to be near to
-    entropy_weight: float
     kl_weight: float
 
     def evaluate_actions(
         self, obs: Any, actions: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
         values, log_prob, entropy = super().evaluate_actions(obs, actions)  # type: ignore[misc]
-        entropy = -log_prob if entropy is None else entropy
-        reported = self.entropy_weight * entropy
         if self.kl_weight > 0:
-            reported = reported - self.kl_weight * self._distance(obs)
-        return values, log_prob, reported
+            loss = self.kl_weight * self._distance(obs).mean()
+            log_prob = _WithLoss.apply(log_prob, loss)
+        return values, log_prob, entropy
 
     def _distance(self, obs: Any) -> torch.Tensor:
         """Return KL(source's policy || this one) in the observations just evaluated, (n,)."""
@@ -292,5 +308,4 @@ def begin_near(model: Any, kl: float) -> None:
         parameter.requires_grad_(requires_grad=False)
     # Not as a part of the policy: it is neither learnt nor saved with it.
     object.__setattr__(policy, "source", source)
-    policy.entropy_weight, policy.kl_weight = float(model.ent_coef), kl
-    model.ent_coef, model.kl = 1.0, kl
+    policy.kl_weight = model.kl = kl

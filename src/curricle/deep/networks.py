@@ -12,7 +12,9 @@ from gymnasium.spaces import Box, Space
 from curricle.array_types import FloatArray
 from curricle.checks import whole_number
 from curricle.errors import PotentialError, SettingError
+from curricle.interop.tabulation.tabulated_task import needs_of
 from curricle.transfer.observation_mapping import no_actions
+from curricle.transfer.observation_rollouts import Policy
 from curricle.transfer.potentials import ObservationPotential
 
 try:
@@ -110,14 +112,6 @@ class NetworkValues:
                 found = self._critics(seen, self.policy._predict(seen, deterministic=True))
         return self._with_offset(found, observations)
 
-    def act(self, observations: Any, *, sampled: bool = False) -> npt.NDArray[Any]:
-        """Return the action taken in each of n observations, without exploring.
-
-        If `sampled`, an actor-critic's actions are drawn from its policy by torch's generator.
-        """
-        actions, _ = self.policy.predict(observations, deterministic=not sampled)
-        return np.asarray(actions)
-
     def parameters(self) -> dict[str, npt.NDArray[Any]]:
         """Return the policy's parameters by name, as plain arrays."""
         state = self.policy.state_dict()
@@ -147,6 +141,11 @@ class NetworkValues:
     def _by_torch(self, observations: Any) -> FloatArray:
         """Return the network's output, computed by PyTorch, (n, ...)."""
         heads = self.kind == "value_net"
+        if hasattr(self.policy, "lstm_actor"):
+            raise PotentialError(
+                "values must be of one observation, without memory: got "
+                f"{type(self.policy).__name__}; WeightTransfer and PolicyReuse read no values"
+            )
         network = self.policy.predict_values if heads else getattr(self.policy, self.kind)
         with torch.no_grad():
             return _array(network(self._seen(observations)))
@@ -164,6 +163,31 @@ class NetworkValues:
 
 def _array(tensor: Any) -> FloatArray:
     return np.asarray(tensor.cpu().numpy(), dtype=np.float64)
+
+
+def acting(model: Any, environments: Sequence[Any], *, sampled: bool = False) -> Policy:
+    """Return how a model acts in episodes side by side: with its memory, and with masks of actions.
+
+    It does what ``evaluate_policy`` of Stable-Baselines3 and sb3-contrib do, for one rollout of
+    each environment. If `sampled`, an actor-critic's actions are drawn by torch's generator.
+    """
+    masked = needs_of(model) == "masks of actions"
+    memory: Any = None  # arrays (layers, episodes, size), of those that ran before
+    before: Sequence[int] = ()
+
+    def policy(observations: Any, running: Sequence[int]) -> tuple[Any, Any]:
+        nonlocal memory, before
+        kept, masks = np.isin(before, running), {}
+        if masked:
+            each = [environments[k].get_wrapper_attr("action_masks")() for k in running]
+            masks["action_masks"] = np.stack(each)
+        state = memory and tuple(part[:, kept] for part in memory)
+        begins = np.full(len(running), not before)
+        actions, memory = model.predict(observations, state, begins, not sampled, **masks)
+        before = running
+        return actions, np.zeros(len(running))  # it predicts no values
+
+    return policy
 
 
 # -- plain layers, computed by NumPy, which is quicker for few observations --------------------

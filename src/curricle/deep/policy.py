@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-
 from curricle.array_types import IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.knowledge import actor_of
 from curricle.deep.learner import DeepLearner
 from curricle.errors import CurricleError, SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
+from curricle.interop.tabulation.tabulated_task import check_sight
 from curricle.planning.episode import Episode, played
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
@@ -64,8 +63,9 @@ class TrainedPolicy:
             Of the task's space, (...) or (n, ...); an encoder's where the task has one.
         deterministic : bool
             Whether to take the likeliest action, as evaluations do; else it is sampled, which
-            DQN does not do.
+            DQN does not do. SettingError where the policy needs memory or masks of actions too.
         """
+        check_sight(self.model)
         try:
             actions, _ = self.model.predict(observation, deterministic=deterministic)
         except CurricleError:
@@ -160,13 +160,15 @@ class TrainedPolicy:
         from stable_baselines3.common.utils import set_random_seed
 
         from curricle.deep.checkpoint import isolated
+        from curricle.deep.networks import acting
 
         drawn = replace(self.task, make=with_pictures(self.task.make))
         with closing(drawn.environment()) as env, isolated(torch.get_num_threads()):
             set_random_seed(seed)
+            act = acting(self.model, [env], sampled=not deterministic)
             return played(
                 env,
-                lambda seen: self.predict(seen, deterministic=deterministic),
+                lambda seen: act(seen, [0])[0][()],  # a number where it is one
                 seed=seed,
                 limit=limit,
                 picture=lambda _: frame_of(env),
@@ -218,15 +220,13 @@ def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -
     source = actor_of(potential)
     if source is None:
         return float("nan")
-    from curricle.deep.checkpoint import drawing  # needs torch
-
-    def policy(observations: Any) -> tuple[Any, Any]:
-        actions = source.act(observations, sampled=target.evaluation.sampled)
-        return actions, np.zeros(len(actions))
+    from curricle.deep.checkpoint import drawing  # needs torch, as what follows
+    from curricle.deep.networks import acting
 
     start = splitmix64(stream_start(seed, "policy_return"))
     horizon = target.evaluation.horizon(target.task)
     environments = Environments(target.task, target.episodes, horizon)
+    actor = acting(source.policy, environments.environments, sampled=target.evaluation.sampled)
     with closing(environments), drawing(start):
-        episodes = environments.rollouts(policy, start)
+        episodes = environments.rollouts(actor, start)
     return mean_episode_return(episodes, target.evaluation.discount(target.task))

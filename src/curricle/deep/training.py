@@ -10,7 +10,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from curricle.deep import checkpoint
 from curricle.deep.learner import SAVES, DeepLearner
 from curricle.deep.models import environments, model_for, subtracted
-from curricle.deep.networks import NetworkValues
+from curricle.deep.networks import NetworkValues, acting
 from curricle.errors import SettingError
 from curricle.files import Place
 from curricle.learning.record import Record, WarmUp
@@ -80,7 +80,7 @@ class DeepRun:
         )
 
     def _learn(self, model: Any, recorder: "Recorder", left: int, *, fresh: bool) -> None:
-        rollout = getattr(model, "n_steps", 1) * model.n_envs
+        rollout = rollout_of(model)
         if rollout > left and hasattr(model, "rollout_buffer"):
             raise SettingError(
                 f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times envs: "
@@ -94,6 +94,12 @@ class DeepRun:
             progress_bar=self.learner.progress_bar,
         )
         recorder.end()
+
+
+def rollout_of(model: Any) -> int:
+    """Return the steps of all sub-environments before each update; 0 if episodes are counted."""
+    n_steps, unit = getattr(model, "train_freq", None) or (model.n_steps, None)
+    return 0 if getattr(unit, "value", "") == "episode" else int(n_steps * model.n_envs)
 
 
 @dataclass
@@ -163,13 +169,22 @@ class Recorder(BaseCallback):
         progress = self.progress
         progress.steps = progress.warm_up + self.num_timesteps
         self._count(self.locals["infos"])
-        spent = progress.steps >= self.max_steps or progress.episodes >= self.run.episodes
-        while progress.checkpoint * self.run.eval_freq <= progress.steps:
-            if progress.checkpoint >= len(progress.record.greedy_return):
-                break
+        if progress.episodes >= self.run.episodes:
+            return False
+        if progress.steps >= self.max_steps:
+            # A whole rollout is still learnt from; `end` evaluates what was learnt.
+            rollout = rollout_of(self.model)
+            return rollout > 0 and self.num_timesteps % rollout == 0
+        return not self._reach()
+
+    def _reach(self) -> bool:
+        """Record the checkpoints reached; return whether the stopping rule ends the run there."""
+        progress = self.progress
+        last = min(progress.steps // self.run.eval_freq, len(progress.record.greedy_return) - 1)
+        while progress.checkpoint <= last:
             if self._record(self._evaluation(progress.checkpoint)):
-                return False
-        return not spent
+                return True
+        return False
 
     def _count(self, infos: Sequence[dict[str, Any]]) -> None:
         for info in infos:
@@ -182,15 +197,12 @@ class Recorder(BaseCallback):
         """Return the policy's mean return at a checkpoint; NaN if evaluation is off."""
         if self._environments is None:
             return float("nan")
-        seed = splitmix64(self.start ^ (number + 1))
+        seed, sampled = splitmix64(self.start ^ (number + 1)), self.run.evaluation.sampled
+        actor = acting(self.values.policy, self._environments.environments, sampled=sampled)
         with checkpoint.drawing(seed):
-            episodes = self._environments.rollouts(self._acting, seed)
+            episodes = self._environments.rollouts(actor, seed)
         self.progress.evaluation_steps += sum(len(episode.rewards) for episode in episodes)
         return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task))
-
-    def _acting(self, observations: Any) -> tuple[Any, Any]:
-        actions = self.values.act(observations, sampled=self.run.evaluation.sampled)
-        return actions, np.zeros(len(actions))
 
     def _record(self, greedy: float) -> bool:
         """Record a checkpoint and return whether the stopping rule ends the run there."""
@@ -206,7 +218,8 @@ class Recorder(BaseCallback):
         return bool(stops(self.run.stopping, record.greedy_return, here, here * self.run.eval_freq))
 
     def end(self) -> None:
-        """Mark the run as over."""
+        """Record the last checkpoint, and mark the run as over."""
+        self._reach()
         self.progress.over = True
         self._save()
 

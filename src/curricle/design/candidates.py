@@ -329,11 +329,11 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
         return Judged(mdp, TOO_LARGE)
     try:
         best = solve(mdp)
+        chance = evaluate(mdp, np.full((n_states, n_actions), 1 / n_actions))
     except CurricleError:
         return Judged(mdp, NO_SOLUTION)
     if refusal := _missed(mdp, aims(mdp) if goal is None else goal, best.optimal):
         return Judged(mdp, refusal)
-    chance = evaluate(mdp, np.full((n_states, n_actions), 1 / n_actions))
     optimum, random_return = float(best.start_value), float(chance.start_value)
     error = best.error_bound + chance.error_bound
     error += ROUNDING * max(1.0, abs(optimum), abs(random_return))

@@ -24,7 +24,8 @@ from curricle.interop.spaces import (
     with_names,
 )
 from curricle.interop.tabulation.exploration import time_limit_of
-from curricle.interop.toy_text import has_table, names_of, outcomes_of, start_of
+from curricle.interop.tabulation.states import TOY_CONSTANTS, fingerprint, layers_of
+from curricle.interop.toy_text import TOY_TEXT, acts_as, has_table, names_of, outcomes_of
 from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, check_spaces
@@ -54,8 +55,8 @@ def from_gymnasium(
     """Return a Gymnasium environment of discrete spaces as a task: by its table, or live.
 
     A transition table (``env.unwrapped.P``: FrozenLake, CliffWalking, Taxi) is copied, and the task
-    is solved, evaluated and learnt as fast as any :class:`FiniteMDP`. Every other environment is a
-    :class:`LiveMDP`: each step of learning calls ``env.step``.
+    is solved, evaluated and learnt as fast as any :class:`FiniteMDP`. Every other environment, a
+    subclass or wrapper with its own `step` too, is a :class:`LiveMDP`: learning calls ``env.step``.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def from_gymnasium(
     ------
     TaskError
         When ``gymnasium.make`` fails, a space is not discrete and there is no `encode`, names do
-        not fit, or an environment cannot be made again.
+        not fit, or an environment cannot be made again, such as after a change of its `step`.
 
     Examples
     --------
@@ -131,10 +132,26 @@ def from_gymnasium(
                 "an environment without a specification cannot be made again for each seed; give "
                 f"a function that makes it: got {environment}"
             )
+        if isinstance(environment, gym.Env):
+            _check_unchanged(env, make)
         known, moves = names_of(env.unwrapped)
         encode, states = _observations(env.observation_space, encode, given, known)
         act, actions = actions_of(env.action_space, actions, moves)
     return LiveMDP(states, actions, make, encode, act, discount, limit)
+
+
+def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
+    """Raise TaskError if an environment was changed so that its specification makes another."""
+    changed = any({"step", "reset"} & vars(layer).keys() for layer in layers_of(env))
+    if not changed and acts_as(env.unwrapped, *TOY_TEXT):
+        with refusals_of_make(make), closing(make()) as new:
+            tables = [[vars(e.unwrapped).get(name) for name in TOY_CONSTANTS] for e in (env, new)]
+        changed = fingerprint(tables[0]) != fingerprint(tables[1])
+    if changed:
+        raise TaskError(
+            "an environment whose step, reset or table was changed cannot be made again for each "
+            f"seed; give a function that makes it so: got {env}"
+        )
 
 
 def own_limit(env: gym.Env[Any, Any]) -> int | None:
@@ -247,12 +264,11 @@ def _from_table(
     outcomes = outcomes_of(world)
     n_states = len(outcomes)
     known, moves = names_of(world)
-    if known is None or known.size != n_states:
-        known = Space([Component("state", n_states)])
-    start = np.asarray(start_of(world))
-    if start.ndim and n_states > start.size:  # the end that `outcomes_of` added
+    own = known if known and known.size == n_states else Space([Component("state", n_states)])
+    start = np.asarray(world.initial_state_distrib)
+    if n_states > start.size:  # the end that `outcomes_of` added
         start = np.append(start, 0.0)
-    states = _named_states(states, known)
+    states = _named_states(states, own)
     _, actions = actions_of(world.action_space, actions, moves)
     return FiniteMDP.from_outcomes(outcomes, start=start, states=states, actions=actions, **horizon)
 
@@ -304,8 +320,8 @@ def _observations(
             "observations must be discrete, or be made so by encode=Bins(...) or a function of "
             f"your own with states=Space(...): got {space}"
         )
-    number = None if counts_from_0(space) else Number(space)
-    return number, _named_states(given, known or space_of(space, "state"))
+    number, own = None if counts_from_0(space) else Number(space), space_of(space, "state")
+    return number, _named_states(given, known if known and known.size == own.size else own)
 
 
 def _given_states(

@@ -652,6 +652,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Return what the environment returns, with the shaped reward and its parts in the info."""
         observation, reward, terminated, truncated, info = self.env.step(action)
+        reward = np.asarray(reward).item()  # some environments return arrays of shape (1,)
         check_unshaped(info)
         episode = self._episode
         if episode is None:

@@ -1,5 +1,6 @@
 """Gymnasium's toy-text environments: their transition tables, and names for their states."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -19,26 +20,37 @@ from gymnasium.wrappers import (
 from curricle.interop.spaces import counts_from_0
 from curricle.tasks.spaces import Component, Space
 
+TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
 HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 """Wrappers that change no transition; the time limit is read from the specification."""
 STANDS = ("red", "green", "yellow", "blue")
 Outcomes = list[list[list[tuple[float, int, float, bool]]]]
 
 
+def acts_as(env: Any, *kinds: type, methods: Sequence[str] = ("step", "reset")) -> bool:
+    """Return whether an environment is of one of these classes, with the class's own methods."""
+    kind = next((kind for kind in kinds if isinstance(env, kind)), None)
+    return kind is not None and all(
+        getattr(type(env), name) is getattr(kind, name) and name not in vars(env)
+        for name in methods
+    )
+
+
 def has_table(env: gym.Env[Any, Any]) -> bool:
     """Return whether an environment has a transition table that describes it completely.
 
-    It has ``P`` and a start distribution, no wrapper that changes what it does, and no time limit
-    beside the specification's. The moves of a taxi with fickle passengers are not in its table.
+    Its `step` and `reset` are Gymnasium's, which follow ``P`` and the start distribution. It has no
+    wrapper that changes what it does, and no time limit beside the specification's. The moves of a
+    taxi with fickle passengers are not in its table.
     """
     while isinstance(env, gym.Wrapper):
-        if not isinstance(env, HARMLESS) or (isinstance(env, TimeLimit) and env.spec is None):
+        if not acts_as(env, *HARMLESS) or (isinstance(env, TimeLimit) and env.spec is None):
             return False
         env = env.env
     states, actions = env.observation_space, env.action_space
-    if not (counts_from_0(states) and counts_from_0(actions)):
+    if not (acts_as(env, *TOY_TEXT) and counts_from_0(states) and counts_from_0(actions)):
         return False
-    if start_of(env) is None or getattr(env, "fickle_passenger", False):
+    if getattr(env, "fickle_passenger", False):
         return False
     return _lists_outcomes(getattr(env, "P", None), int(states.n), int(actions.n))
 
@@ -54,14 +66,6 @@ def _lists_outcomes(table: Any, n_states: int, n_actions: int) -> bool:
         return False
 
 
-def start_of(world: Any) -> npt.ArrayLike | None:
-    """Return the start distribution of an unwrapped environment, its start state, or None."""
-    for name in ("initial_state_distrib", "start_state_index"):
-        if hasattr(world, name):
-            return np.asarray(getattr(world, name))
-    return None
-
-
 def outcomes_of(world: Any) -> Outcomes:
     """Return a table's outcome lists, in which entering a state ends the episode always or never.
 
@@ -74,7 +78,7 @@ def outcomes_of(world: Any) -> Outcomes:
          for a in range(n_actions)]
         for s in range(n_states)
     ]  # fmt: skip
-    both = _entered_both_ways(outcomes, start_of(world))
+    both = _entered_both_ways(outcomes, world.initial_state_distrib)
     if not both:
         return outcomes
     apart: Outcomes = [
@@ -86,10 +90,9 @@ def outcomes_of(world: Any) -> Outcomes:
     return [*apart, [[] for _ in range(n_actions)]]
 
 
-def _entered_both_ways(outcomes: Outcomes, start: npt.ArrayLike | None) -> set[int]:
+def _entered_both_ways(outcomes: Outcomes, start: npt.ArrayLike) -> set[int]:
     """Return the states, entered or started in, where an episode may end or go on."""
-    given = np.asarray(start)
-    continuing = {int(given)} if given.ndim == 0 else set(np.flatnonzero(given).tolist())
+    continuing = set(np.flatnonzero(start).tolist())
     queue, ends = list(continuing), set[int]()
     while queue:
         for pair in outcomes[queue.pop()]:
@@ -106,21 +109,22 @@ def names_of(world: Any) -> tuple[Space | None, Space | None]:
     """Return named state and action spaces of a known environment, None for others.
 
     Directions and coordinates have the names of :class:`GridWorld`, so that mappings by name work
-    between the two.
+    between the two. Actions have no labels where a subclass overrides `step`: they may go anywhere.
     """
     if isinstance(world, FrozenLakeEnv):
-        return _cells(*np.asarray(world.desc).shape), _moves("west", "south", "east", "north")
+        moves = _moves(world, "west", "south", "east", "north")
+        return _cells(*np.asarray(world.desc).shape), moves
     if isinstance(world, CliffWalkingEnv):
-        return _cells(*world.shape), _moves("north", "east", "south", "west")
+        return _cells(*world.shape), _moves(world, "north", "east", "south", "west")
     if isinstance(world, TaxiEnv):
         passenger = Component("passenger", 5, labels=(*STANDS, "taxi"))
         destination = Component("destination", 4, labels=STANDS)
         states = Space([*_cells(5, 5).components, passenger, destination])
-        return states, _moves("south", "north", "east", "west", "pick up", "drop off")
+        return states, _moves(world, "south", "north", "east", "west", "pick up", "drop off")
     if isinstance(world, BlackjackEnv):
         ace = Component("ace", 2, labels=("none", "usable"))
         states = Space([Component("player", 32), Component("dealer", 11), ace])
-        return states, _moves("stick", "hit")
+        return states, _moves(world, "stick", "hit")
     return None, None
 
 
@@ -128,5 +132,6 @@ def _cells(rows: int, columns: int) -> Space:
     return Space([Component("row", int(rows)), Component("column", int(columns))])
 
 
-def _moves(*labels: str) -> Space:
-    return Space([Component("move", len(labels), labels=labels)])
+def _moves(world: Any, *labels: str) -> Space:
+    known = acts_as(world, *TOY_TEXT, methods=["step"])
+    return Space([Component("move", len(labels), labels=labels if known else None)])

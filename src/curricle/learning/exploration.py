@@ -83,16 +83,17 @@ def accepted(exponent, bits):
     return chance < np.exp(exponent)
 
 
-def choose(exploration, values, step, counter):
-    """Return the action taken on these acting values, (1, A), and 64 random bits for its outcome.
+def choose(exploration, values, tie, step, counter):
+    """Return the action taken on these acting values, (1, A), 64 random bits and two things more.
 
-    The third number returned is the stream's counter for the next draw. One draw serves the
-    exploration, the action or tie, and (mixed once more) the outcome.
+    `tie` are bits that choose among several greedy actions. Also returned are the stream's counter
+    for the next draw and whether `tie` chose. One draw serves the exploration, the action, the next
+    tie and (mixed once more) the outcome.
     """
 
 
 def act(exploration, q, row_max, row_argmax, row, step, counter):
-    """Return what :func:`choose` does, for a table that keeps each row's maximum."""
+    """Return action, bits and counter, for a table that keeps each row's maximum."""
 
 
 def expected_value(exploration, q, state, values, step):
@@ -103,11 +104,11 @@ choices, acts, expectations = Overloaded(choose), Overloaded(act), Overloaded(ex
 
 
 @choices.body(EpsilonGreedy)
-def _choose_epsilon_greedy(exploration, values, step, counter):
+def _choose_epsilon_greedy(exploration, values, tie, step, counter):
     bits = splitmix64(counter)
     if bernoulli(bits, at(exploration.epsilon, step)):
-        return integers(bits, values.shape[1]), splitmix64(bits), counter + STRIDE
-    return best_of(values, 0, bits)[1] & ACTION, splitmix64(bits), counter + STRIDE
+        return integers(bits, values.shape[1]), bits, counter + STRIDE, False
+    return best_of(values, 0, tie)[1] & ACTION, bits, counter + STRIDE, True
 
 
 @acts.body(EpsilonGreedy)
@@ -131,10 +132,10 @@ def _expect_epsilon_greedy(exploration, q, state, values, step):
 
 
 @choices.body(Softmax)
-def _choose_softmax(exploration, values, step, counter):
+def _choose_softmax(exploration, values, tie, step, counter):
     beta = at(exploration.inverse_temperature, step)
     action, counter = softmax(values, 0, highest(values, 0), beta, counter)
-    return action, splitmix64(splitmix64(counter)), counter + STRIDE
+    return action, splitmix64(counter), counter + STRIDE, False
 
 
 @acts.body(Softmax)

@@ -15,6 +15,7 @@ from curricle.learning.exploration import choose, expected_value
 from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import stops
+from curricle.learning.tables import tie_bits
 from curricle.planning.greedy import ACTION, acting_rows, best_of, greedy_actions, highest
 from curricle.planning.policy_evaluation import greedy_return
 from curricle.tasks.draws import STRIDE, first_above, splitmix64
@@ -79,7 +80,8 @@ def state_potential(shaping, state, step):
 @inlined
 def q_learning_target(reward, discount, q, next_state):
     """Return r + gamma max_b Q(s', b) (paper E1; Watkins 1989)."""
-    return reward + discount * np.float64(highest(q[0], next_state))
+    real = q.dtype.type  # the precision of the table, as in the fast loop
+    return real(reward) + real(discount) * highest(q[0], next_state)
 
 
 @inlined
@@ -122,6 +124,69 @@ def td_target(rule, reward, discount, q, next_state, next_action, values, table,
 def counted_row(q, table, state):
     """Return the row in which the updates of a state are counted; each table counts its own."""
     return np.uint64(table) * np.uint64(q.shape[1]) + state
+
+
+@inlined
+def move(q, table, state, action, rate, target):
+    """Move Q(s, a) of a table towards a target, in the table's precision, and return it."""
+    real, old = q.dtype.type, q[table, state, action]
+    new = old + real(rate) * (real(target) - old)
+    q[table, state, action] = new
+    return np.float64(new)
+
+
+@inlined
+def advised(advice, weight, state, action):
+    """Return what advice adds to the value that a policy acts on."""
+    return weight * advice[state, action] if advice.shape[0] > 0 else 0.0
+
+
+@inlined
+def begin(model, shaping, step, counter):
+    """Return the first state of an episode, the stream's counter, and the potential carried."""
+    state, carried = first_state(model, splitmix64(counter)), 0.0
+    if shaping.kind == STATE:
+        carried = state_potential(shaping, state, step)
+    return state, counter + STRIDE, carried
+
+
+@inlined
+def toss(rule, counter):
+    """Return the table that is updated, the bits that chose it, and the stream's counter."""
+    if rule.update != DOUBLE_Q_LEARNING:
+        return 0, np.uint64(0), counter
+    coin = splitmix64(counter)
+    return np.int64(coin & np.uint64(1)), coin, counter + STRIDE
+
+
+# -- ties: Q-learning has a fast loop too and draws them as there, a visit ahead; others at once ---
+
+
+@inlined
+def draw_ties(ties, key):
+    """Draw the bits that break each state's ties before learning, (S,)."""
+    for state in range(np.uint64(ties.shape[0])):
+        ties[state] = tie_bits(key, state)
+
+
+@inlined
+def act(rule, values, ties, state, step, counter):
+    """Return what :func:`choose` does in a state on these acting values."""
+    tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)
+    return choose(rule.exploration, values, tie, step, counter)
+
+
+@inlined
+def draws_again(values, tie, new, action):
+    """Return whether the fast loop would draw again among a state's ties after an update.
+
+    That is where the action's value, which was in `values` and is `new`, changed and is or was the
+    highest, or where it did not change and the action is the one that had been drawn by `tie`.
+    """
+    old = values[0, action]
+    if new == old:
+        return best_of(values, 0, tie)[1] & ACTION == action
+    return max(old, new) >= highest(values, 0)
 
 
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------
@@ -218,58 +283,57 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
     discount, limit = horizon
     phi, weight = shaping.pair_values, shaping.weight
     advice = phi[: phi.shape[0] if shaping.kind == ADVICE else 0]
-    n_actions = q.shape[2]
-    values, next_values = np.empty((1, n_actions)), np.empty((1, n_actions))
-    row = np.empty((1, n_actions))
+    shape = 1, q.shape[2]
+    values, next_values, row = np.empty(shape), np.empty(shape), np.empty(shape)
     step, episodes, ended, ended_return = used
     first = Acting(q, advice, at(weight, step), row)
     value = greedy_return(evaluation, model, first) if step > 0 else np.nan
-    checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], q[q.shape[0] - 1])
+    last = q[q.shape[0] - 1]
+    checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], last)
     fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
-    action, bits, counter = np.uint64(0), np.uint64(0), stream[0] + STRIDE
+    action, bits, counter, drawn = np.uint64(0), np.uint64(0), stream[0] + STRIDE, False
+    ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
+    draw_ties(ties, splitmix64(stream[0]))
+    looks_ahead = rule.update in (SARSA, EXPECTED_SARSA)
     while True:
         if step == checkpoint * eval_freq:
             acting = Acting(q, advice, at(weight, step), row)
             so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, acting)
-            if write_checkpoint(
-                record, checkpoint, so_far, q[0], q[q.shape[0] - 1], budget.stopping
-            ):
+            if write_checkpoint(record, checkpoint, so_far, q[0], last, budget.stopping):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if is_spent(budget, step, episodes) or has_failed(model):
+        if is_spent(budget, record, step, episodes) or has_failed(model):
             return step, episodes
         if fresh:
-            state = first_state(model, splitmix64(counter))
-            counter += STRIDE
-            length, episode_return, carried = 0, 0.0, 0.0
-            if shaping.kind == STATE:
-                carried = state_potential(shaping, state, step)
+            state, counter, carried = begin(model, shaping, step, counter)
+            length, episode_return = 0, 0.0
         if fresh or rule.update != SARSA:
             acting_values(Acting(q, advice, at(weight, step), row), state, values)
-            action, bits, counter = choose(rule.exploration, values, step, counter)
-        next_state, target, terminated = transition(model, state, action, bits)
+            action, bits, counter, drawn = act(rule, values, ties, state, step, counter)
+        next_state, target, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + target
-
         extra, carried = shaping_reward(
             shaping, discount, state, action, next_state, terminated, step, carried
         )
         target += extra
         # Cutting off at the time limit is not termination: it bootstraps like any other step.
-        next_action, table, coin = np.uint64(0), 0, np.uint64(0)
-        if rule.update == DOUBLE_Q_LEARNING:
-            coin, counter = splitmix64(counter), counter + STRIDE
-            table = np.int64(coin & np.uint64(1))
+        next_action = np.uint64(0)
+        table, coin, counter = toss(rule, counter)
         if not terminated:
-            acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
+            if looks_ahead:
+                acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
             if rule.update == SARSA:
-                next_action, bits, counter = choose(rule.exploration, next_values, step, counter)
+                next_action, bits, counter, _ = act(
+                    rule, next_values, ties, next_state, step, counter
+                )
             target = td_target(
                 rule, target, discount, q, next_state, next_action, next_values, table, coin, step
             )
         rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
-        old = np.float64(q[table, state, action])
-        q[table, state, action] = old + rate * (target - old)
-
+        new = move(q, table, state, action, rate, target)
+        new += advised(advice, at(weight, step - 1), state, action)
+        if rule.update == Q_LEARNING and (drawn or draws_again(values, ties[state], new, action)):
+            ties[state] = bits  # an action that a tie's bits chose was the highest
         fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return

@@ -25,6 +25,7 @@ from curricle.learning.general_loop import (
     ShapingKernel,
     acting_values,
     counted_row,
+    move,
     shaping_reward,
     state_potential,
     td_target,
@@ -247,7 +248,8 @@ def write_values(both, learner, state, step):
 def decide(both, learner, rule, state, step, counter):
     """Draw what a learner does in a state, and return the stream's counter."""
     write_values(both, learner, state, step)
-    chosen, bits, counter = choose(rule.exploration, both.values, step, counter)
+    tie = splitmix64(counter)
+    chosen, bits, counter, _ = choose(rule.exploration, both.values, tie, step, counter)
     both.action[learner], both.bits[learner] = chosen, bits
     return counter
 
@@ -307,8 +309,7 @@ def learn_from(both, rule, discount, taken, step, counter):
                 coin,
                 step,
             )
-        old = np.float64(q[table, state, action])
-        q[table, state, action] = old + rate * (target - old)
+        move(q, table, state, action, rate, target)
     return counter
 
 
@@ -345,7 +346,7 @@ def train_guarded(
             if write_checkpoint(record, checkpoint, so_far, q[0], q[last], budget.stopping):
                 return step, episodes, ahead
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if is_spent(budget, step, episodes) or has_failed(model):
+        if is_spent(budget, record, step, episodes) or has_failed(model):
             return step, episodes, ahead
         if fresh:
             state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
@@ -354,7 +355,9 @@ def train_guarded(
         if fresh or rule.update != SARSA:
             counter = decide(both, acting, rule, state, step, counter)
         action = both.action[acting]
-        next_state, reward, terminated = transition(model, state, action, both.bits[acting])
+        next_state, reward, terminated = transition(
+            model, state, action, splitmix64(both.bits[acting])
+        )
         step, length, episode_return = step + 1, length + 1, episode_return + reward
         taken = state, action, reward, next_state, terminated
         counter = learn_from(both, rule, discount, taken, step, counter)

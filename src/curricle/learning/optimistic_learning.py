@@ -199,7 +199,7 @@ def train_optimistically(
             if general_loop.write_checkpoint(record, checkpoint, so_far, q, q, budget.stopping):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if is_spent(budget, step, episodes) or has_failed(model):
+        if is_spent(budget, record, step, episodes) or has_failed(model):
             return step, episodes
         if fresh:
             state, counter = first_state(model, splitmix64(counter)), counter + STRIDE

@@ -90,6 +90,11 @@ class StatePotential(Frozen):
         object.__setattr__(self, "frame_steps", frozen(steps))
         object.__setattr__(self, "weight", schedule(self.weight))
 
+    @property
+    def changes(self) -> bool:
+        """Whether Phi changes with time."""
+        return len(self.frame_steps) > 1 or self.weight.first != self.weight.last
+
     def at(self, step: int = 0) -> FloatArray:
         """Return Phi(s, t), (S,) float64, after `step` steps of learning."""
         step = whole_number("a step of learning", step, 0, PotentialError)

@@ -12,7 +12,7 @@ from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import rate_of
 from curricle.learning.tables import find_row_maxima, is_full, row_of
 from curricle.planning.greedy import TIED, best_of
-from curricle.planning.policy_evaluation import greedy_return
+from curricle.planning.policy_evaluation import SLICE, greedy_return
 from curricle.tasks.draws import STRIDE, splitmix64
 from curricle.tasks.generative_models import first_state, has_failed, transition, truncated
 from curricle.tasks.overloads import inlined
@@ -77,9 +77,9 @@ def train_q_learning(
             if write_checkpoint(record, checkpoint, so_far, q, q, budget.stopping):
                 return step, episodes
             checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if is_spent(budget, step, episodes) or is_full(table, row) or has_failed(model):
+        if is_spent(budget, record, step, episodes) or is_full(table, row) or has_failed(model):
             return step, episodes
-        stop = min(checkpoint * eval_freq, budget.steps)
+        stop = min(checkpoint * eval_freq, budget.steps, step - step % SLICE + SLICE)
         while step < stop:
             action, bits, counter = act(rule.exploration, q, best, greedy, row, step, counter)
             next_state, reward, terminated = transition(model, state, action, splitmix64(bits))

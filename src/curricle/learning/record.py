@@ -10,6 +10,8 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.display import brief_repr
 from curricle.frozen_arrays import Frozen
 from curricle.learning.stopping import StoppingKernel
+from curricle.planning.policy_evaluation import SLICE
+from curricle.progress import HALTED
 from curricle.tasks.overloads import inlined
 
 MAX_SNAPSHOT_BYTES = 128_000_000
@@ -53,6 +55,7 @@ class Record(NamedTuple):
     snapshot_at: IntArray  # (M,) checkpoints whose tables are kept
     snapshots: npt.NDArray[np.float32]  # (M, S, A)
     ends: BoolArray  # (S,) in which episodes have terminated, where only steps tell; else (0,)
+    halted: BoolArray  # (1,) true once nobody waits for the run
 
     @classmethod
     def empty(
@@ -69,7 +72,7 @@ class Record(NamedTuple):
         tables = np.zeros((len(kept), *shape), np.float32)
         ends = np.zeros(shape[0] if unknown_ends else 0, np.bool_)
         episodes = np.zeros(checkpoints, np.int64)
-        return cls(returns, greedy, guard_share, episodes, kept, tables, ends)
+        return cls(returns, greedy, guard_share, episodes, kept, tables, ends, HALTED.get())
 
 
 @inlined
@@ -101,9 +104,11 @@ class Bounds(NamedTuple):
 
 
 @inlined
-def is_spent(bounds, step, episodes):
-    """Return whether a run has used its steps or its episodes."""
-    return step >= bounds.steps or episodes >= bounds.episodes
+def is_spent(bounds, record, step, episodes):
+    """Return whether a run has used its steps or its episodes, or was interrupted a while ago."""
+    if step >= bounds.steps or episodes >= bounds.episodes:
+        return True
+    return step % SLICE == 0 and record.halted[0]
 
 
 # -- the warm-up ---------------------------------------------------------------------------------

@@ -78,7 +78,8 @@ class LearningResult(Frozen):
         step that needed another row.
     own_rewards : (K,) bool
         Whether the values are in the task's own rewards. Where they are not, after
-        :class:`LookBackAdvice` and :class:`RewardBonus`, no transfer takes them.
+        :class:`LookBackAdvice`, :class:`RewardBonus` and a :class:`StateShaping` that changes with
+        time, no transfer takes them.
     snapshots : Snapshots or None
         Values of the first seed on the way, if asked for.
 

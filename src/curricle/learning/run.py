@@ -171,8 +171,7 @@ class Run:
             initial = shaping.potential if shaping.starts_at_potential else None
             seed.out[...] = q.mean(axis=0) + shaping.offset(steps)
             seed.out[self._only_ends(seed.record, q, initial)] = 0.0
-        own = shaping.own_rewards or shaping.potential is None
-        advice = shaping.advice(steps)
+        own, advice = shaping.own_rewards, shaping.advice(steps)
         return self._outcome(seed, steps, episodes, own_rewards=own, advice=advice)
 
     def _train_guarded(self, seed: _Seed, guard: Guard, shaping: Shaping) -> Outcome:
@@ -227,7 +226,7 @@ class Run:
             horizon = *horizon, np.int64(longest_turn(*horizon))
         steps, episodes = self.limits
         with self.opened(seed.settings, seed.start, tables) as model:
-            return compiled(loop, isinstance(model, Functions))(
+            found = compiled(loop, isinstance(model, Functions))(
                 model,
                 horizon,
                 self.learner.kernel(seed.visits),
@@ -239,6 +238,9 @@ class Run:
                 self.eval_freq,
                 seed.record,
             )
+        if seed.record.halted[0]:
+            raise KeyboardInterrupt  # what is half learnt must not be taken for a result
+        return found
 
     def opened(
         self, settings: SeedSettings, start: int, tables: Sequence[Any]

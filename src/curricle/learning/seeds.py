@@ -2,9 +2,9 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import repeat
+from threading import current_thread, main_thread
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -13,6 +13,7 @@ from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
 from curricle.learning.record import NO_WARM_UP, WarmUp
 from curricle.learning.shaping import Shaping
+from curricle.progress import interruptible
 from curricle.tasks.live import is_live
 
 Result = TypeVar("Result")
@@ -105,7 +106,8 @@ def _checked_shaping(
     shaping.check(learner)
     if shaping.guard is not None and shaping.potential is None:
         raise SettingError("a guard needs a potential: got a shaping without one")
-    return fitted(shaping)
+    shaping = fitted(shaping)
+    return None if shaping.potential is None else shaping  # nothing added is no shaping
 
 
 def _check_limits(limits: tuple[int, int], seed: int, warm_up: WarmUp, charged: int) -> None:
@@ -124,11 +126,12 @@ def _check_limits(limits: tuple[int, int], seed: int, warm_up: WarmUp, charged: 
 def threads_for(task: Any, workers: int | None, seeds: int) -> int:
     """Return the number of threads for the seeds of a task: `workers`, by default one a processor.
 
-    A live task gets one thread, as Python runs its environment in one thread at a time.
+    It is 0, the caller's thread, for a live task: an interrupt must reach its environment, which
+    Python runs in one thread at a time.
     """
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
-    return 1 if is_live(task) else min(workers or os.cpu_count() or 1, seeds)
+    return 0 if is_live(task) else min(workers or os.cpu_count() or 1, seeds)
 
 
 def over_seeds(
@@ -139,15 +142,15 @@ def over_seeds(
 ) -> list[Result]:
     """Return work(0) .. work(seeds - 1); each number, in order, is handed to `ended` when done.
 
-    A single thread is the caller's, so that an interrupt from the keyboard reaches an environment.
+    The main thread does no work itself but for 0 threads, so that it answers an interrupt.
     """
     found = list[Result]()
-    if threads == 1:
+    if not threads or (threads == 1 and current_thread() is not main_thread()):
         for k in range(seeds):  # no iterator does the work: an environment may raise StopIteration
             found.append(work(k))
             ended(k)
         return found
-    with ThreadPoolExecutor(threads) as pool:
+    with interruptible(threads) as pool:
         for k, result in enumerate(pool.map(work, range(seeds))):
             found.append(result)
             ended(k)

@@ -55,8 +55,6 @@ class Shaping(ABC):
     """Whether Q starts at the potential, so that learning itself is plain."""
     reads_values: ClassVar[bool] = True
     """Whether it uses the potential's values, so that these can be calibrated or forecast."""
-    own_rewards: ClassVar[bool] = True
-    """Whether Q plus the offset is in the task's own rewards, so that it can be handed on."""
 
     def __post_init__(self) -> None:
         if self.guard is not None:
@@ -78,6 +76,11 @@ class Shaping(ABC):
         return 1.0
 
     @property
+    def own_rewards(self) -> bool:
+        """Whether Q plus the offset is in the task's own rewards, so that it can be handed on."""
+        return self.claim not in ("one_way_in", "added_rewards")
+
+    @property
     def name(self) -> str:
         """The name of the class."""
         return type(self).__name__
@@ -85,10 +88,6 @@ class Shaping(ABC):
     def with_potential(self, potential: Any) -> Self:
         """Return the same shaping of another potential."""
         return replace(self, **{"potential": potential})
-
-    def without_guard(self) -> Self:
-        """Return the same shaping without a guard."""
-        return self if self.guard is None else replace(self, **{"guard": None})
 
     def check(self, learner: Any) -> None:
         """Raise SettingError unless this shaping is valid for a learner."""
@@ -225,7 +224,6 @@ class LookBackAdvice(Shaping):
     guard: Guard | None = None
 
     claim: ClassVar[Claim] = "one_way_in"
-    own_rewards: ClassVar[bool] = False
 
     def check(self, learner: Any) -> None:
         """Raise SettingError unless the learner is on-policy SARSA."""
@@ -250,6 +248,9 @@ class LookBackAdvice(Shaping):
 @dataclass(frozen=True)
 class StateShaping(Shaping):
     """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
+
+    Q is learnt as Q* - Phi. Where Phi changes with time Q lags behind it: a state holds the Phi of
+    its last visits, so that the values are not in the task's own rewards, by no known amount.
 
     Parameters
     ----------
@@ -276,6 +277,11 @@ class StateShaping(Shaping):
         """The last weight of the potential."""
         phi = self.potential
         return float(phi.weight.last) if isinstance(phi, StatePotential) else 1.0
+
+    @property
+    def own_rewards(self) -> bool:
+        """Whether Phi never changes."""
+        return not (isinstance(self.potential, StatePotential) and self.potential.changes)
 
     def _added(self) -> dict[str, Any]:
         phi = self.potential
@@ -366,7 +372,6 @@ class RewardBonus(Shaping):
     guard: Guard | None = None
 
     claim: ClassVar[Claim] = "added_rewards"
-    own_rewards: ClassVar[bool] = False
 
     def _added(self) -> dict[str, Any]:
         return {"kind": BONUS, "pair_values": self.potential.values}

@@ -14,10 +14,9 @@ from curricle.checks import number, one_of, whole_number
 from curricle.display import block, table
 from curricle.errors import SettingError
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.target import Target
+from curricle.planning.target import BATCHES, Target
 from curricle.tasks.mdp import NO_LIMIT
 from curricle.tasks.overloads import INLINED
-from curricle.tasks.task import Task
 from curricle.text_tables import counted
 
 
@@ -50,8 +49,11 @@ class StoppingRule:
         Whether one of threshold (or fraction), plateau and settled is enough, or all given hold.
     settled : float, optional
         Ends when the mean of the evaluations in the last three tenths of the steps exceeds that of
-        three tenths of those before by less than this share of the range so far. It takes 8
-        evaluations in each, and a range above 0. Sources end by it.
+        three tenths of those before by less than this share of the range so far, and lies past
+        half of the way from random to the optimum: what has settled at the bottom has learnt
+        nothing. Without a model it must exceed the random policy's return by more than the noise of
+        ten evaluations, which are free too. It takes 8 evaluations in each part, and a range above
+        0. Sources end by it.
 
     Raises
     ------
@@ -117,15 +119,16 @@ class StoppingRule:
         least = f"{self.min_steps:,} to " if self.min_steps else ""
         return f"{least}{counted(self.max_steps, 'step')}{until}"
 
-    def kernel(self, level: float | None = None) -> "StoppingKernel":
-        """Return the rule for compiled loops, `level` what its fraction stands for."""
+    def kernel(self, level: float | None = None, floor: float = -math.inf) -> "StoppingKernel":
+        """Return the rule for compiled loops; for `level` and `floor` see :func:`levels`."""
         value = self.threshold if self.fraction is None else level
         level, plateau, drop, settled = (
             math.nan if given is None else float(given)
             for given in (value, self.plateau, self.drop, self.settled)
         )
         every = self.when == "all"
-        return StoppingKernel(self.min_steps, self.patience, level, plateau, drop, settled, every)
+        numbers = level, plateau, drop, settled, floor
+        return StoppingKernel(self.min_steps, self.patience, *numbers, every)
 
     def decisions(
         self,
@@ -133,6 +136,7 @@ class StoppingRule:
         greedy_return: npt.ArrayLike,
         *,
         level: float | None = None,
+        floor: float = -math.inf,
         used: int | None = None,
     ) -> list["Decision"]:
         """Return what the rule decided at each checkpoint of one seed, up to the one it ended at.
@@ -144,10 +148,12 @@ class StoppingRule:
             The seed's row of ``LearningResult.greedy_return``.
         level : float, optional
             The return that a fraction stands for.
+        floor : float
+            The return above which a return may have settled.
         used : int, optional
             Steps that the seed took in all; later checkpoints repeat its last value.
         """
-        kernel, greedy = self.kernel(level), np.asarray(greedy_return, dtype=np.float64)
+        kernel, greedy = self.kernel(level, floor), np.asarray(greedy_return, dtype=np.float64)
         found = list[Decision]()
         for checkpoint, step in enumerate(np.asarray(steps).tolist()):
             if used is not None and step > used:
@@ -156,9 +162,9 @@ class StoppingRule:
             last = kernel, greedy, checkpoint
             lowest, highest = float(lowest_of_last(*last)), float(highest_of_last(*last))
             rise, share = float(rise_of_last(*last)), float(share_of_rise(greedy, checkpoint))
-            found.append(
-                Decision(self, kernel, step, ends, float(greedy[0]), lowest, highest, rise, share)
-            )
+            recent = float(recent_return(greedy, checkpoint))
+            about = float(greedy[0]), lowest, highest, rise, share, recent
+            found.append(Decision(self, kernel, step, ends, *about))
             if ends or step >= self.max_steps:
                 break
         return found
@@ -166,6 +172,9 @@ class StoppingRule:
 
 _BOUNDS: dict[str, tuple[float, ...]] = {"threshold": (), "plateau": (0.0,), "drop": (0.0,)}
 _BOUNDS |= dict.fromkeys(("fraction", "settled"), (0.0, 1.0))
+
+UNLEARNT = "all steps used, not learnt"
+"""What ended a run whose return lies too low to have settled."""
 
 # Fitted on development families (benchmarks/pairs), where shares of 2 to 10 % gain the same.
 SETTLED, RECENT, MIN_EVALUATIONS = 0.05, 0.7, 8
@@ -182,10 +191,11 @@ class StoppingKernel(NamedTuple):
     plateau: float
     drop: float
     settled: float
+    floor: float  # the return above which it may have settled
     every: bool  # whether all conditions that are set must hold
 
 
-NEVER_STOPS = StoppingKernel(0, 1, math.nan, math.nan, math.nan, math.nan, False)
+NEVER_STOPS = StoppingKernel(0, 1, math.nan, math.nan, math.nan, math.nan, -math.inf, False)
 
 plain_and_inlined: Any = register_jitable(**INLINED)
 """Of a function for compiled loops that is called from Python too."""
@@ -251,6 +261,16 @@ def share_of_rise(greedy, checkpoint):
 
 
 @plain_and_inlined
+def recent_return(greedy, checkpoint):
+    """Return the mean of the evaluations in the last three tenths of the steps; NaN before any."""
+    first = int(RECENT * checkpoint) + 1
+    total = 0.0
+    for i in range(first, checkpoint + 1):
+        total += greedy[i]
+    return total / (checkpoint + 1 - first) if checkpoint >= first else np.nan
+
+
+@plain_and_inlined
 def stops(rule, greedy, checkpoint, step):
     """Return whether a rule ends a run at a checkpoint, given the greedy returns, (T,)."""
     if step == 0 or step < rule.min_steps:
@@ -266,7 +286,8 @@ def stops(rule, greedy, checkpoint, step):
         met += rise_of_last(rule, greedy, checkpoint) < rule.plateau
     if not np.isnan(rule.settled):
         given += 1
-        met += share_of_rise(greedy, checkpoint) < rule.settled
+        rises = share_of_rise(greedy, checkpoint)
+        met += rises < rule.settled and recent_return(greedy, checkpoint) > rule.floor
     return met > 0 and (met == given or not rule.every)
 
 
@@ -283,6 +304,7 @@ class Decision:
     highest: float
     rise: float  # their mean less the mean of as many before; NaN if there were too few
     share: float  # the rise over the last three tenths of the steps, of the range; NaN if unknown
+    recent: float  # the mean of the evaluations in these steps
     evaluation_steps: int = 0  # that all of a run's decisions read, given with its last one
 
     @property
@@ -297,6 +319,11 @@ class Decision:
         return self.step >= self.rule.max_steps
 
     @property
+    def unlearnt(self) -> bool:
+        """Whether the return lies too low to have settled."""
+        return self.kernel.floor > -math.inf and not self.recent > self.kernel.floor
+
+    @property
     def criterion(self) -> str:
         """What ended the run, in a few fixed words; "" where the run went on."""
         if self.dropped:
@@ -306,10 +333,10 @@ class Decision:
             met = {
                 level: self.lowest >= self.kernel.level,
                 "plateau": self.rise < self.kernel.plateau,
-                "settled return": self.share < self.kernel.settled,
+                "settled return": self.share < self.kernel.settled and not self.unlearnt,
             }
             return f"{' and '.join(name for name, holds in met.items() if holds)} reached"
-        return "all steps used" if self.spent else ""
+        return (UNLEARNT if self.unlearnt else "all steps used") if self.spent else ""
 
     @property
     def reasons(self) -> list[str]:
@@ -335,6 +362,8 @@ class Decision:
                 f"dropped: greedy {self.highest:.4g} < {self.start:.4g} - {self.kernel.drop:.4g}, "
                 f"where it started, {over}"
             )
+        if self.unlearnt:
+            found.append(f"greedy {self.recent:.4g} <= {kernel.floor:.4g}, too low to have settled")
         return found
 
     def __str__(self) -> str:
@@ -347,25 +376,27 @@ class Decision:
         return "; ".join([verdict, *self.reasons, *early, used])
 
 
-def stopping_level(rule: StoppingRule, task: Task, evaluation: GreedyEvaluation) -> float | None:
-    """Return the return that a rule's fraction stands for; None if it has none."""
-    return None if rule.fraction is None else Target.of(task, evaluation).level(rule.fraction)
+def levels(
+    rule: StoppingRule, task: Any, evaluation: GreedyEvaluation, target: Any = Target.of
+) -> tuple[float | None, float]:
+    """Return the return that a rule's fraction stands for, and that above which it may settle.
+
+    None and -inf if it has neither. `target` makes a :class:`Target` of a task.
+    """
+    evaluated = evaluation.method != "off" and evaluation.horizon(task) < NO_LIMIT
+    settles = rule.settled is not None and evaluated
+    if rule.fraction is None and not settles:
+        return None, -math.inf
+    found = target(task, evaluation, episodes=BATCHES * evaluation.rollouts(task))
+    level = None if rule.fraction is None else found.level(rule.fraction)
+    return level, found.floor if settles else -math.inf
 
 
 # -- what a stopping rule decided ------------------------------------------------------------------
 
 
 class Decisions(list[list[Decision]]):
-    """What a stopping rule decided at each checkpoint of each seed: a list of K lists.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld, StoppingRule
-    >>> rule = StoppingRule(max_steps=5_000, threshold=100.0)
-    >>> plan = Curriculum({"maze": GridWorld("S..T")}, budget=rule)
-    >>> plan.train(seeds=3).decisions("maze")
-    Decisions(3 seeds: threshold reached (3))
-    """
+    """What a stopping rule decided at each checkpoint of each seed: a list of K lists."""
 
     def __init__(self, each: Iterable[list[Decision]], seeds: Sequence[int]):
         super().__init__(each)

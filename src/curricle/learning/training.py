@@ -20,20 +20,27 @@ from curricle.learning.stopping import (
     Budget,
     StoppingKernel,
     StoppingRule,
+    levels,
     limits,
     longest_run,
     spacing,
-    stopping_level,
 )
 from curricle.learning.storage import Storage, rows_allowed
 from curricle.planning.greedy import TIED
-from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.policy_evaluation import (
+    EvaluationKernel,
+    ExactEvaluation,
+    GreedyEvaluation,
+    RolloutEvaluation,
+)
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.draws import stream_start
 from curricle.tasks.task import Task, generative_model
 
 MOST_ACTIONS = int(TIED)
 """Actions that 15 bits can tell apart."""
+SHORT = 2**20
+"""Steps, of evaluations too, for which an interrupt can wait: 5 to 200 ms; a thread costs .15."""
 
 
 def learn(
@@ -133,14 +140,14 @@ def learn(
     kernel = evaluation.kernel(task)
     snapshots = whole_number("snapshots", snapshots, 0, SettingError)
     stopping = stopping_kernel(budget, task, evaluation)
-    threads = threads_for(generative, workers, len(each))
+    threads = _threads(generative, workers, len(each), _most_steps(longest, eval_freq, kernel))
     guarded = any(one.shaping is not None and one.shaping.guard is not None for one in each)
     rows = rows_allowed(
         storage,
         generative,
         tables=2 * learner.tables if guarded else learner.tables,
         counts=learner.counts,
-        seeds=len(each) if storage.save_values else threads,
+        seeds=len(each) if storage.save_values else max(1, threads),
         steps=longest,
     )
     run = Run(generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows)
@@ -152,11 +159,27 @@ def learn(
     return learning_result(task, given, numbers, values, outcomes, eval_freq)
 
 
+def _threads(task: Any, workers: int | None, seeds: int, steps: int) -> int:
+    """Return the number of threads, 0 for the caller's where starting another takes long."""
+    threads = threads_for(task, workers, seeds)
+    return 0 if threads == 1 and seeds * steps <= SHORT else threads
+
+
+def _most_steps(longest: int, eval_freq: int, evaluation: EvaluationKernel) -> int:
+    """Return the most steps of a seed; a sweep of an exact evaluation counts as one a pair."""
+    work = 0
+    if isinstance(evaluation, RolloutEvaluation):
+        work = evaluation.episodes * evaluation.horizon
+    elif isinstance(evaluation, ExactEvaluation):
+        work = evaluation.tables.outcome_row.size * evaluation.horizon
+    return longest + (longest // eval_freq + 1) * work
+
+
 def stopping_kernel(budget: Budget, task: Task, evaluation: GreedyEvaluation) -> StoppingKernel:
     """Return the stopping rule of a budget for the compiled loops, which may have none."""
     if not isinstance(budget, StoppingRule):
         return NEVER_STOPS
-    return budget.kernel(stopping_level(budget, task, evaluation))
+    return budget.kernel(*levels(budget, task, evaluation))
 
 
 def given_or_default(name: str, given: Any, kind: type, default: type | None = None) -> Any:

@@ -45,28 +45,9 @@ def reproduce(
 ) -> list[dict[str, Any]]:
     """Write figures, data, claims and the page into a folder, and return all claims in it.
 
-    Figures that are complete in the folder are not run again.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Holds results of these settings only.
-    figures : iterable of str
-        Names among ``1 2 3 4 trust hacking``.
-    seeds : int
-        Seeds 0 .. seeds - 1 for everything that is learnt.
-    workers : int, optional
-        Threads; the results do not depend on it.
-    progress : bool or callable, optional
-        By default a bar, and below it what is done now; a function is called with a short message
-        for each part.
-
-    Raises
-    ------
-    SettingError
-        On an unknown figure or fewer than 2 seeds; nothing is written then.
-    StoreError
-        When the folder holds results of other settings.
+    Figures that are complete in the folder, which holds results of these settings only, are not run
+    again. A function as `progress` is called with a short message for each part. SettingError on an
+    unknown figure or fewer than 2 seeds; nothing is written then.
     """
     check_progress(progress)
     wanted = list(dict.fromkeys(figures))

@@ -9,8 +9,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray
-from curricle.errors import SettingError
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.frozen_arrays import Frozen
 from curricle.planning import backups, factored_backups
 from curricle.planning.backups import MixedPolicy
@@ -98,16 +97,11 @@ class TabularPlanningModel(Frozen):
         q[self.terminal] = 0.0
         return q
 
-    def check_ends(self, policy: Policy | None) -> None:
-        """Raise SettingError if the policy (some policy if None) may never end."""
+    def endless(self, policy: Policy | None) -> IntArray:
+        """Return the states from which a policy (some policy if None) may never end."""
         if policy is not None and policy.ndim == 1:
             policy = np.arange(self.n_actions) == policy[:, None]
-        improper = improper_states(self.mdp, None if policy is None else policy > 0)
-        if improper.size:
-            raise SettingError(
-                "discount 1 needs every policy considered to end: from state "
-                f"{improper[0]} an episode can go on for ever"
-            )
+        return improper_states(self.mdp, None if policy is None else policy > 0)
 
     def counting_steps(self) -> Self:
         """Return the same with a reward of 1 for every step and discount 1."""

@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.planning.greedy import (
@@ -19,6 +19,7 @@ from curricle.planning.greedy import (
     greedy_action,
 )
 from curricle.planning.simulator import GreedyPolicy, ReturnRecord, simulate_episode
+from curricle.progress import HALTED
 from curricle.tasks.draws import draw, stream_start
 from curricle.tasks.generative_models import (
     Functions,
@@ -26,11 +27,13 @@ from curricle.tasks.generative_models import (
     evaluation_model,
     first_state,
     table_model,
+    truncated,
 )
 from curricle.tasks.live import is_live, open_model
-from curricle.tasks.mdp import NO_LIMIT
+from curricle.tasks.mdp import NO_LIMIT, improper_states
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.overloads import Overloaded, compiled, inlined
+from curricle.tasks.spaces import state_name
 from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 Method = Literal["auto", "exact", "rollouts", "off"]
@@ -42,6 +45,8 @@ LARGEST_EXACT = 20_000
 """Outcomes (S x A x O) up to which ``method="auto"`` is exact."""
 NEGLIGIBLE = 1e-9
 """Probability (or discounted weight) of not having ended at which an evaluation stops."""
+SLICE = 2**16
+"""Steps between two looks at whether the run was interrupted."""
 EVALUATION_STREAM = 0x5851F42D4C957F2D
 """Separates the random stream of evaluations from that of learning."""
 
@@ -55,6 +60,7 @@ class RolloutEvaluation(NamedTuple):
     stream: npt.NDArray[np.uint64]  # (1,)
     total: FloatArray  # (2,) work space
     taken: IntArray  # (1,) steps of all episodes so far
+    halted: BoolArray  # (1,) true once nobody waits for it
 
     @property
     def steps(self) -> int:
@@ -64,7 +70,9 @@ class RolloutEvaluation(NamedTuple):
     def for_run(self, start: int) -> "RolloutEvaluation":
         """Return this for a run whose random stream starts at `start`."""
         stream = np.array([start ^ EVALUATION_STREAM], dtype=np.uint64)
-        return self._replace(stream=stream, total=np.zeros(2), taken=np.zeros(1, np.int64))
+        return RolloutEvaluation(
+            *self[:3], stream, np.zeros(2), np.zeros(1, np.int64), HALTED.get()
+        )
 
 
 class GreedyChain(NamedTuple):
@@ -99,6 +107,7 @@ class ExactEvaluation(NamedTuple):
     mass: FloatArray  # (2, S) work space: probability of each state, now and next
     alive: IntArray  # (2, S) work space: the states where that is not 0
     chain: GreedyChain  # work space
+    halted: BoolArray  # (1,) true once nobody waits for it
 
     @property
     def steps(self) -> int:
@@ -108,7 +117,7 @@ class ExactEvaluation(NamedTuple):
     def for_run(self, start: int) -> "ExactEvaluation":
         """Return this with work space of its own for a run."""
         sizes = *self.tables.outcome_row.shape, self.tables.probability.shape[1]
-        return ExactEvaluation(*self[:4], *_work_space(*sizes))
+        return ExactEvaluation(*self[:4], *_work_space(*sizes), HALTED.get())
 
 
 class NoEvaluation(NamedTuple):
@@ -190,8 +199,10 @@ class GreedyEvaluation:
         discount = self.discount(generative_model(task))
         if self.method == "exact" or (self.method == "auto" and _small(task)):
             rows = table_model(tables(task))
-            return ExactEvaluation(rows, discount, horizon, NEGLIGIBLE, *_work_space(0, 0, 0))
-        none = np.zeros(0, np.uint64), np.zeros(0), np.zeros(0, np.int64)
+            return ExactEvaluation(
+                rows, discount, horizon, NEGLIGIBLE, *_work_space(0, 0, 0), HALTED.get()
+            )
+        none = np.zeros(0, np.uint64), np.zeros(0), np.zeros(0, np.int64), HALTED.get()
         return RolloutEvaluation(self.rollouts(task), discount, horizon, *none)
 
     def discount(self, task: Any) -> float:
@@ -218,6 +229,11 @@ class GreedyEvaluation:
             )
         if 0 < discount < 1:
             return int(np.ceil(np.log(NEGLIGIBLE) / np.log(discount)))
+        if discount == 1 and (endless := improper_states(tables(task))).size:
+            raise SettingError(
+                "an evaluation at discount 1 needs a time limit, time_limit=, where episodes can "
+                f"go on for ever: they can from {state_name(task.states, int(endless[0]))}"
+            )
         return 1 if discount == 0 else int(NO_LIMIT)
 
 
@@ -286,8 +302,16 @@ def _rollout_return(evaluation, model, view):
     total[0] = 0.0
     for _ in range(evaluation.episodes):
         state, total[1] = first_state(own, draw(stream)), 1.0
-        n, state, _ = simulate_episode(own, policy, state, stream, evaluation.horizon, record, 0)
-        evaluation.taken[0] += n
+        left, goes_on = evaluation.horizon, True
+        while goes_on:
+            most = min(left, SLICE)
+            n, state, terminated = simulate_episode(own, policy, state, stream, most, record, 0)
+            evaluation.taken[0] += n
+            left -= n
+            ended = terminated or truncated(own) or evaluation.halted[0]
+            goes_on = left > 0 and not ended
+        if evaluation.halted[0]:
+            break
     return total[0] / evaluation.episodes
 
 
@@ -387,7 +411,8 @@ def chain_return(evaluation):
                     mass[1 - now, after] += part
         now, n_alive = 1 - now, n_next
         weight *= evaluation.discount
-        if in_play * weight < evaluation.negligible or step == evaluation.horizon - 1:
+        ends = in_play * weight < evaluation.negligible or step == evaluation.horizon - 1
+        if ends or evaluation.halted[0]:
             for i in range(n_alive):
                 mass[now, alive[now, i]] = 0.0
             break

@@ -19,10 +19,18 @@ from curricle.planning.backups import (
     Precision,
     iterate,
 )
+from curricle.planning.direct import (
+    LARGEST_DIRECT,
+    best_policy,
+    policy_values,
+    shortest_paths,
+    solved,
+    transitions,
+)
 from curricle.planning.models import PlanningModel, Policy, TabularPlanningModel, model_of
 from curricle.progress import Bars, Progress, shown
-from curricle.tasks.mdp import NO_LIMIT, FiniteMDP
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
+from curricle.tasks.mdp import improper_states
+from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, normalised
 from curricle.tasks.task import Task, tables
 
 EPSILON = float(np.finfo(np.float64).eps)
@@ -33,6 +41,11 @@ Rounding alone is about 1e-15 / (1 - gamma) of it, so this is reached up to a di
 """
 AT_ONCE = 10_000_000
 """Pairs (s, a) backed up between two looks at the progress: a tenth of a second to a second."""
+DIRECT_AFTER = 300_000
+"""Sweeps after which a small system is solved directly."""
+MOST_WORK = 1e13
+"""Pairs backed up that are expected in a large system, up to which it is swept: some hours."""
+TINIEST = float(np.finfo(np.float64).smallest_subnormal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +128,10 @@ def solve(task: Task, *, tolerance: float | None = None, progress: Progress = No
     theorem 6.5.5), with TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The last sweep backs
     up each V(s) from values within ``d`` of those returned, so that ``|TV - V| <= gamma d``, and
     ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) bounds the error. At discount 1
-    the longest expected episode replaces 1 / (1 - gamma). The time limit is ignored: it is a limit
-    of learning, not of the task.
+    the longest expected episode replaces 1 / (1 - gamma); where some policy never ends, and costs
+    without bound, V* are those of a stochastic shortest path (Bertsekas, Tsitsiklis 1991), of up to
+    5,000 states. What 300,000 sweeps do not solve is solved directly, if it is that small. The time
+    limit is ignored: it is a limit of learning, not of the task.
 
     Parameters
     ----------
@@ -132,7 +147,8 @@ def solve(task: Task, *, tolerance: float | None = None, progress: Progress = No
     Raises
     ------
     SettingError
-        When the discount is 1 and some policy never ends, when rounding alone exceeds a tolerance
+        When the discount is 1 and some policy never ends and does not cost without bound, when
+        more sweeps are expected than end within hours, when rounding alone exceeds a tolerance
         that was given, when the values have no finite bound in double precision, or when
         `progress` is none of these.
 
@@ -248,7 +264,7 @@ def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -
             f"a policy must have shape ({n_states},) or ({n_states}, {n_actions}): got "
             f"{given.shape}"
         )
-    table = given.astype(np.float64, copy=False)
+    table = normalised(given.astype(np.float64, copy=False))
     good = (table >= 0).all(axis=1) & (abs(table.sum(axis=1) - 1) <= PROBABILITY_TOLERANCE)
     bad = np.flatnonzero(~good & ~terminal)
     if bad.size:
@@ -270,6 +286,11 @@ def _iterate(
     if tolerance is not None and not number("tolerance", tolerance, SettingError) > 0:
         raise SettingError(f"tolerance must be positive: got {tolerance}")
     unit = _unit(model, policy)
+    if policy is None and model.discount == 1:
+        assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
+        if model.endless(None).size:
+            values, error = shortest_paths(model, unit)
+            return values, _within(tolerance, error, 2 * error)
     lengths = _lengths(model, policy, bars)
     horizon = float(np.max(lengths)) + (model.discount == 1)
     if not horizon * model.largest_reward < np.inf:
@@ -279,16 +300,23 @@ def _iterate(
     precision = Precision(given, relative, unit, model.largest_reward, horizon, model.discount)
     values, change = _fixed_point(model, policy, lengths, precision, bars)
     rounding = unit * (model.largest_reward + float(abs(values).max()))
+    if model.largest_reward > 0:  # products below the normal numbers have an error of their own
+        rounding += unit / EPSILON * TINIEST
     # The last factor is for the rounding of this line itself.
     error = (model.discount * change + rounding) * horizon * (1 + 8 * EPSILON)
     if not error < np.inf:
         raise _unbounded(model, horizon)
+    return values, _within(tolerance, error, 2 * rounding * horizon)
+
+
+def _within(tolerance: float | None, error: float, reached: float) -> float:
+    """Return an error, or raise SettingError where it exceeds a tolerance that was given."""
     if tolerance is not None and error > tolerance:
         raise SettingError(
-            f"tolerance must be at least {max(2 * rounding * horizon, 1.1 * error):.1e} for this "
+            f"tolerance must be at least {max(reached, 1.1 * error):.1e} for this "
             f"task in double precision: got {tolerance:g}"
         )
-    return values, error
+    return error
 
 
 def _unit(model: PlanningModel, policy: Policy | None) -> float:
@@ -320,14 +348,37 @@ def _fixed_point(
         values = np.zeros(len(model.terminal))
         steps = np.zeros((2, len(values)))
         backup = ExtrapolatedBackup(model.policy_backup(policy), steps, np.array([-1]))
-    most = max(1, AT_ONCE // max(1, values.size * model.n_actions))
+    pairs = max(1, values.size * model.n_actions)
+    most = min(DIRECT_AFTER, max(1, AT_ONCE // pairs))
     reach = float(abs(values).max(initial=0.0))
     iteration = Iteration(0, np.inf, np.inf, 0, reach)
     while iteration.waited != CONVERGED:
         iteration = Iteration(*iterate(backup, values, precision, iteration, most))
         bars.at("sweeps", iteration.sweeps)
         bars.tell(iteration.change)
+        if iteration.waited == CONVERGED or iteration.sweeps < DIRECT_AFTER:
+            continue
+        if not isinstance(model, TabularPlanningModel) or values.size > LARGEST_DIRECT:
+            _check_work(values, precision, iteration, pairs)
+            continue
+        unit = precision.unit
+        values = policy_values(model, policy) if policy is not None else best_policy(model, unit)[0]
+        once = precision._replace(enough=np.inf)  # what is left is proven by one more sweep
+        iteration = Iteration(*iterate(backup, values, once, iteration, 1))
     return values, iteration.change
+
+
+def _check_work(values: FloatArray, precision: Precision, iteration: Iteration, pairs: int) -> None:
+    """Raise SettingError where as many sweeps as a contraction may take would not end."""
+    largest = precision.largest_reward + float(abs(values).max())
+    enough = max(precision.enough, precision.relative * largest, precision.unit * largest)
+    sweeps = precision.horizon * max(0.0, np.log(iteration.change / enough))
+    if sweeps * pairs > MOST_WORK:
+        raise SettingError(
+            f"up to {LARGEST_DIRECT:,} states are solved directly, and {values.size:,} by sweeps: "
+            f"after {iteration.sweeps:,} about {sweeps:.2g} more are expected of episodes of up to "
+            f"{precision.horizon:.3g} steps; a lower discount or a larger tolerance needs fewer"
+        )
 
 
 def _lengths(model: PlanningModel, policy: Policy | None, bars: Bars) -> FloatArray | float:
@@ -342,7 +393,11 @@ def _lengths(model: PlanningModel, policy: Policy | None, bars: Bars) -> FloatAr
         kept = model.discount * model.largest_sum(policy)
         return 1 / (1 - kept) if kept < 1 else np.inf
     assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
-    model.check_ends(policy)
+    if policy is not None and (endless := model.endless(policy)).size:  # else `_iterate` has looked
+        raise SettingError(
+            "discount 1 needs every policy considered to end: from state "
+            f"{endless[0]} an episode can go on for ever"
+        )
     precision = Precision(0.5, 0.0, EPSILON, 1.0, float(len(model.terminal)), 1.0)
     lengths, change = _fixed_point(
         model.counting_steps(), policy, 0.0, precision, bars.within("lengths of episodes")
@@ -356,6 +411,8 @@ def _lengths(model: PlanningModel, policy: Policy | None, bars: Bars) -> FloatAr
 
 NEGLIGIBLE = 1e-13
 """Share of the visits so far below which those of later steps are left out."""
+STEPS_AT_MOST = 30_000
+"""Steps of visits that are added up without a time limit; later ones come from a linear system."""
 
 
 def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> FloatArray:
@@ -364,7 +421,8 @@ def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> Float
     mu(s) = eta(s) / sum_s' eta(s') with the expected discounted visits of an episode,
     eta(s) = sum_t gamma^t Pr(s_t = s), t below the time limit: the on-policy distribution, with
     discounting as a form of termination (Sutton & Barto 2018, section 9.2). It is 0 in terminal
-    states. The visits of late steps are left out once they are less than 1e-13 of all.
+    states. The visits of late steps are left out once they are less than 1e-13 of all, and without
+    a time limit those after 30,000 steps come from one linear system.
 
     Parameters
     ----------
@@ -376,7 +434,7 @@ def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> Float
     Raises
     ------
     SettingError
-        When the policy is malformed.
+        When the policy is malformed, or at discount 1, without a time limit, never ends.
     TaskError
         When the task has no tables.
 
@@ -390,26 +448,22 @@ def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> Float
     if policy is None:
         policy = np.full(mdp.outcome_row.shape, 1 / mdp.actions.size)
     checked = checked_policy(policy, mdp.terminal, mdp.actions.size)
-    table = np.eye(mdp.actions.size)[checked] if checked.ndim == 1 else checked
-    chances = np.where(mdp.terminal[:, None], 0.0, table)
-    step, now, visits = _transitions(mdp, chances), mdp.start, np.zeros(mdp.states.size)
-    for _ in range(int(NO_LIMIT) if mdp.time_limit is None else mdp.time_limit):
+    table = np.asarray(np.eye(mdp.actions.size)[checked] if checked.ndim == 1 else checked, float)
+    step, now, visits = transitions(mdp, table), mdp.start, np.zeros(mdp.states.size)
+    for _ in range(STEPS_AT_MOST if mdp.time_limit is None else mdp.time_limit):
         visits += now
         now = mdp.discount * (now @ step)
         if now.sum() <= NEGLIGIBLE * visits.sum():
             break
+    else:
+        if mdp.time_limit is None:
+            endless = mdp.discount == 1 and improper_states(mdp, table > 0).size
+            small = visits.size <= LARGEST_DIRECT and not endless
+            visits += solved(step.T, mdp.discount, now) if small else np.nan
+        if not np.isfinite(visits).all():
+            raise SettingError(
+                f"visits need a time limit, or episodes that end, in up to {LARGEST_DIRECT:,} "
+                f"states: after {STEPS_AT_MOST:,} steps {now.sum():.3g} of them go on, in "
+                f"{visits.size:,} states"
+            )
     return frozen(np.asarray(visits / visits.sum()))
-
-
-def _transitions(mdp: FiniteMDP, chances: FloatArray) -> Any:
-    """Return the chance of each next state that goes on, a sparse (S, S) array."""
-    from scipy.sparse import csr_array  # takes time, and few need it
-
-    n_states = mdp.states.size
-    state, action = np.nonzero(chances)
-    row = mdp.outcome_row[state, action]
-    weight = chances[state, action][:, None] * mdp.probability[row]
-    after = mdp.next_state[row]
-    weight[mdp.terminal[after]] = 0.0
-    source = np.repeat(state, after.shape[1])
-    return csr_array((weight.ravel(), (source, after.ravel())), shape=(n_states, n_states))

@@ -20,6 +20,12 @@ LARGEST_EVALUATED = 300_000_000
 """Outcomes in all steps (S x A x O x horizon) up to which greedy policies are evaluated exactly."""
 ROLLOUTS = 1000
 """Rollouts of an evaluation that is not exact."""
+BATCHES = 10
+"""Parts into which the rollouts of an evaluation are divided, for their standard error."""
+STANDARD_ERRORS = 2.0
+"""Within which two returns are called the same."""
+NOT_LEARNT = 0.5
+"""Share of the way from random to the optimum below which a task was not learnt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +94,30 @@ class Target:
         """The expected return of the uniformly random policy."""
         equal = EqualValues(np.zeros((1, generative_model(self.task).actions.size)))
         return greedy_policy_return(self.task, equal, self.evaluation)
+
+    @cached_property
+    def floor(self) -> float:
+        """The return above which something was learnt.
+
+        Half of the way from random to the optimum, or, where that is unknown, the random policy's
+        return and its noise.
+        """
+        if self.solution is not None:
+            return self.level(NOT_LEARNT)
+        equal = EqualValues(np.zeros((1, generative_model(self.task).actions.size)))
+        random, noise = self.estimated(equal)
+        return random + STANDARD_ERRORS * noise
+
+    def estimated(self, view: Any) -> tuple[float, float]:
+        """Return the expected return of a greedy policy, and its standard error; 0 if exact."""
+        if self.evaluation.method == "exact":
+            return greedy_policy_return(self.task, view, self.evaluation), 0.0
+        part = replace(self.evaluation, episodes=-(-self.evaluation.rollouts(self.task) // BATCHES))
+        found = [
+            greedy_policy_return(self.task, view, part, seed=k, stream="source_learning")
+            for k in range(BATCHES)
+        ]
+        return float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(BATCHES))
 
     def level(self, fraction: float) -> float:
         """Return worst + fraction (optimum - worst), worst being the random policy's return.

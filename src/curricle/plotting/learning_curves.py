@@ -263,7 +263,7 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
 def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
     """Draw the gains as a forest plot; the names of its rows are the legend of the figure."""
     axes.axvline(0, color=COLOURS["black"], lw=0.8)
-    tested = not _too_few(comparison)
+    tested = not comparison.withheld
     head = "gain [95 %]" if comparison.seeds > 1 else "gain"
     columns = [(head, "p (Holm)" if tested else "")]
     for row, (name, style) in enumerate(styles.items()):
@@ -294,11 +294,6 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     axes.set(title="gain over scratch", xlabel=xlabel)
 
 
-def _too_few(comparison: Comparison) -> str:
-    """Return that there are too few seeds for a verdict; empty if there are enough."""
-    return next((one.too_few for one in comparison.verdicts.values()), "")
-
-
 def _words(comparison: Comparison) -> str:
     """Return the caption."""
     n, seeds = len(comparison.verdicts), comparison.seeds
@@ -312,8 +307,8 @@ def _words(comparison: Comparison) -> str:
             f"; p values of a sign-flip test of the paired differences, {tests}; filled where "
             f"p < {SIGNIFICANT:g}"
         )
-        if few := _too_few(comparison):
-            sure = f"; {few}"
+        if why := comparison.withheld:
+            sure = f"; {why}"
     else:
         how, sure = "One seed, which allows neither intervals nor tests.", ""
     controls = any(arm.control for arm in comparison.arms.values())

@@ -33,7 +33,7 @@ MEASURES = {
         "steps saved",
         "steps to the threshold within the budget, fewer than from scratch",
     ),
-    "mean_return": ("mean return", "mean height of the curve, interquartile mean over seeds"),
+    "mean_return": ("mean return", "mean height of the curve over all steps"),
     "weak_gain": ("gain", "mean return over target steps, above that of scratch"),
     "jumpstart": ("jumpstart", "return at the first target step, above that of scratch"),
     "weak_steps_saved": (
@@ -70,10 +70,10 @@ class Cell:
 def headline(comparison: Comparison) -> str:
     """Return the comparison in one sentence: which curricula paid, and which most.
 
-    With too few seeds for any verdict it says so, and nothing else.
+    Where there is no verdict it says why, and nothing else.
     """
     own = list(comparison.verdicts)
-    if words := next((one.too_few for one in comparison.verdicts.values()), ""):
+    if words := comparison.withheld:
         return f"{words[0].upper()}{words[1:]}."
     paid = [name for name, one in comparison.verdicts.items() if one.direction > 0]
     harmed = [name for name, one in comparison.verdicts.items() if one.direction < 0]
@@ -129,7 +129,7 @@ def findings(comparison: Comparison) -> tuple[Finding, ...]:
 def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any]]) -> Finding:
     contrast, row = comparison.contrasts[name], rows[name]
     tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
-    tested = name in comparison.verdicts and not comparison.verdicts[name].too_few
+    tested = name in comparison.verdicts and not comparison.withheld
     sure = f" (p\xa0=\xa0{contrast.adjusted_p:.2g})" if tested else ""
     sentences = [
         f"{signed(contrast.strong_gain)} mean return over all {comparison.total:,} steps, its "
@@ -137,11 +137,15 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any
         f"Over target steps only: {signed(contrast.weak_gain)}.",
         _reached(comparison, row, rows[comparison.best_scratch]),
     ]
+    apart = map(comparison.cluster_sentence, (name, comparison.best_scratch))
+    sentences += [f"{words[0].upper()}{words[1:]}." for words in apart if words]
     if name in comparison.control_verdicts:
         words = comparison.control_sentence(name).removeprefix(f"{name} ")
         sentences.append(f"{words[0].upper()}{words[1:]}.")
     if name in comparison.verdicts:
         sentences += _reason(comparison, name)
+    if unlearnt := row["unlearnt"]:
+        sentences.append(f"{unlearnt[0].upper()}{unlearnt[1:]}.")
     control = comparison[name].control
     return Finding(name, control, tone, contrast.answer, tuple(sentences), contrast.strong_gain)
 
@@ -178,8 +182,8 @@ def too_few(comparison: Comparison) -> str:
 
     The smallest p value of a sign-flip test depends on the number of seeds alone.
     """
-    few = [one for one in comparison.verdicts.values() if one.too_few]
-    if not few:
+    few = [one for one in comparison.verdicts.values() if one.withheld]
+    if not few or comparison.interim:
         return ""
     if comparison.seeds == 1:
         return "One seed allows neither intervals nor tests."
@@ -219,7 +223,7 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
             f"{missed} of {row['seeds']} never" if missed else "",
         )
         p = row["adjusted_p"]
-        tested = name in comparison.verdicts and not comparison.verdicts[name].too_few
+        tested = name in comparison.verdicts and not comparison.withheld
         cells["p"] = Cell(f"{p:.2g}" if tested else "")
         cells["source_steps"] = Cell(f"{row['source_steps']:,.0f}")
         found[name] = cells

@@ -325,8 +325,9 @@ def arms_so_far(study: StudyResults) -> list[str]:
 
 
 def _only(study: StudyResults, arms: set[str]) -> StudyResults:
-    """Return the results of some arms of a study, as if it had no others."""
+    """Return the results of some arms of a study, those that failed among them."""
     part = StudyResults(study.store.path)
+    part.lacks_arms = not study.record.arms.keys() <= arms
     kept = {name: arm for name, arm in study.record.arms.items() if name in arms}
     part.record = study.record.model_copy(update={"arms": kept})
     return part
@@ -340,7 +341,7 @@ def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> 
         return f"The report begins when {SCRATCH} and another arm have finished a seed."
     later = [arm for arm in record.arms if arm not in {*arms, *failed}]
     come = f" is of {listed(arms)}; to come: {listed(later)}" if later else " is of all arms"
-    return f"The report so far{come}. Verdicts on a part of the seeds may change."
+    return f"The report so far{come}. There is no verdict before all seeds are there."
 
 
 def _one_line(error: BaseException) -> str:

@@ -143,14 +143,26 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     from there on its own value at x - source_steps_k target steps. Any measure of the result is
     that measure under strong transfer, at the same total budget (Narvekar et al. 2020). Values
     between checkpoints are interpolated, so the start of learning is exact to one checkpoint.
+
+    Where learning falls below its first value, that value would be a gift: the baseline itself,
+    begun later, would have a larger area. What it would gain, mean over seeds, is taken off the
+    first value. So a source that teaches nothing gains nothing, and no strong gain exceeds the weak
+    one over the same target steps.
     """
     require_pair(baseline, transfer)
     require_no_source(baseline)
-    first = baseline.filled()[:, :1]
-    target = baseline.steps - transfer.source_steps[:, np.newaxis]
-    rows = zip(target, transfer.filled(), strict=True)
-    shifted = np.stack([np.interp(x, transfer.steps, row) for x, row in rows])
-    return Curve(baseline.steps, np.where(target < transfer.steps[0], first, shifted))
+    steps, alone = baseline.steps, baseline.filled()
+    target = steps - transfer.source_steps[:, np.newaxis]
+    training = target < transfer.steps[0]
+    late, own = (
+        np.stack([np.interp(x, steps, row) for x, row in zip(target, rows, strict=True)])
+        for rows in (alone, transfer.filled())
+    )
+    first = np.broadcast_to(alone[:, :1], alone.shape)
+    gift = np.trapezoid(np.where(training, first, late) - alone, steps, axis=1).mean()
+    if gift > 0:
+        first = first - gift / np.trapezoid(1.0 * training, steps, axis=1).mean()
+    return Curve(steps, np.where(training, first, own))
 
 
 def require_pair(baseline: Curve, transfer: Curve) -> None:

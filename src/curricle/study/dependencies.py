@@ -19,7 +19,7 @@ from curricle.transfer.edges import mappings_digest
 
 # -- In what two descriptions of results differ, so that their results may too ---------------------
 
-MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window", "snapshots")
+MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window")
 """Keys of a study on which no stored result depends."""
 
 

@@ -184,6 +184,9 @@ class ArmRecord(Plain):
     """The row of a forecast that has the potential of its target."""
     scratch: bool = False
     """Whether it learns the target from scratch with a learner of its own."""
+    depends_on_total: str | None = None
+    """Why what is learnt by a step depends on the total, in words; empty if it does not, None if
+    another version wrote the record."""
     variant: VariantRecord | None = None
 
     @model_validator(mode="after")
@@ -238,6 +241,8 @@ class StudyRecord(CurriculaRecord):
     seeds: tuple[Count, ...]
     threshold: float | None
     """The file's, or what the target's optimum gives; None where that is not known."""
+    threshold_from: str = ""
+    """In words; empty in records of earlier versions."""
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
     target: str

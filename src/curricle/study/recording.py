@@ -4,10 +4,12 @@ from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from curricle.comparison.comparing import threshold_of_optimum
+from curricle.comparison.comparing import OF_OPTIMUM, STATED, threshold_of_optimum
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
+from curricle.deep.learner import DeepLearner
+from curricle.deep.shaping import PolicyReuse
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
@@ -36,15 +38,15 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     """Return the record of a study, before it is run."""
     curricula = curricula_record(arms.curricula, arms.keys, arms.scratches, study.variants or {})
     first = next(iter(arms.curricula.values()))
-    threshold = study.threshold
+    threshold, level = study.threshold, STATED
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
         node = first.node(arms.target)
-        threshold = threshold_of_optimum(target_of(node.task, node.evaluation))
+        threshold, level = threshold_of_optimum(target_of(node.task, node.evaluation)), OF_OPTIMUM
     of_study = {name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots")}
     of_arms = {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
     problem = task_summary(first.tasks[arms.target])
     both = {"tasks": curricula.tasks, "arms": curricula.arms, **of_study, **of_arms}
-    return StudyRecord(threshold=threshold, problem=problem, **both)
+    return StudyRecord(threshold=threshold, threshold_from=level, problem=problem, **both)
 
 
 def curricula_record(
@@ -84,6 +86,7 @@ def curricula_record(
             transfers=transfers,
             potential=_potential(curriculum),
             scratch=arm in scratches,
+            depends_on_total=_depends_on_total(curriculum),
             variant=variants.get(arm),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
@@ -138,6 +141,20 @@ def _aggregate(curriculum: Curriculum, name: str) -> str | None:
     if len(curriculum.in_edges(name)) < 2:
         return None
     return getattr(curriculum.setting("aggregate", name), "__name__", "a custom aggregate")
+
+
+def _depends_on_total(curriculum: Curriculum) -> str:
+    """Return why what a target learns by a step depends on its budget; empty if it does not."""
+    target = curriculum.target
+    learner, shaping = (curriculum.setting(one, target) for one in ("learner", "shaping"))
+    if curriculum.calibration(target) is not None:
+        return "its calibration may take a share of the total"
+    if isinstance(learner, DeepLearner) and learner.scheduled:
+        return f"a schedule of {learner.algorithm} runs over the total"
+    guided = isinstance(shaping, PolicyReuse) and "buffer_size" in learner.takes
+    if guided or getattr(shaping, "kl", 0) > 0:
+        return "its sources' policy is followed in the first half of the total"
+    return ""
 
 
 def _potential(curriculum: Curriculum) -> str:

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
+from curricle.comparison.comparing import MIDPOINT
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
@@ -23,6 +24,7 @@ from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, curve_columns, joined_results
 from curricle.learning.saved_result import check_result_arrays
+from curricle.learning.stopping import UNLEARNT
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
 from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record
@@ -43,9 +45,6 @@ from curricle.text_tables import counted
 def check_shared_target(records: Iterable[StudyRecord]) -> None:
     """Raise CurriculumError unless the targets are one task, learnt and evaluated alike."""
     first, *others = records
-    names = [first.name, *(other.name for other in others)]
-    if len(set(names)) < len(names):
-        raise CurriculumError(f"studies that are compared need different names: got {names}")
     for other in others:
         pair = f"{first.name!r} and {other.name!r}"
         if first.target != other.target:
@@ -64,6 +63,23 @@ def check_shared_target(records: Iterable[StudyRecord]) -> None:
                     f"studies must share their target's {which}: {pair} have {mine.get(which)} "
                     f"and {yours.get(which)}"
                 )
+
+
+SAME_TOTAL = "give their targets budgets with which the totals are equal"
+"""What to do about studies that cannot be compared at the smallest total."""
+
+
+def check_total(study: "StudyResults", total: int) -> None:
+    """Raise CurriculumError unless a study's arms learn by `total` what they learn with theirs."""
+    for name, arm in study.record.arms.items():
+        if arm.depends_on_total == "" or study.record.total == total or name in study.failed:
+            continue
+        why = arm.depends_on_total or "another version of Curricle did not note whether it does"
+        raise CurriculumError(
+            f"arms are compared at one total of steps where what they learn depends on it: arm "
+            f"{name!r} of {study.store.path} had {study.record.total:,} steps and the smallest "
+            f"total is {total:,} ({why}); {SAME_TOTAL}"
+        )
 
 
 # -- Tables of many units, written in parts: all of one at once may not fit in memory --------------
@@ -136,10 +152,12 @@ class StudyResults:
         The folder.
     record : StudyRecord
         The study: its name, seeds, target, budgets, and the tasks and transfers of its arms.
+    lacks_arms : bool
+        Whether it is compared without arms that are still to be trained.
     """
 
     def __init__(self, path: str | Place):
-        self.store = StudyStore(path)
+        self.store, self.lacks_arms = StudyStore(path), False
         study = self.store.description
         if "record" not in study:
             raise StoreError(f"{path} holds results that are not those of a study")
@@ -404,14 +422,15 @@ class StudyResults:
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Compare the arms of all studies with learning from scratch in the first.
 
-    Seeds are those that every arm has finished; arms that failed are left out. Where studies gave
-    their arms different totals, all are compared at the smallest: what was learnt by then does not
-    depend on what came after.
+    Seeds are those that every arm has finished; arms that failed are left out. While seeds of the
+    plan are missing there is no verdict and no p-value. Where studies gave their arms different
+    totals, all are compared at the smallest, if what was learnt by then does not depend on what
+    came after.
 
     Parameters
     ----------
     studies : sequence of StudyResults
-        Arms of several are named ``study: arm``.
+        Arms of several are named ``study: arm``, by folder where names of studies are equal.
 
     Raises
     ------
@@ -419,6 +438,8 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         When a study has no scratch baseline, or there is no seed that all have finished.
     CurriculumError
         When the targets differ as tasks or in how they are learnt; the message names what differs.
+        When an arm had a larger total on which what it learnt depends (a schedule over the budget,
+        a calibration), or took more than the smallest total in its sources.
     """
     for study in studies:
         if not study.has_baseline:
@@ -447,31 +468,64 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         )
     first = studies[0].record
     total = min(study.record.total or 0 for study in studies)
+    for study in studies:
+        check_total(study, total)
     found = {SCRATCH: _arm(studies[0], SCRATCH, total, seeds)}
     failed: dict[str, Exception] = {}
-    for study in studies:
+    for study, prefix in zip(studies, _prefixes(studies), strict=True):
         for name in study.record.arms:
-            label = f"{study.record.name}: {name}" if len(studies) > 1 else name
+            label = f"{prefix}{name}"
             if name in study.failed:
                 failed[label] = StudyError(study.failed[name])
             elif name != SCRATCH:
                 found[label] = _arm(study, name, total, seeds)
-    threshold = first.threshold
+    threshold, level = first.threshold, first.threshold_from
     if threshold is None:
-        threshold = midpoint(found[SCRATCH].curve)
+        threshold, level = midpoint(found[SCRATCH].curve), MIDPOINT
     budget = min(study.record.budget or 0 for study in studies)
+    planned = set.intersection(*(set(study.record.seeds) for study in studies))
+    lacking, interim = any(study.lacks_arms for study in studies), ""
+    if lacking or len(seeds) < len(planned):
+        some = " of some arms" * lacking
+        interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
-    return Comparison(first.target, found, budget, total, threshold, window, failed)
+    spans = budget, total, threshold, window
+    return Comparison(first.target, found, *spans, failed, interim=interim, threshold_from=level)
+
+
+def _prefixes(studies: Sequence[StudyResults]) -> list[str]:
+    """Return what names of arms begin with: nothing, or names or folders that differ."""
+    if len(studies) == 1:
+        return [""]
+    stores = [study.store.path for study in studies]
+    by_name = [study.record.name for study in studies]
+    for names in (by_name, [path.name for path in stores], [*map(str, stores)]):
+        if len(set(names)) == len(names):
+            return [f"{name}: " for name in names]
+    raise CurriculumError(
+        f"studies that are compared need different folders: got {', '.join(map(str, stores))}"
+    )
 
 
 def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:
     record = study.record
     result = study.results[name][record.target]
     spent = study.source_steps(name)
-    if spent.max() > (record.total or 0):
+    place, most = f"arm {name!r} of {study.store.path}", int(spent.max())
+    if most > (record.total or 0):
         raise StoreError(
-            f"arm {name!r} of {study.store.path} must spend at most {record.total:,} steps on its "
-            f"sources: it states {spent.max():,}"
+            f"{place} must spend at most {record.total:,} steps on its sources: it states {most:,}"
+        )
+    if most > total:
+        raise CurriculumError(
+            f"an arm must have steps left for its target: {place} took {most:,} of its "
+            f"{record.total:,} in its sources, and the smallest total is {total:,}; {SAME_TOTAL}"
         )
     arm = Arm.of(result, spent, total, record.eval_freq, scratch=record.arms[name].scratch)
+    unlearnt = {
+        task: np.array([ended[seed] == UNLEARNT for seed in result.seeds])
+        for task in record.arms[name].nodes
+        if task != record.target and (ended := study.ended_by(name, task))
+    }
+    arm = replace(arm, unlearnt=unlearnt)
     return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))

@@ -5,7 +5,7 @@ import platform
 import subprocess
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -18,7 +18,7 @@ from curricle.errors import SettingError
 from curricle.files import Place, place_at
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
-from curricle.progress import check_progress
+from curricle.progress import check_progress, interruptible
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
@@ -406,8 +406,8 @@ def _workers(
         return engine
     number = workers or os.cpu_count() or 1
     if executor is None:  # do not wait for units whose results would be thrown away
-        executor = ThreadPoolExecutor(1 if any(arms.live for arms in each) else number)
-        ending.callback(executor.shutdown, wait=False, cancel_futures=True)
+        threads = 1 if any(arms.live for arms in each) else number
+        executor = ending.enter_context(interruptible(threads))
     return ExecutorWorkers(executor, number)
 
 

@@ -104,9 +104,17 @@ def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Tab
             raise ValueError(f"it must have the columns {', '.join(schema)}")
         with pq.ParquetFile(io.BytesIO(content), read_dictionary=texts) as file:
             about = file.metadata
-            size = sum(about.row_group(n).total_byte_size for n in range(about.num_row_groups))
-            if about.num_rows > most or size > LARGEST_TABLE:
-                raise ValueError(f"it must have at most {most:,} rows, not {about.num_rows:,}")
+            groups = [about.row_group(n) for n in range(about.num_row_groups)]
+            columns = [one.column(n) for one in groups for n in range(one.num_columns)]
+            rows = sum(one.num_rows for one in groups)
+            size = sum(one.total_byte_size for one in groups)
+            if not about.num_rows == rows <= most or size > LARGEST_TABLE:
+                raise ValueError(
+                    f"it must have at most {most:,} rows and {LARGEST_TABLE:,} bytes: got {rows:,} "
+                    f"and {size:,}"
+                )
+            if not {one.compression for one in columns} <= {"SNAPPY", "UNCOMPRESSED"}:
+                raise ValueError("it must be compressed by SNAPPY")  # others unpack a thousandfold
             table = file.read()
         if any(column.null_count for column in table.columns):
             raise ValueError("it must have a value in each row of each column")

@@ -1,5 +1,6 @@
 """The results store: a folder with a description of what its results depend on, and whole files."""
 
+import errno
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -76,9 +77,15 @@ CHECKPOINTS = ".checkpoints"
 
 
 def check_ours(path: Place, resume: bool) -> None:
-    """Raise StoreError if a path is a file, or a folder that holds other things than results."""
+    """Raise StoreError if a path is a file, or a folder that holds other things than results.
+
+    A folder in it that is a link is refused: what is damaged there would be deleted.
+    """
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
+    for one in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
+        if one.is_symlink() and one.is_dir() and one.suffix != PART:
+            raise StoreError(f"folders in one of results must be no links: delete {one}")
     ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
     if not ours and any(one.suffix != PART and one.name != LOCK for one in path.iterdir()):
         raise StoreError(
@@ -98,7 +105,7 @@ def locked(path: Place) -> Iterator[None]:
         return
     with write_errors(path):
         path.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(path / LOCK)
+        lock = _lock_of(path)
         try:
             lock.acquire(timeout=PATIENCE)
         except Timeout:
@@ -111,6 +118,13 @@ def locked(path: Place) -> Iterator[None]:
         lock.release()
 
 
+def _lock_of(path: Path) -> FileLock:
+    """Return a folder's lock; OSError where a link is in its place: to open it may empty a file."""
+    if (path / LOCK).is_symlink():
+        raise OSError(errno.ELOOP, f"its {LOCK} must be no link: delete it", str(path))
+    return FileLock(path / LOCK)
+
+
 def in_use(path: Place) -> bool | None:
     """Return whether a run holds a folder's lock; None where that cannot be told, as at a URL."""
     if not isinstance(path, Path):
@@ -118,11 +132,11 @@ def in_use(path: Place) -> bool | None:
     if not (path / LOCK).exists():
         return False
     try:
-        with FileLock(path / LOCK).acquire(timeout=0):
+        with _lock_of(path).acquire(timeout=0):
             return False
     except Timeout:
         return True
-    except OSError:  # a folder that may only be read
+    except OSError:  # a folder that may only be read, or a link
         return None
 
 
@@ -171,8 +185,8 @@ NamedArrays = dict[str, npt.NDArray[Any]]
 ABOUT, DECISIONS = "unit.json", "decisions.parquet"
 """Members of the archive beside its arrays."""
 ENDING = ".npz"
-LARGEST_ABOUT = 2**26
-"""Bytes of ``unit.json`` at most: one of 100,000 seeds has a hundredth of that."""
+LARGEST_ABOUT = 2**24
+"""Bytes of ``unit.json`` at most: one of 100,000 seeds has a twentieth of that."""
 LONGEST_NAME, KEPT = 200, 40
 """Characters of a unit's name, and those that are kept of a longer one."""
 
@@ -229,8 +243,9 @@ def place_of(key: str, task: str, seeds: str) -> str:
 
 SCHEMA_VERSION = 3
 """Of the folder's layout; a folder of another version is refused."""
-LARGEST_JSON = 2**26
-"""Bytes of a JSON file at most: a study of 100,000 seeds has a hundredth of that."""
+LARGEST_JSON = 2**24
+"""Bytes of a JSON file at most: in memory they are up to 25 times as many. A study of 100,000 seeds
+has a twentieth."""
 Result = TypeVar("Result")
 Record = TypeVar("Record", bound=Plain)
 
@@ -309,8 +324,9 @@ def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> 
 def _write(folder: Place, name: str, content: bytes) -> None:
     path = folder / name
     with write_errors(folder):
-        if isinstance(path, Path):
-            path.parent.mkdir(parents=True, exist_ok=True)
+        if isinstance(folder, Path):
+            (folder / STUDY).stat()  # or a folder that was moved would be made again
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
 
 
@@ -366,7 +382,8 @@ class StudyStore:
                 lacks = f"{self.path} has none"
                 if isinstance(self.path, RemotePath) and not self.path.bucket.exists():
                     lacks = f"there is no {self.path.bucket}"
-                raise StoreError(f"a folder of results holds a {STUDY}: {lacks}")
+                gone = FileNotFoundError(errno.ENOENT, "it is not there", str(self.path / STUDY))
+                raise StoreError(f"a folder of results holds a {STUDY}: {lacks}") from gone
         self.description = self.read_sealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
@@ -430,6 +447,12 @@ class StudyStore:
                 )
             if "configuration" in description:
                 there, here = (one["configuration"] for one in (store.description, description))
+                if there.get("snapshots") != here["snapshots"] and store.units():
+                    raise StoreError(
+                        f"snapshots are kept while a unit is trained: {path} holds units with "
+                        f"snapshots = {there.get('snapshots')}, and it is {here['snapshots']} "
+                        "here; set it back, or choose another folder"
+                    )
                 here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
                 description["record"]["seeds"] = here["seeds"]
         with write_errors(path):
@@ -501,9 +524,8 @@ class StudyStore:
     def runs(self) -> list[RunRecord]:
         """Return the runs so far."""
         found = self.read_json(RUNS) if self.has(RUNS) else []
-        if not isinstance(found, list):
-            raise StoreError(f"{self.path / RUNS} must be a list of runs")
-        return self.checked(RUNS, lambda: [read_record(RunRecord, one) for one in found])
+        rows = found if isinstance(found, list) else [found]
+        return self.checked(RUNS, lambda: [read_record(RunRecord, one) for one in rows])
 
     def checked(self, name: str | Place, read: Callable[[], Result]) -> Result:
         """Return what a function reads of a file; its ValueError becomes a StoreError with both."""
@@ -511,7 +533,10 @@ class StudyStore:
             return read()
         except ValueError as error:
             file = self.path / name if isinstance(name, str) else name
-            raise StoreError(f"{file} is not as Curricle writes it: {error}") from None
+            raise StoreError(
+                f"{file} is not as Curricle writes it: {error}; delete it and run the study again "
+                "with --resume"
+            ) from None
 
     # -- units ---------------------------------------------------------------------------------
 

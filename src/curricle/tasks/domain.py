@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
-from textwrap import dedent
 from typing import Any, Self
 
 import numpy as np
@@ -23,6 +22,7 @@ MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 """Name -> rows and columns that a move goes."""
 Cell = tuple[int, int]
 """Row and column."""
+MARK = "\ufeff"  # the byte order mark, with which some editors begin a file
 
 
 def read_map(given: Any, characters: str) -> tuple[str, ...]:
@@ -30,8 +30,8 @@ def read_map(given: Any, characters: str) -> tuple[str, ...]:
     if not isinstance(given, str | list | tuple) or not all(isinstance(one, str) for one in given):
         raise TaskError(f"a map must be text or a list of lines: got {given!r}")
     if isinstance(given, str):
-        given = [line.strip() for line in dedent(given).strip().splitlines()]
-    lines = tuple(given)
+        given = [line.strip() for line in given.lstrip(MARK).strip().splitlines()]
+    lines = tuple(line.lstrip(MARK) for line in given)
     for row, line in enumerate(lines):
         if len(line) != len(lines[0]):
             raise TaskError(

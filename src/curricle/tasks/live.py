@@ -25,7 +25,7 @@ from curricle.tasks.generative_models import (
     truncations,
 )
 from curricle.tasks.mdp import check_parts, described
-from curricle.tasks.outcomes import LARGEST_REWARD, REWARD_RULE
+from curricle.tasks.outcomes import LARGEST_REWARD, REWARD_RULE, number_of
 from curricle.tasks.overloads import inlined
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
 
@@ -289,17 +289,14 @@ def _player(
                     observation, reward, terminated, truncated, _ = followed
                 except (TypeError, ValueError):
                     raise TaskError(_wrong_parts("step", followed)) from None
-                try:
-                    fits = bool(-LARGEST_REWARD <= reward <= LARGEST_REWARD)
-                except (TypeError, ValueError):  # no number
-                    fits = False
-                if not fits:
+                earned = number_of(reward)
+                if not -LARGEST_REWARD <= earned <= LARGEST_REWARD:
                     raise TaskError(
                         f"{REWARD_RULE}: the environment returned {reward!r} for action "
                         f"{action_name(task.actions, action)} in {state_name(task.states, state)}"
                     )
                 state = number(observation)
-                action = yield state, reward, terminated, truncated
+                action = yield state, earned, terminated, truncated
             begun = reset()
     except GeneratorExit:
         raise

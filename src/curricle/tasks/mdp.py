@@ -26,6 +26,7 @@ from curricle.tasks.generative_models import (
 from curricle.tasks.outcomes import (
     PROBABILITY_TOLERANCE,
     check_rows,
+    normalised,
     outcome_lists,
     outcome_tables,
     terminal_states,
@@ -87,6 +88,22 @@ def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
         staying = remains
 
 
+def steps_to(mdp: Any, goal: BoolArray, among: BoolArray | None = None) -> FloatArray:
+    """Return the fewest steps with which each of some states may reach `goal`, (S,); or infinity.
+
+    Both are (S,) bool; `among` is all states by default, and no way leads through others.
+    """
+    among = np.ones(len(goal), bool) if among is None else among
+    steps = np.where(goal & among, 0.0, np.inf)
+    while True:
+        after = np.where(mdp.probability > 0, steps[mdp.next_state], np.inf).min(axis=1)
+        nearer = np.minimum(steps, 1 + after[mdp.outcome_row].min(axis=1))
+        nearer[~among] = np.inf
+        if (nearer == steps).all():
+            return steps
+        steps = nearer
+
+
 # -- tables ----------------------------------------------------------------------------------------
 
 
@@ -109,7 +126,8 @@ class FiniteMDP(Frozen):
     outcome_row : (S, A) int32
         The outcome row of each pair, in 0 .. Y-1; those of terminal states are never used.
     probability : (Y, O) float64
-        Outcome probabilities; each row sums to 1 (pad short rows with probability 0).
+        Outcome probabilities; rows (pad short rows with probability 0) sum to 1, within 1e-8, or
+        within 1e-6, as float32 does, and are divided by their sums.
     next_state : (Y, O) int32
         Successor of each outcome.
     reward : (Y, O) float64
@@ -119,7 +137,7 @@ class FiniteMDP(Frozen):
     start : (S,) float64
         Probability of starting in each state; 0 in terminal states.
     discount : float
-        In [0, 1]; 1 only where every policy is proper (ends) or a time limit is set.
+        In [0, 1]; 1 only where a way leads to an end from every state, or a time limit is set.
     time_limit : int, optional
         Steps after which an episode is truncated. This is not termination: learners bootstrap.
 
@@ -317,6 +335,8 @@ class FiniteMDP(Frozen):
             array = _adopted(name, getattr(self, name), dtype)
             if array.shape != shape:
                 raise TaskError(f"{name} must have shape {shape}: got {array.shape}")
+            if name in ("probability", "start"):
+                array = frozen(normalised(array))
             object.__setattr__(self, name, array)
 
     def _check_start(self) -> None:
@@ -338,11 +358,11 @@ class FiniteMDP(Frozen):
     def _check_discount(self) -> None:
         check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
-            improper = improper_states(self)
-            if improper.size:
+            endless = np.flatnonzero(np.isinf(steps_to(self, self.terminal)))
+            if endless.size:
                 raise TaskError(
-                    "discount 1 needs a time limit or a task where every policy ends: from state "
-                    f"{improper[0]} an episode can go on for ever"
+                    "discount 1 needs a time limit or a way to an end from every state: none leads "
+                    f"there from state {endless[0]}"
                 )
 
     # -- derived -------------------------------------------------------------------------------

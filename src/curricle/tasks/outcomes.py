@@ -6,13 +6,32 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import number
+from curricle.checks import brief, number
 from curricle.errors import TaskError
 
 PROBABILITY_TOLERANCE = 1e-8
+SINGLE_PRECISION = 1e-6
+"""How far from 1 probabilities of float32 may sum; then they are divided by their sum."""
 LARGEST_REWARD = 1e100
 """Rewards of every task are at most this large, so that no return overflows."""
 REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
+
+
+def number_of(reward: Any) -> float:
+    """Return a reward, alone or in an array, as a float; NaN where it is no number."""
+    try:
+        given = reward.item() if isinstance(reward, np.ndarray) else reward
+        return np.nan if isinstance(given, str | bytes) else float(given)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
+
+
+def normalised(rows: FloatArray) -> FloatArray:
+    """Return rows that sum to 1 within the rounding of float32 divided by their sums."""
+    sums = rows.sum(axis=-1, keepdims=True)
+    error = abs(sums - 1)
+    rounded = (error > PROBABILITY_TOLERANCE) & (error <= SINGLE_PRECISION)
+    return rows / np.where(rounded, sums, 1.0) if rounded.any() else rows
 
 
 def check_numbers(task: Any, rewards: tuple[str, ...], chances: tuple[str, ...] = ()) -> None:
@@ -27,7 +46,13 @@ def check_numbers(task: Any, rewards: tuple[str, ...], chances: tuple[str, ...] 
 def outcome_lists(outcomes: Any) -> list[list[Any]]:
     """Return the outcomes that :meth:`FiniteMDP.from_outcomes` takes as lists, [state][action]."""
     try:
-        lists = [[outcomes[s][a] for a in range(len(outcomes[s]))] for s in range(len(outcomes))]
+        lists = [
+            [list(outcomes[s][a]) for a in range(len(outcomes[s]))] for s in range(len(outcomes))
+        ]
+    except (TypeError, IndexError):
+        raise TaskError(
+            f"outcomes must be lists, outcomes[state][action]: got {brief(outcomes)}"
+        ) from None
     except KeyError as missing:
         raise TaskError(
             f"states and actions of outcome dicts must be numbered from 0: {missing} is missing"
@@ -53,12 +78,16 @@ def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, IntArray, FloatA
     for s, row in enumerate(lists):
         for a, pair in enumerate(row):
             for o, outcome in enumerate(pair):
-                if len(outcome) not in (3, 4) or outcome[1] != int(outcome[1]):
+                try:
+                    p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
+                    fits = len(outcome) in (3, 4) and outcome[1] == successor[s, a, o]
+                except (TypeError, ValueError, OverflowError):
+                    fits = False
+                if not fits:
                     raise TaskError(
                         "an outcome must be (probability, next state, reward) and may have a "
-                        f"terminated flag: state {s}, action {a} has {outcome}"
+                        f"terminated flag: state {s}, action {a} has {brief(outcome)}"
                     )
-                p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
     return p, successor, r
 
 

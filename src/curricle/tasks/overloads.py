@@ -4,12 +4,19 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, TypeVar
 
-from numba import _dynfunc, njit  # type: ignore[attr-defined]  # compiled, no stub
+from numba import _dynfunc, config, njit  # type: ignore[attr-defined]  # compiled, no stub
 from numba.core import codegen, compiler, typed_passes
 from numba.core.compiler_machinery import register_pass
 from numba.extending import overload
 
+from curricle.errors import SettingError
 from curricle.tasks.loop_cache import compiled_once, entered_from_python
+
+if config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it when it is imported
+    raise SettingError(
+        "loops must be compiled, as what Python would make of them gives no results: unset "
+        "NUMBA_DISABLE_JIT"
+    )
 
 # Numba optimises every function and makes machine code of it, also where it is only ever inlined.
 # Loops are made of dozens of such parts, and this would take a quarter of the time of compiling

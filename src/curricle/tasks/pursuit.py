@@ -17,7 +17,7 @@ from curricle.tasks.draws import splitmix64, uniform
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
 from curricle.tasks.generative_models import cumulated, first_states, transitions
 from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_numbers
+from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_numbers, normalised
 from curricle.tasks.simd import inverse_of, quotient
 from curricle.tasks.spaces import Component, Decoded, Space
 
@@ -284,7 +284,8 @@ class Pursuit(Frozen):
                 )
             return np.full((self.cells, self.moves), 1 / self.moves)
         decide: Callable[[Decoded], Any] | None = self.prey if callable(self.prey) else None
-        policy = np.asarray(decide(self.states.decode()) if decide else self.prey, dtype=np.float64)
+        decided = decide(self.states.decode()) if decide else self.prey
+        policy = normalised(np.asarray(decided, dtype=np.float64))
         if policy.shape not in ((self.cells, self.moves), (self.states.size, self.moves)):
             raise TaskError(
                 f"the prey's policy must have shape ({self.cells}, {self.moves}) or "

@@ -8,7 +8,7 @@ components' offsets, each times its stride.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from operator import index
 from typing import Any
@@ -61,6 +61,8 @@ class Component:
         Smallest value; all of them fit 64 bits.
     labels : tuple of str, optional
         How each value prints, `size` of them.
+    arbitrary : bool
+        Whether values are numbered as a search found them; then no mapping by name reads it.
 
     Examples
     --------
@@ -72,6 +74,7 @@ class Component:
     size: int
     low: int = 0
     labels: tuple[str, ...] | None = None
+    arbitrary: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
         text("the name of a component", self.name, TaskError)

@@ -22,10 +22,10 @@ from curricle.errors import MappingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.progress import SILENT, Bars, Progress, shown
 from curricle.tasks.loop_cache import compiled_once
-from curricle.tasks.task import Task
+from curricle.tasks.task import Task, tables
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.partition_refinement import Blocks, Model, merged_outcomes, refined
-from curricle.transfer.task_pair import Proposal, TaskPair
+from curricle.transfer.task_pair import Proposal, TaskPair, apart
 
 LARGEST = 20_000_000
 """State-action pairs of both tasks up to which they are refined."""
@@ -34,10 +34,11 @@ LARGEST = 20_000_000
 def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mapping of each target pair to an equivalent source pair, if any pair has one.
 
-    Equivalent pairs have the same Q*, which is the proof. A pair of the target in a state that has
-    an equivalent source state reads that state; others may still read a pair from which both
-    tasks go on alike. Where several source pairs are equivalent, such as images under a symmetry,
-    the first state's is taken.
+    Equivalent pairs have the same Q*. Refinement takes numbers that nearly agree as equal, so that
+    only pairs whose Q* agree as closely as both are known are mapped. A pair of the target in a
+    state that has an equivalent source state reads that state; others may still read a pair from
+    which both tasks go on alike. Where several source pairs are equivalent, such as images under a
+    symmetry, the first state's is taken.
 
     Raises
     ------
@@ -59,13 +60,15 @@ def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
         )
     own, other = refined(tasks.models)
     index = equivalent_pairs(own, other)
+    solutions = tasks.target_solution, tasks.source_solution
+    error = 2 * sum(solution.error_bound for solution in solutions)
+    index = np.where(apart(index, *solutions) <= error, index, UNMAPPED)
     live = ~tasks.target_mdp.terminal
     share = float((index[live] >= 0).mean())
     if share == 0:
         raise MappingError("no pair of the target is equivalent to one of the source")
     how = f"exact homomorphism: {share:.0%} of pairs have a source pair of the same Q*"
-    error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
-    yield tasks.proposal(index, how, error)
+    yield tasks.proposal(index, how)
 
 
 def equivalent_pairs(own: Blocks, other: Blocks) -> IntArray:
@@ -490,35 +493,12 @@ LARGEST_ROUND = MOST_WORK // 10
 
 @dataclass(frozen=True, eq=False)
 class LaxBisimulation(Frozen):
-    """Distances between the states of two tasks that bound the difference of their values.
+    """Distances between two tasks that bound the difference of their values, in return units."""
 
-    Attributes
-    ----------
-    states : (S, S') float64
-        abs(V*(s) - V*(u)) is at most this, in return units.
-    nearest : (S, A) int64
-        The nearest source pair of each target pair, s' * A' + a'; `ENDED` where that is the
-        source's end, and in terminal states.
-    pairs : (S, A) float64
-        abs(Q*(s, a) - Q*(nearest pair)) is at most this; 0 in terminal states.
-    error : float
-        How far the distances may be above those of the fixed point; it is part of them.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Rewards, solve
-    >>> poorer = GridWorld("T.S", rewards=Rewards(treasure=190))
-    >>> found = lax_bisimulation(GridWorld("S.T"), poorer)
-    >>> found.nearest[1]  # west for east
-    array([4, 7, 4, 5])
-    >>> found.states.diagonal()[1].round(2), solve(poorer).values[1]
-    (np.float64(10.0), np.float64(189.0))
-    """
-
-    states: FloatArray
-    nearest: IntArray
-    pairs: FloatArray
-    error: float
+    states: FloatArray  # (S, S') abs(V*(s) - V*(u)) is at most this
+    nearest: IntArray  # (S, A) source pair s' * A' + a', `ENDED` at its end and in terminal states
+    pairs: FloatArray  # (S, A) abs(Q*(s, a) - Q*(nearest pair)) is at most this, 0 in terminal ones
+    error: float  # how far the distances may be above those of the fixed point: a part of them
 
     __repr__ = brief_repr
 
@@ -533,7 +513,9 @@ def lax_bisimulation(
     nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
     solves the equation of the target's discount, which keeps the bound. Transport problems are
     solved exactly; the work grows with the number of states that are not bisimilar to others. It
-    ends after some minutes of one core at most; `error` is larger then.
+    ends after some minutes of one core at most; `error` is larger then. States count as bisimilar
+    where numbers agree to 1e-9 of the largest, and no distance is below the known difference of
+    two values, so that the bound holds all the same.
 
     Parameters
     ----------
@@ -550,7 +532,7 @@ def lax_bisimulation(
     TaskError
         When a task has no tables.
     MappingError
-        When the tasks are too large, or a pair has more than 120 outcomes.
+        When a discount is 1, the tasks are too large, or a pair has more than 120 outcomes.
     SettingError
         When `progress` is none of what it may be.
 
@@ -561,8 +543,14 @@ def lax_bisimulation(
     >>> float(found.pairs.max()) < 1e-6
     True
     """
+    tasks = TaskPair(target, source)
+    if 1 in (tables(target).discount, tables(source).discount):
+        raise MappingError(
+            "distances need a discount below 1 in both tasks, at which they have a bound: got 1; "
+            "FoundMapping.bound of find_mappings holds at 1 too"
+        )
     with shown(progress) as bars:
-        return _Fixed(TaskPair(target, source), tolerance, bars).bisimulation
+        return _Fixed(tasks, tolerance, bars).bisimulation
 
 
 def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
@@ -581,12 +569,8 @@ def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
     ['lax bisimulation: nearest pair', 'lax bisimulation: nearest pair of the nearest state']
     """
     fixed = _Fixed(tasks, TOLERANCE)
-    for name, index, bound in (
-        ("nearest pair", fixed.bisimulation.nearest, fixed.bisimulation.pairs),
-        ("nearest pair of the nearest state", *fixed.by_state),
-    ):
-        most = float(bound[tasks.judged].max())
-        yield tasks.proposal(index, f"lax bisimulation: {name}", most)
+    yield tasks.proposal(fixed.bisimulation.nearest, "lax bisimulation: nearest pair")
+    yield tasks.proposal(fixed.by_state, "lax bisimulation: nearest pair of the nearest state")
 
 
 @dataclass(frozen=True, eq=False)
@@ -626,9 +610,9 @@ class _Fixed:
     def solved(self) -> tuple[Distances, float]:
         """The distances, and how far off they may be; so may a source rewritten by its V*."""
         (own, _), (other, _) = self.quotients
-        tasks = self.tasks
-        slack = tasks.target_solution.error_bound + tasks.source_solution.error_bound
-        found, error = fixed_point(own, other, tasks.target_mdp.discount, self.tolerance, self.bars)
+        discount = self.tasks.target_mdp.discount
+        found, error = fixed_point(own, other, discount, self.tolerance, self.bars)
+        slack = self.tasks.target_solution.error_bound + self.tasks.source_solution.error_bound
         return found, error + slack
 
     @cached_property
@@ -640,23 +624,25 @@ class _Fixed:
         live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
         index = np.where(live, _first_pairs(source_blocks, len(other.reward))[kind[pairs]], ENDED)
         bound = np.where(live, distance[pairs] + error, 0.0)
-        states = found.states[blocks.states][:, source_blocks.states] + error
+        solutions = self.tasks.target_solution, self.tasks.source_solution
+        bound = np.maximum(bound, np.where(live, apart(index, *solutions) + error, 0.0))
+        states = found.states[blocks.states][:, source_blocks.states]
+        between = np.subtract.outer(*(solution.values for solution in solutions))
+        states = np.maximum(states, abs(between)) + error
         return LaxBisimulation(frozen(states), frozen(index), frozen(bound), error)
 
     @property
-    def by_state(self) -> tuple[IntArray, FloatArray]:
-        """The nearest pair of the nearest state, and its distance, (S, A) each."""
+    def by_state(self) -> IntArray:
+        """The nearest pair of the nearest state, (S, A)."""
         (_, blocks), (other, source_blocks) = self.quotients
-        found, error = self.solved
+        found, _ = self.solved
         state = found.states.argmin(axis=1)
         live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
         choices = other.pairs[state[blocks.states]]  # (S, A'')
         distance = found.pairs[pairs[:, :, None], np.maximum(choices, 0)[:, None, :]]
         distance = np.where(choices[:, None, :] >= 0, distance, np.inf)
-        best = distance.argmin(axis=2)
-        kind = np.take_along_axis(choices, best, axis=1)
-        index = np.where(live, _first_pairs(source_blocks, len(other.reward))[kind], ENDED)
-        return index, np.where(live, distance.min(axis=2) + error, 0.0)
+        kind = np.take_along_axis(choices, distance.argmin(axis=2), axis=1)
+        return np.where(live, _first_pairs(source_blocks, len(other.reward))[kind], ENDED)
 
 
 def _first_pairs(blocks: Blocks, kinds: int) -> IntArray:

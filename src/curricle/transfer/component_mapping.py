@@ -196,7 +196,13 @@ def _origin(target: Space, component: Component, renaming: Mapping[str, str]) ->
             f"source component {component.name!r} must be read from a target component "
             f"({', '.join(target.names)}): got {name!r}"
         )
-    return target.component(name)
+    origin = target.component(name)
+    if component.arbitrary or origin.arbitrary:
+        raise MappingError(
+            f"a component that numbers states as they were found is not read by name: got {name!r} "
+            f"for {component.name!r}; give the environment numbers or words that tell states apart"
+        )
+    return origin
 
 
 def _values_of(origin: Component, component: Component, unequal: Unequal) -> IntArray:
@@ -319,20 +325,12 @@ COMPARED = 5_000
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """One assignment of target components to the source's components.
+    """One assignment of target components to the source's components."""
 
-    Attributes
-    ----------
-    states, actions : dict of str to str
-        Source component -> target component.
-    error : float
-        Mean total variation distance, in [0, 1], between the source's next states and the
-        target's, read through the assignment; NaN if nothing maps.
-    mapping : StateActionMapping
-    """
-
-    states: dict[str, str]
+    states: dict[str, str]  # source component -> target component
     actions: dict[str, str]
+    # Mean total variation distance, in [0, 1], between the source's next states and the target's,
+    # read through the assignment; NaN if nothing maps.
     error: float
     mapping: StateActionMapping
 
@@ -370,7 +368,10 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
     alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
     n_drawn = min(COMPARED, len(alive))
     drawn = np.sort(np.random.default_rng(0).choice(alive, size=n_drawn, replace=False))
-    choices = [product(mine.names, repeat=len(other.names)) for mine, other in spaces]
+    choices = [
+        product([c.name for c in mine.components if not c.arbitrary], repeat=len(other.names))
+        for mine, other in spaces
+    ]
     projections = []
     for state_names, action_names in product(*choices):
         states = dict(zip(source.states.names, state_names, strict=True))
@@ -462,9 +463,7 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
     actions = source_points(tasks.target.actions, tasks.source.actions, {})
     unequal = []
     for theirs in other.components:
-        mine = own.component(theirs.name) if theirs.name in own.names else None
-        if mine is None:
-            raise MappingError(f"ranges are aligned by name: the target has no {theirs.name!r}")
+        mine = _origin(own, theirs, {})
         if (mine.size, mine.low) != (theirs.size, theirs.low) and mine.labels is None:
             unequal.append(theirs.name)
     if not unequal or len(unequal) > MOST_UNEQUAL:

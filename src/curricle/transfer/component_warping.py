@@ -78,14 +78,10 @@ def numbered(space: Space) -> list[IntArray]:
 def path_order(weight: FloatArray) -> IntArray | None:
     """Return the position of each value on the path of the largest weights, (n,); None if none.
 
-    Pairs of values are joined from the heaviest on, each value to two others at most, never in a
-    ring. That is a path if it reaches all values and no pair left out weighs as much as one on it:
-    falls that lead far back do not hide the order of a row, but the cells of a grid have none.
-
-    Parameters
-    ----------
-    weight : (n, n) float64
-        How often either of two values follows the other; symmetric. The diagonal does not count.
+    `weight`, (n, n), says how often either of two values follows the other. Pairs of values are
+    joined from the heaviest on, each value to two others at most, never in a ring. That is a path
+    if it reaches all values and no pair left out weighs as much as one on it: falls that lead far
+    back do not hide the order of a row, but the cells of a grid have none.
     """
     one, other = np.triu_indices(len(weight), 1)
     part, beside = np.arange(len(weight)), [list[int]() for _ in weight]

@@ -156,13 +156,7 @@ def transfer_names(transfers: Sequence[Transfer]) -> list[str]:
 
 
 def numbered(names: Sequence[str]) -> list[str]:
-    """Return the names, numbered where several are alike.
-
-    Examples
-    --------
-    >>> numbered(["a", "b", "a"])
-    ['a [1]', 'b', 'a [2]']
-    """
+    """Return the names, numbered where several are alike: "a [1]", "b", "a [2]"."""
     return [
         f"{name} [{names[: i + 1].count(name)}]" if names.count(name) > 1 else name
         for i, name in enumerate(names)
@@ -181,15 +175,7 @@ UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
 
 
 def mapping_words(transfer: Transfer) -> str:
-    """Return the mapping of a transfer in words.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit, project
-    >>> mapping = project(Pursuit(3, 2), Pursuit(3, 1), predator="predator_2")
-    >>> mapping_words(Transfer("chase", "hunt", mapping))
-    'predator is predator_2, prey by name'
-    """
+    """Return the mapping of a transfer in words, such as "predator is predator_2, prey by name"."""
     mapping = transfer.mapping
     if isinstance(mapping, ComponentMapping):
         parts = [*mapping.source.states.names, *mapping.source.actions.names]
@@ -241,17 +227,7 @@ def same_transfer(one: Transfer, other: Transfer) -> bool:
 
 
 def mappings_digest(transfers: Iterable[Transfer]) -> str:
-    """Return a digest of what mappings with an index read, equal for equal mappings.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.transfer import identity, same_position
-    >>> line = GridWorld("S.T")
-    >>> one, other = (f(line, *more) for f, more in ((identity, []), (same_position, [line])))
-    >>> mappings_digest([Transfer("a", "b", one)]) == mappings_digest([Transfer("a", "b", other)])
-    True
-    """
+    """Return a digest of what mappings with an index read, equal for equal mappings."""
     digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
     for transfer in transfers:
         mapping = transfer.mapping

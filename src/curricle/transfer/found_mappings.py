@@ -49,26 +49,16 @@ SAME = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class FoundMapping:
-    """A mapping that was found.
-
-    Attributes
-    ----------
-    mapping : StateActionMapping
-    how : str
-        How it was found.
-    scores : MappingScores
-    bound : float
-        Proven: the Q* of no mapped pair is further than this from the Q* of the source pair that it
-        reads, in return units; NaN where nothing is proven.
-    unmapped_value : float, optional
-        What fits where it maps nothing (:func:`fitted_unmapped_value`); the mapping has it if the
-        curriculum finds the mapping.
-    """
+    """A mapping that was found."""
 
     mapping: StateActionMapping
     how: str
     scores: MappingScores
+    # Proven: the Q* of no mapped pair, reachable or not, is further than this from the Q* of the
+    # source pair that it reads, or from 0 at the source's end, in return units, each task with its
+    # own discount. NaN where nothing is mapped, a task was sampled, or has no finite Q*.
     bound: float = NOT_PROVEN
+    # What fits where it maps nothing; the mapping has it if the curriculum finds the mapping.
     unmapped_value: float | None = None
 
     __repr__ = brief_repr
@@ -82,20 +72,11 @@ class FoundMapping:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FoundMappings:
-    """The mappings that were found, best first, and what the other searches said.
-
-    Attributes
-    ----------
-    candidates : tuple of FoundMapping
-    refused : dict of str to str
-        Name of each search that found nothing -> why.
-    steps : int
-        Steps taken in tasks without tables; a curriculum charges them to whoever reads a mapping.
-    """
+    """The mappings that were found, best first, and what the other searches said."""
 
     candidates: tuple[FoundMapping, ...]
-    refused: dict[str, str]
-    steps: int = 0
+    refused: dict[str, str]  # each search that found nothing -> why
+    steps: int = 0  # in tasks without tables; a curriculum charges them to whoever reads a mapping
 
     def __getitem__(self, which: Any) -> Any:
         return self.candidates[which]
@@ -206,7 +187,7 @@ def find_mappings(
                 one.mapping,
                 one.how,
                 score_mapping(one.mapping, seed=seed, tasks=tasks),
-                one.bound,
+                tasks.bound(one.mapping.index),
                 fitted_unmapped_value(one.mapping, tasks=tasks),
             )
             for one in different(proposed, tasks)

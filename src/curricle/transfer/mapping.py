@@ -104,7 +104,7 @@ class StateActionMapping(Frozen):
 
         It is `shift` where ended, and where unmapped `unmapped_value` or NaN.
         """
-        q = np.asarray(source_values, dtype=np.float64)
+        q = numbers("source_values", source_values, MappingError)
         expected = (self.source.states.size, self.source.actions.size)
         if q.shape[-2:] != expected:
             raise MappingError(
@@ -251,6 +251,8 @@ def from_function(
     >>> coarse.index[:, 0]
     array([ 0,  0,  4,  4, -2])
     """
+    if not callable(function):
+        raise MappingError(f"a mapping needs a function of two dicts: got {brief(function)}")
     for task in (target, source):
         generative_model(task)
     pairs = target.states.size * target.actions.size
@@ -359,47 +361,23 @@ LARGEST_COVERAGE = 5_000_000
 
 
 def few_pairs(*tasks: Any) -> bool:
-    """Return whether all tasks have few enough pairs for a mapping's coverage to be counted.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> few_pairs(Pursuit(4, 2)), few_pairs(Pursuit(4, 2), Pursuit(100, 1))
-    (True, False)
-    """
+    """Return whether all tasks have few enough pairs for a mapping's coverage to be counted."""
     models = map(generative_model, tasks)
     return all(one.states.size * one.actions.size <= LARGEST_COVERAGE for one in models)
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Coverage of a mapping between tasks with numbered states.
+    """Coverage of a mapping between tasks with numbered states; shares sum to 1."""
 
-    Attributes
-    ----------
-    target_pairs : int
-        Pairs (s, a) of the target, s not terminal.
-    mapped, ended, unmapped : float
-        Shares of them that read a source pair, that fall on a terminal state of the source (value
-        0), and that have no counterpart. They sum to 1.
-    source_pairs : int
-        Pairs of the source, s not terminal.
-    never_used : int
-        Source pairs that no target pair reads.
-    most_readers : int
-        The largest number of target pairs that read one source pair.
-    mean_readers : float
-        The mean of that number over the source pairs that are read.
-    """
-
-    target_pairs: int
-    mapped: float
-    ended: float
-    unmapped: float
-    source_pairs: int
-    never_used: int
-    most_readers: int
-    mean_readers: float
+    target_pairs: int  # (s, a), s not terminal
+    mapped: float  # the share of them that read a source pair
+    ended: float  # that fall on a terminal state of the source, of value 0
+    unmapped: float  # that have no counterpart
+    source_pairs: int  # of states that are not terminal
+    never_used: int  # by any target pair
+    most_readers: int  # target pairs that read one source pair
+    mean_readers: float  # over the source pairs that are read
 
     def __str__(self) -> str:
         return (

@@ -14,6 +14,7 @@ import numpy as np
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.display import brief_repr, printed
 from curricle.planning.solution import evaluate, greedy_policy
+from curricle.tasks.mdp import steps_to
 from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
 from curricle.transfer.task_pair import TaskPair
 
@@ -29,51 +30,28 @@ class MappingScores:
     """How a mapping fits its tasks; phi are the source's exact values Q* read through it.
 
     All means are over pairs (s, a) of the target in states that can be reached and do not end it.
-
-    Attributes
-    ----------
-    dynamics_error : float
-        Mean total variation distance, in [0, 1], between the next states that the source predicts
-        and those of the target, over the mapped pairs; NaN if nothing maps. A target state stands
-        for the source state that its best pair reads; source states that behave alike
-        (bisimilar ones, terminal ones) count as one.
-    bellman_inconsistency : float
-        Mean of abs(r + gamma sum_s' P(s') max_a' phi(s', a') - phi(s, a)), in return units, over
-        the pairs that have a phi and whose next states all have one. 0 if phi is Q* there.
-    unexplained : float
-        The same, divided by what is left if a constant takes the place of phi(s, a): the median of
-        r + gamma sum_s' P(s') max_a' phi(s', a'). 0 if phi is Q*; from 1 on phi says no more of
-        pairs than a constant; NaN where nothing varies.
-    coverage : float
-        Share of pairs that have a phi: mapped, at the source's end, or by an unmapped value.
-    optimistic : float
-        Share of the pairs that have a phi with phi > Q*.
-    start_value : float
-        Value of the policy that is greedy on phi, at the target's start; phi is 0 where unmapped.
-    regained : float
-        Share of the way to the optimum that this policy goes, from what needs no source: the better
-        of the random policy and of the myopic one, which looks at the next reward alone.
-        (V^phi - V^without) / (V* - V^without), each summed over the states, V^phi being V^without
-        where nothing is known. At most 1; negative if phi misleads; NaN if there is no way to go.
-    regained_where_known : float
-        The same over the states of which something is known.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, same_position
-    >>> maze = GridWorld("S...T")
-    >>> print(score_mapping(same_position(maze, maze.crop(rows=(0, 1), columns=(2, 5)))))
-    regains 22% (100% where known), dynamics error 0.125, Bellman inconsistency 0 ...
     """
 
+    # Mean total variation distance, in [0, 1], between the next states that the source predicts
+    # and those of the target, over the mapped pairs; NaN if nothing maps. A target state stands for
+    # the source state that its best pair reads; source states that behave alike count as one.
     dynamics_error: float
+    # Mean of abs(r + gamma sum_s' P(s') max_a' phi(s', a') - phi(s, a)), in return units, over the
+    # pairs that have a phi and whose next states all have one. 0 if phi is Q* there.
     bellman_inconsistency: float
+    # The same, divided by what is left if a constant takes the place of phi(s, a): the median of
+    # r + gamma sum_s' P(s') max_a' phi(s', a'). 0 if phi is Q*; from 1 on phi says no more of pairs
+    # than a constant; NaN where nothing varies.
     unexplained: float
-    coverage: float
-    optimistic: float
-    start_value: float
+    coverage: float  # of pairs with a phi: mapped, at the source's end, or by an unmapped value
+    optimistic: float  # share of these with phi > Q*
+    start_value: float  # of the policy that is greedy on phi, 0 where unmapped, at the start
+    # (V^phi - V^without) / (V* - V^without), each summed over the states: the share of the way that
+    # this policy goes from what needs no source, the better of the random policy and of the myopic
+    # one, which looks at the next reward alone. V^phi is V^without where nothing is known. At most
+    # 1; negative if phi misleads; NaN if there is no way to go.
     regained: float
-    regained_where_known: float
+    regained_where_known: float  # the same over the states of which something is known
 
     __repr__ = brief_repr
     _repr_html_ = printed
@@ -139,13 +117,7 @@ def score_mapping(
 
 
 def backed_up(phi: FloatArray, tasks: TaskPair) -> FloatArray:
-    """Return r + gamma sum_s' P(s') max_a' phi(s', a') in the target, (S, A) float64.
-
-    Parameters
-    ----------
-    phi : (S, A) float64
-        NaN where nothing is known; so is the result where nothing is known of a next state.
-    """
+    """Return r + gamma sum_s' P(s') max_a' phi(s', a') in the target, (S, A); NaN where unknown."""
     mdp = tasks.target_mdp
     best = np.where(np.isnan(phi), -np.inf, phi).max(axis=1)
     best[np.isneginf(best)] = np.nan
@@ -224,14 +196,7 @@ def _dynamics_error(
 
 
 def total_variation(one: IntArray, p: FloatArray, other: IntArray, q: FloatArray) -> FloatArray:
-    """Return the total variation distance of two distributions in each row, (n,) float64.
-
-    Examples
-    --------
-    >>> one, p, other, q = [[1, 2]], [[0.5, 0.5]], [[2]], [[1.0]]
-    >>> total_variation(*(np.array(each) for each in (one, p, other, q)))
-    array([0.5])
-    """
+    """Return the total variation distance of two distributions in each row, (n,) float64."""
     outcomes = np.concatenate([one, other], axis=1)
     masses = np.concatenate([p, -q], axis=1)
     # Equal outcomes add up before their difference counts, once.
@@ -310,7 +275,8 @@ def fitted_unmapped_value(
     tasks = TaskPair(mapping.target, mapping.source) if tasks is None else tasks
     phi = mapping.read(tasks.source_solution.action_values, scale, shift)
     unmapped = (mapping.index == UNMAPPED) & np.isnan(phi)
-    if not unmapped[tasks.judged].any() or not _leads_to(~unmapped.all(axis=1), tasks):
+    away = steps_to(tasks.target_mdp, ~unmapped.all(axis=1), tasks.judged)[tasks.judged]
+    if not unmapped[tasks.judged].any() or np.isinf(away).any():
         return None
     rewards = (tasks.target_mdp.probability * tasks.target_mdp.reward).sum(axis=1)
     lowest = min(0.0, float(rewards.min())) / (1 - tasks.target_mdp.discount)
@@ -322,17 +288,6 @@ def fitted_unmapped_value(
         if abs(found - last) <= SETTLED * max(abs(found), abs(last)):
             break
     return found if found < 0 else None
-
-
-def _leads_to(mapped: BoolArray, tasks: TaskPair) -> bool:
-    """Return whether some way leads from every state that can be reached to these states."""
-    mdp = tasks.target_mdp
-    reaches, before = mapped & tasks.judged, 0
-    while int(reaches.sum()) > before:
-        before = int(reaches.sum())
-        row = ((mdp.probability > 0) & reaches[mdp.next_state]).any(axis=1)
-        reaches = reaches | (row[mdp.outcome_row].any(axis=1) & tasks.judged)
-    return bool(reaches[tasks.judged].all())
 
 
 def _residuals(

@@ -171,29 +171,14 @@ def _checked(found: Any, shape: tuple[int, ...]) -> FloatArray:
 
 @dataclass(frozen=True)
 class ObservationCoverage:
-    """Coverage of a mapping of observations, over a sample of them.
-
-    Attributes
-    ----------
-    observations : int
-        Size of the sample.
-    mapped, ended, unmapped : float
-        Shares of its pairs (s, a); they sum to 1.
-    outside : float
-        Share of the mapped observations whose counterpart lies outside the source's observation
-        space, where the source's values are extrapolated; NaN where nothing is mapped, or the
-        source has numbered states.
-
-    Examples
-    --------
-    >>> print(ObservationCoverage(200, 0.75, 0.0, 0.25, 0.0))
-    75.0% of the pairs of 200 observations mapped, 0.0% at the source's end, 25.0% unmapped; ...
-    """
+    """Coverage of a mapping of observations, over a sample of them; shares sum to 1."""
 
     observations: int
-    mapped: float
+    mapped: float  # of all pairs (s, a)
     ended: float
     unmapped: float
+    # Of the mapped observations those whose counterpart lies outside the source's space, where its
+    # values are extrapolated; NaN where nothing is mapped, or the source has numbered states.
     outside: float
 
     def __str__(self) -> str:

@@ -13,13 +13,13 @@ from curricle.array_types import FloatArray
 from curricle.frozen_arrays import frozen
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.target import ROLLOUTS, Target
+from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
 from curricle.tasks.draws import splitmix64, stream_start
-from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task, stack
+from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
 from curricle.transfer.potentials import ObservationPotential
 
-Policy = Callable[[Any], tuple[Any, Any]]
-"""n stacked observations -> n actions, and the predicted value of each."""
+Policy = Callable[[Any, Sequence[int]], tuple[Any, Any]]
+"""n stacked observations, and the environments they are of -> n actions, and predicted values."""
 OBSERVATION_ROLLOUTS = 50
 """Episodes of which returns are the mean, unless another number is given."""
 COVERAGE_EPISODES = 20
@@ -58,7 +58,7 @@ class Environments:
         terminated, running = [False] * n, list(range(n))
         for _ in range(self.max_steps):
             rows = [current[k] for k in running]
-            actions, values = policy(stack(self.task.observations, rows))
+            actions, values = policy(stack(self.task.observations, rows), running)
             still_running = []
             for k, row, action, value in zip(running, rows, actions, values, strict=True):
                 current[k], reward, terminated[k], truncated, _ = self.environments[k].step(action)
@@ -83,10 +83,15 @@ class Environments:
             environment.close()
 
 
-def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
-    """Return the mean over episodes of their discounted sums of rewards."""
+def episode_returns(episodes: Sequence[ObservationEpisode], discount: float) -> FloatArray:
+    """Return the discounted sum of rewards of each episode."""
     sums = [episode.rewards @ discount ** np.arange(len(episode.rewards)) for episode in episodes]
-    return float(np.mean(sums))
+    return np.array(sums)
+
+
+def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
+    """Return the mean of these."""
+    return float(episode_returns(episodes, discount).mean())
 
 
 def greedy_episodes(
@@ -102,7 +107,7 @@ def greedy_episodes(
     Those of the first `max_steps` steps, if it is given; the last is truncated there.
     """
 
-    def policy(observations: Any) -> tuple[Any, Any]:
+    def policy(observations: Any, _: Sequence[int]) -> tuple[Any, Any]:
         phi = potential.pairs(observations)
         actions = phi.argmax(axis=1)
         return actions, phi[np.arange(len(phi)), actions]
@@ -137,9 +142,8 @@ def random_episodes(
     start, space = stream_start(seed, "random"), deepcopy(task.actions)
     space.seed(splitmix64(start) >> 33)
 
-    def policy(observations: Any) -> tuple[Any, Any]:
-        n = batch_size(observations)
-        return [space.sample() for _ in range(n)], np.zeros(n)
+    def policy(_: Any, running: Sequence[int]) -> tuple[Any, Any]:
+        return [space.sample() for _ in running], np.zeros(len(running))
 
     return _episodes(task, policy, episodes, start)
 
@@ -162,16 +166,6 @@ def greedy_observation_rollouts(
     """Return greedy rollouts of a potential as :func:`greedy_rollouts` does.
 
     ``states`` and ``actions`` are empty, as states are not numbered.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> from curricle.transfer import FunctionValues
-    >>> car = observation_task("MountainCar-v0")
-    >>> along = FunctionValues(lambda cars, acts: np.sign(cars[:, 1:]) * (acts - 1.0), actions=3)
-    >>> rollouts = greedy_observation_rollouts(ObservationPotential.of(car, along), episodes=3)
-    >>> rollouts.ended, bool(rollouts.returns.max() > -200)
-    (array([ True,  True,  True]), True)
     """
     found = greedy_episodes(
         potential, episodes=episodes, seed=seed, stream=stream, max_steps=max_steps
@@ -224,10 +218,20 @@ class ObservationTarget:
     optimum: float = float("nan")
 
     @cached_property
+    def _random_returns(self) -> FloatArray:
+        found = random_episodes(self.task, episodes=self.episodes)
+        return episode_returns(found, self.evaluation.discount(self.task))
+
+    @property
     def random_return(self) -> float:
         """The mean return of the random policy."""
-        found = random_episodes(self.task, episodes=self.episodes)
-        return mean_episode_return(found, self.evaluation.discount(self.task))
+        return float(self._random_returns.mean())
+
+    @property
+    def floor(self) -> float:
+        """The return above which something was learnt: the random policy's and its noise."""
+        noise = self._random_returns.std(ddof=1) / np.sqrt(self.episodes)
+        return self.random_return + STANDARD_ERRORS * float(noise)
 
     @property
     def episodes(self) -> int:

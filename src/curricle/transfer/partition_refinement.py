@@ -48,15 +48,6 @@ def refined(models: Sequence[Model]) -> list[Blocks]:
     """Return the coarsest blocks of several tasks whose pairs agree in reward and next block.
 
     The tasks must have one discount for Q* to be equal in a block.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> room = model_for_refinement(GridWorld(["...", ".T.", "S.."]).mdp)
-    >>> refined([room])[0].states.reshape(3, 3)  # corners, sides, and the end
-    array([[2, 1, 2],
-           [1, 0, 1],
-           [2, 1, 2]])
     """
     joint = _joined(models)
     states = np.where(joint.terminal, 0, 1)
@@ -78,13 +69,7 @@ def refined(models: Sequence[Model]) -> list[Blocks]:
 
 
 def levels(values: FloatArray) -> IntArray:
-    """Return a number for each value, the same where values differ by rounding alone.
-
-    Examples
-    --------
-    >>> levels(np.array([0.1 + 0.2, 0.3, 5.0]))
-    array([0, 0, 1])
-    """
+    """Return a number for each value, the same where values differ by rounding alone."""
     order = np.argsort(values, axis=None)
     ordered = values.ravel()[order]
     apart = np.diff(ordered) > PRECISION * max(1.0, float(abs(ordered).max(initial=0.0)))

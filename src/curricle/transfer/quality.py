@@ -27,41 +27,21 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class PotentialQuality:
-    """How a potential compares with the values of its target.
+    """How a potential compares with the values of its target."""
 
-    Attributes
-    ----------
-    start : float
-        Expected return of its greedy policy: where learning starts.
-    optimistic : float
-        Share of pairs (s, a) with phi > Q*.
-    excess : float
-        Mean of phi - Q*.
-    mean_absolute_value : float
-        Mean of abs(V*), to compare an excess with.
-    rank : float
-        Spearman's rank correlation of phi and Q*; NaN where one of them does not vary.
-    greedy_agreement : float
-        Share of states in which every greedy action of phi is optimal; NaN unless exact.
-    largest_underestimate : float
-        The largest min(V*, 0) - max_a phi over the states that optimal policies visit: how far phi
-        lies below both the truth and an initial value of 0. Such a state is avoided, so learning
-        does not correct its value. NaN unless exact.
-    most_underestimated_state : int
-        Where that is; -1 if nowhere.
-    exact : bool
-        Compared with Q*. Otherwise with the return to go of greedy rollouts, which Q* exceeds, over
-        the steps of these.
-    """
-
-    start: float
-    optimistic: float
-    excess: float
-    mean_absolute_value: float
-    rank: float
-    greedy_agreement: float = NAN
+    start: float  # expected return of its greedy policy: where learning starts
+    optimistic: float  # share of pairs (s, a) with phi > Q*
+    excess: float  # mean of phi - Q*
+    mean_absolute_value: float  # of V*, to compare an excess with
+    rank: float  # Spearman's correlation of phi and Q*; NaN where one of them does not vary
+    greedy_agreement: float = NAN  # share of states whose greedy actions are all optimal, if exact
+    # The largest min(V*, 0) - max_a phi over the states that optimal policies visit: how far phi
+    # lies below both the truth and an initial value of 0. Such a state is avoided, so learning does
+    # not correct its value. NaN unless exact.
     largest_underestimate: float = NAN
-    most_underestimated_state: int = -1
+    most_underestimated_state: int = -1  # where that is; -1 if nowhere
+    # Whether it is compared with Q*, and not with the return to go of greedy rollouts, which Q*
+    # exceeds, over the steps of these.
     exact: bool = False
 
 

@@ -12,12 +12,12 @@ from curricle.checks import brief, whole_number
 from curricle.display import brief_repr
 from curricle.errors import SettingError, TaskError
 from curricle.planning.simulator import UniformPolicy, simulate
-from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
+from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
 from curricle.tasks.draws import stream_start
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.task import Task, generative_model, has_tables, tables
-from curricle.transfer.mapping import StateActionMapping
+from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
 
 NOT_PROVEN = float("nan")
@@ -150,9 +150,41 @@ class TaskPair:
         """The block of each source state, (S',) int64; states of a block behave alike."""
         return refined([model_for_refinement(self.source_mdp)])[0].states
 
-    def proposal(self, index: IntArray, how: str, bound: float = NOT_PROVEN) -> "Proposal":
+    @cached_property
+    def own_solutions(self) -> tuple[Solution, Solution] | None:
+        """Both at their own discounts; None where one is sampled or has no finite Q*."""
+        if any(self.sampled):
+            return None
+        judged = (self.target, self.target_solution), (self.source, self.source_solution)
+        try:
+            own, other = (s if tables(task).discount < 1 else solve(task) for task, s in judged)
+        except SettingError:
+            return None
+        return own, other
+
+    def bound(self, index: IntArray) -> float:
+        """Return a bound of how far Q* of any mapped pair is from what it reads; or `NOT_PROVEN`.
+
+        Both tasks are solved, whatever found the mapping: it is the largest difference of their Q*
+        and their proven errors, over all pairs, also those that no episode reaches.
+        """
+        mapped = (index != UNMAPPED) & ~self.target_mdp.terminal[:, None]
+        if self.own_solutions is None or not mapped.any():
+            return NOT_PROVEN
+        most = apart(index, *self.own_solutions)[mapped].max()
+        error = sum(solution.error_bound for solution in self.own_solutions)
+        return float((most + error) * (1 + 4 * EPSILON))
+
+    def proposal(self, index: IntArray, how: str) -> "Proposal":
         """Return the proposal to read the source through an index, (S, A), and how it was found."""
-        return Proposal(SearchedMapping(self.target, self.source, index, how=how), how, bound)
+        mapping = SearchedMapping(self.target, self.source, index, how=how)
+        return Proposal(mapping, how, self.bound(index))
+
+
+def apart(index: IntArray, own: Solution, other: Solution) -> FloatArray:
+    """Return abs(Q*(s, a) - Q* of the pair that it reads), (S, A); NaN where it reads none."""
+    read = np.where(index >= 0, other.action_values.ravel()[np.maximum(index, 0)], 0.0)
+    return np.asarray(abs(own.action_values - np.where(index == UNMAPPED, np.nan, read)))
 
 
 def discounted(mdp: FiniteMDP) -> FiniteMDP:
@@ -167,30 +199,10 @@ def discounted(mdp: FiniteMDP) -> FiniteMDP:
 
 @dataclass(frozen=True, eq=False)
 class SearchedMapping(StateActionMapping):
-    """A mapping that a search made pair by pair, with the words that say how.
-
-    Parameters
-    ----------
-    target, source, index, unmapped_value
-        As in :class:`StateActionMapping`.
-    how : str
-        How it was found.
-    steps : int
-        Steps that the search took in both tasks, where it had no tables of them; a curriculum
-        charges them as it charges those of sources.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Transfer
-    >>> from curricle.transfer.edges import mapping_words
-    >>> line = GridWorld("ST")
-    >>> index = [[0, 1, 2, 3], [-2, -2, -2, -2]]
-    >>> mapping_words(Transfer("a", "b", SearchedMapping(line, line, index, how="nearest pair")))
-    'found: nearest pair'
-    """
+    """A mapping that a search made pair by pair, with the words that say how."""
 
     how: str = ""
-    steps: int = 0
+    steps: int = 0  # of the search in tasks without tables, charged as those of sources are
 
 
 class Proposal(NamedTuple):
@@ -206,21 +218,13 @@ class Proposal(NamedTuple):
 
     mapping: StateActionMapping
     how: str  # how it was found
-    bound: float = NOT_PROVEN  # proven: no mapped pair's Q* differs by more from that of its source
+    bound: float = NOT_PROVEN  # as of :class:`FoundMapping`, which works it out itself
 
 
 def search_steps(transfers: Iterable[Any]) -> int:
     """Return the steps that the searches for the mappings of transfers took.
 
     Mappings between the same two tasks are taken to be of one search.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, Transfer
-    >>> line = GridWorld("ST")
-    >>> index = [[0, 1, 2, 3], [-2, -2, -2, -2]]
-    >>> search_steps([Transfer("a", "b", SearchedMapping(line, line, index, steps=50))] * 2)
-    50
     """
     most: dict[tuple[str, str], int] = {}
     for one in transfers:

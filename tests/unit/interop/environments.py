@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 
 import curricle as cr
 from curricle import GridWorld, Pursuit
@@ -24,24 +25,16 @@ TASKS = {
 OFF = cr.GreedyEvaluation("off")
 
 
-class Ring(gym.Env):
+class Ring(FrozenLakeEnv):
     """A table whose transitions, not states, end an episode: going round, or resting at 2."""
 
     def __init__(self, start=0):
+        super().__init__()
         self.observation_space, self.action_space = spaces.Discrete(3), spaces.Discrete(2)
         self.initial_state_distrib = np.eye(3)[start]
         self.P = {
             s: {0: [(1.0, (s + 1) % 3, 1.0, s == 2)], 1: [(1.0, s, -1.0, s == 2)]} for s in range(3)
         }
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.state = int(self.initial_state_distrib.argmax())
-        return self.state, {}
-
-    def step(self, action):
-        ((_, self.state, reward, over),) = self.P[self.state][action]
-        return self.state, reward, over, False, {}
 
 
 class Echo(gym.Env):

@@ -21,7 +21,7 @@ HALF = Box(-np.inf, np.inf, (4,), np.float32)
 PARTS = Dict(
     sight=Box(-1, 1, (2, 2), np.float32),
     card=Discrete(3, start=1),
-    dice=MultiDiscrete([2, 3]),
+    dice=MultiDiscrete([2, 3], start=[1, -4]),
     lamps=MultiBinary(2),
     inner=Dict(far=Discrete(2)),
     words=Text(20),
@@ -29,7 +29,7 @@ PARTS = Dict(
 SEEN = {
     "sight": np.array([[0.5, -0.5], [1, 0]], np.float32),
     "card": 3,
-    "dice": np.array([1, 0]),
+    "dice": np.array([2, -4]),
     "lamps": np.array([1, 0], np.int8),
     "inner": {"far": 1},
     "words": "open the door",

@@ -3,7 +3,9 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
+from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv, generate_random_map
+from gymnasium.envs.toy_text.taxi import TaxiEnv
 from gymnasium.wrappers import TimeLimit, TransformReward
 
 import curricle as cr
@@ -120,7 +122,44 @@ class Doubled(gym.Wrapper):
         return observation, 2 * reward, *rest
 
 
+class Rotated(FrozenLakeEnv):
+    def step(self, action):
+        return super().step((action + 1) % 4)
+
+
+class FromAnywhere(TaxiEnv):
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.s = int(self.np_random.integers(500))
+        return self.s, {}
+
+
+class ImpatientLimit(TimeLimit):
+    def step(self, action):
+        observation, reward, *rest = super().step(action)
+        return observation, reward - 1, *rest
+
+
+class OwnTable(gym.Env):
+    """Has a table that its `step` need not follow."""
+
+    observation_space, action_space = gym.spaces.Discrete(1), gym.spaces.Discrete(1)
+    initial_state_distrib, P = np.ones(1), {0: {0: [(1.0, 0, 0.0, False)]}}
+
+
+def replaced(method):
+    env = CliffWalkingEnv()
+    setattr(env, method, getattr(env, method))
+    return env
+
+
 NOT_IN_THE_TABLE = {
+    "a subclass's step": lambda: Rotated(),
+    "a subclass's reset": lambda: FromAnywhere(),
+    "a step that was replaced": lambda: replaced("step"),
+    "a reset that was replaced": lambda: replaced("reset"),
+    "a time limit's own step": lambda: ImpatientLimit(gym.make("FrozenLake-v1"), 100),
+    "a table beside a step": lambda: OwnTable(),
     "a wrapper that changes rewards": lambda: TransformReward(
         gym.make("FrozenLake-v1"), lambda r: -r
     ),
@@ -135,6 +174,48 @@ NOT_IN_THE_TABLE = {
 def test_what_a_table_does_not_describe_is_live(why):
     task = cr.from_gymnasium(NOT_IN_THE_TABLE[why], discount=0.9)
     assert isinstance(task, cr.tasks.LiveMDP)
+
+
+def test_a_step_of_its_own_is_what_is_learnt_and_tabulated():
+    """Random maps: the optimal policy of the tables earns its value where `step` is overridden."""
+    for seed in range(5):
+        desc = generate_random_map(4, seed=seed)
+
+        def make(desc=desc):
+            return Rotated(desc=desc, is_slippery=False)
+
+        task = cr.tabulate(make, discount=0.9, time_limit=50)
+        env, solution = make(), cr.solve(task)
+        observation, _ = env.reset()
+        earned, over, steps = 0.0, False, 0
+        while not over and steps < 50:
+            action = int(solution.action_values[task.state(observation)].argmax())
+            observation, reward, over, *_ = env.step(action)
+            earned += 0.9**steps * reward
+            steps += 1
+        assert solution.start_value > 0
+        assert earned == pytest.approx(solution.start_value)
+    live = cr.from_gymnasium(make, discount=0.9, time_limit=50)
+    assert live.actions.components[0].labels is None  # west leads south
+    learnt = cr.learn(live, cr.QLearning(learning_rate=0.5, epsilon=0.3), 20_000, seeds=1)
+    assert learnt.greedy_return[0, -1] == pytest.approx(earned)
+
+
+def test_a_table_that_was_changed_is_read_as_it_is():
+    env = gym.make("FrozenLake-v1", is_slippery=False)
+    env.unwrapped.P[0] = {a: [(1.0, 15, 7.0, True)] for a in range(4)}
+    assert cr.solve(cr.from_gymnasium(env, discount=0.9)).start_value == 7
+    with pytest.raises(
+        cr.errors.TaskError, match="cannot be made again for each seed; give a function"
+    ):
+        cr.from_gymnasium(env, discount=0.9, live=True)
+
+
+def test_an_environment_whose_step_was_replaced_cannot_be_made_again():
+    env = gym.make("FrozenLake-v1")
+    env.unwrapped.step = lambda action: (15, 1.0, True, False, {})
+    with pytest.raises(cr.errors.TaskError, match="give a function that makes it so"):
+        cr.from_gymnasium(env, discount=0.9)
 
 
 @pytest.mark.parametrize("table", [np.eye(16), [[1.0]], {3: 4}, None, [[[(1.0, 0)]] * 4] * 16])

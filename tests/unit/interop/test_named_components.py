@@ -9,6 +9,9 @@ from gymnasium import spaces
 from gymnasium.wrappers import TimeLimit
 
 import curricle as cr
+from curricle.interop.tabulation.states import words_of_state
+from curricle.interop.tabulation.tables import named_states, words_of_blocks
+from curricle.interop.tabulation.tabulated_task import parts_of
 from curricle.tasks.observation_task import EnvironmentMaker
 from tests.refusals import check_values
 
@@ -118,3 +121,23 @@ def test_a_maker_brings_arguments_of_any_name():
         EnvironmentMaker("FrozenLake-v1", {"map_name": "8x8"}), discount=0.9, time_limit=9
     )
     assert (lake.states.size, lake.time_limit) == (64, 9)
+
+
+def test_the_words_of_states_and_of_their_blocks():
+    assert words_of_state((3, "red")) == {"state_1": 3, "state_2": "red"}
+    assert words_of_state(4) == {"state": 4}
+    assert words_of_state({"at": (1, 2)}, "_") == {"_at_1": 1, "_at_2": 2}
+    words = [{"row": 1, "lit": 0}, {"row": 1, "lit": 2}]
+    assert words_of_blocks(words, np.array([0, 0])) == ([{"row": 1, "lit": "any"}], {"lit"})
+    parts = {"sight/#0": 1, "sight/#1": 2, "goal": "key"}
+    assert parts_of({"sight": (1, 2), "goal": "key"}) == parts
+
+
+def test_states_of_equal_words_are_told_apart_by_whether_they_end_the_episode():
+    words = [{"row": 1, "lamp": "on"}, {"row": 2, "lamp": "off"}, {"row": 2, "lamp": "off"}]
+    space = named_states(words, np.array([False, False, True]), [])
+    assert [*map(space.label, range(3))] == [
+        "row=1 lamp=on ended=no",
+        "row=2 lamp=off ended=no",
+        "row=2 lamp=off ended=yes",
+    ]

@@ -48,7 +48,7 @@ OTHERS = {
     "seeds": {"seeds": 3},
     "an argument": {"cells": 5},
     "a hidden argument": {"make": lambda: Corridor(5)},
-    "the state": {"state": DeepCopy(ignore=["nothing"])},
+    "the state": {"state": DeepCopy(ignore=["cells"])},
     "functions": {
         "state": (
             lambda env: (env.place, env.lit),

@@ -1,6 +1,7 @@
 """Tables of environments: every state that can be reached, and nothing else."""
 
 import itertools
+import random
 from functools import partial
 from typing import NamedTuple
 
@@ -10,8 +11,9 @@ import pytest
 from gymnasium.wrappers import TimeLimit, TransformReward
 
 import curricle as cr
-from curricle.errors import SettingError, TaskError
+from curricle.errors import MappingError, SettingError, TaskError
 from curricle.interop import DeepCopy, MiniGridState
+from curricle.interop.tabulation.states import SaveAndRestore
 from curricle.transfer import UNMAPPED
 from tests.refusals import check_values
 from tests.worlds_to_tabulate import (
@@ -23,6 +25,7 @@ from tests.worlds_to_tabulate import (
     OwnClock,
     Slippery,
     Uncopyable,
+    Unreadable,
 )
 
 
@@ -254,6 +257,7 @@ REFUSALS = {
         {},
         "a reward must be a finite number: got nan from",
     ),
+    "a part has no module": (Unreadable, {}, r"restore\): a Opaque in it cannot be read .no parts"),
     "a step of old": (OldStep, {}, r"a step must return \(observation, reward, .*: got \("),
     "nothing is listed": (
         Corridor,
@@ -297,6 +301,19 @@ def test_settings_are_checked():
         made(state=MiniGridState())
 
 
+def test_functions_restore_what_cannot_be_read():
+    class Rolling(Unreadable):
+        def __init__(self):
+            super().__init__()
+            self.rolls = np.random.default_rng(3)  # read after what cannot be
+
+    plain = cr.tabulate(Unreadable, discount=0.9, state=(save, restore))
+    assert plain.states.size == cr.tabulate(Corridor, discount=0.9).states.size
+    access, rolling = SaveAndRestore(save, restore), Rolling()
+    access.begin(rolling)
+    assert rolling.rolls in access.generators
+
+
 def test_actions_and_observations_of_several_parts():
     class Board(gym.Env):
         observation_space = gym.spaces.Dict(
@@ -329,3 +346,190 @@ def test_actions_and_observations_of_several_parts():
         assert task.many(seen).tolist() == [s]
     assert task.state({"first": 0, "rest": (np.zeros(2, np.float32), "z")}) == UNMAPPED
     assert task.state({"first": 0}) == UNMAPPED
+
+
+def square(n, form=np.array, private=True):
+    """Return the class of a square of n x n cells, where it is kept privately or under no name."""
+
+    class Square(gym.Env):
+        observation_space, action_space = (
+            gym.spaces.MultiDiscrete([n, n]),
+            gym.spaces.Discrete(4),
+        )
+
+        def reset(self, *, seed=None, options=None):
+            super().reset(seed=seed)
+            self.put([n - 1, 0])
+            return form(self.at()), {}
+
+        def put(self, at):
+            if private:
+                self._at = at
+            else:  # in nothing that has a name
+                self._world = {"at": at}
+
+        def at(self):
+            return self._at if private else self._world["at"]
+
+        def step(self, action):
+            move = ((0, 1), (1, 0), (0, -1), (-1, 0))[int(action)]
+            self.put([min(max(x + d, 0), n - 1) for x, d in zip(self.at(), move, strict=True)])
+            over = self.at() == [0, 0]
+            return form(self.at()), float(over), over, False, {}
+
+    return Square
+
+
+@pytest.mark.parametrize(
+    ("form", "private", "names"),
+    [
+        (np.array, True, ("at_1", "at_2")),
+        (np.array, False, ("state_1", "state_2")),
+        (tuple, False, ("state_1", "state_2")),
+        (lambda at: {"place": np.array(at)}, False, ("place_1", "place_2")),
+    ],
+)
+def test_private_attributes_and_observations_give_names_to_map_by(form, private, names):
+    small, large = (cr.tabulate(square(n, form, private), discount=0.9) for n in (3, 5))
+    assert small.states.names == names
+    assert cr.project(large, small).coverage().mapped == 32 / 96
+
+
+def test_states_in_the_order_of_discovery_are_never_mapped_by_name():
+    def of_reals(at):
+        return np.array(at) + 0.5
+
+    small, large = (cr.tabulate(square(n, of_reals, private=False), discount=0.9) for n in (3, 5))
+    assert small.states.names == ("state",)
+    said = "numbers states as they were found is not read by name: got 'state' for 'state'"
+    with pytest.raises(MappingError, match=said):
+        cr.project(large, small)
+    plain = cr.FiniteMDP.from_dense(np.eye(9)[:, None], np.zeros(9), terminal=np.zeros(9, bool),
+                                    start=0, discount=0.9)  # fmt: skip
+    for target, source in ((small, plain), (plain, small)):
+        with pytest.raises(MappingError, match=said):
+            cr.project(target, source, action="action")
+    named = cr.tabulate(square(3, of_reals, private=False), discount=0.9, names=["cell"])
+    with pytest.raises(MappingError, match="not read by name"):
+        cr.project(large, named, cell="state")
+
+
+def test_resets_that_differ_are_said_to_be_some_of_several():
+    one = cr.tabulate(Corridor, discount=0.5)
+    assert repr(one).endswith(", 1 of several resets seen)")
+    assert cr.tabulate(Corridor, discount=0.5, seeds=5).record.several
+    assert repr(cr.tabulate(square(3), discount=0.5)).endswith(", exact)")
+    listed = cr.tabulate("Taxi-v4", discount=0.9)
+    assert repr(listed).endswith(", 1 of several resets seen)")
+    sampled = cr.tabulate(Corridor, discount=0.5, samples=3)
+    assert repr(sampled).endswith("estimated from 3 steps a pair, 1 of several resets seen)")
+
+
+@pytest.mark.parametrize("draw", [random.random, np.random.random])
+def test_draws_from_global_generators_are_repeated_and_given_back(draw):
+    class Slipping(Corridor):
+        def reset(self, *, seed=None, options=None):
+            return super().reset(seed=0)
+
+        def step(self, action):
+            return super().step(action if draw() >= self.chance else 0)
+
+    def slipping(chance):
+        made = Slipping()
+        made.chance = chance
+        return made
+
+    for seed in range(5):
+        seed_all(seed)
+        with pytest.raises(TaskError, match=r"steps must be deterministic|led elsewhere"):
+            cr.tabulate(lambda: slipping(0.3), discount=0.5)
+    never = cr.tabulate(lambda: slipping(0.0), discount=0.5)
+    assert never.record.drawing == never.record.transitions > 0
+    sampled = []
+    for seed in range(2):
+        seed_all(seed)
+        before = drawn_next()
+        seed_all(seed)
+        sampled.append(cr.tabulate(lambda: slipping(0.3), discount=0.5, samples=20))
+        assert drawn_next() == before
+    np.testing.assert_array_equal(*(task.mdp.probability for task in sampled))
+
+
+def seed_all(seed):
+    random.seed(seed)
+    np.random.seed(seed)  # noqa: NPY002 - the global generator is what this is about
+
+
+def drawn_next():
+    return random.random(), np.random.random()  # noqa: NPY002
+
+
+class Cell(NamedTuple):
+    row: int
+    column: int
+
+
+FORMS = {
+    "arrays": (np.array, np.array),
+    "tuples for arrays": (np.array, tuple),
+    "named tuples": (lambda at: Cell(*at), lambda at: Cell(*at)),
+    "arrays for named tuples": (lambda at: Cell(*at), np.array),
+    "dicts of arrays": (lambda at: {"at": np.array(at)}, lambda at: {"at": np.array(at)}),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_listed_outcomes_take_observations_of_every_form(name):
+    form, listed = FORMS[name]
+
+    def outcomes(state, action):
+        place = state["at"] if isinstance(state, dict) else state
+        if name.endswith("named tuples"):
+            assert state.row == place[0]
+        env = square(3)()
+        env.put([int(x) for x in place])
+        _, reward, over, *_ = env.step(action)
+        return [(np.float32(0.9), listed(env.at()), np.float32(reward), over),
+                (np.float32(0.1), listed(list(place)), 0.0, False)]  # fmt: skip
+
+    class Sticky(square(3, form)):
+        def step(self, action):
+            return super().step(action) if self.np_random.random() < 0.9 else self.stay()
+
+        def stay(self):
+            return form(self.at()), 0.0, False, False, {}
+
+    task = cr.tabulate(Sticky, discount=0.9, outcomes=outcomes)
+    assert task.states.size == 9
+    assert task.record.checked > 100
+    assert [task.state(form([x, y])) for x in range(3) for y in range(3)].count(UNMAPPED) == 0
+    arrive = 0.9 / (1 - 0.1 * 0.9)  # discounted, at a next cell
+    assert cr.solve(task).start_value == pytest.approx(arrive * (arrive * 0.9))
+
+
+def test_a_name_to_ignore_that_nothing_has_is_refused():
+    with pytest.raises(SettingError, match="nothing in it has takn"):
+        cr.tabulate(Counting, discount=0.5, state=DeepCopy(ignore=["takn"]), max_states=10**6)
+
+    class Late(Corridor):
+        def step(self, action):
+            self.told = action
+            return super().step(action)
+
+    assert cr.tabulate(Late, discount=0.5, state=DeepCopy(ignore=["told"])).states.size == 8
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", [np.float32, lambda r: np.array([r]), lambda r: np.array([[r]])])
+def test_rewards_are_numbers_of_every_kind(kind):
+    def make():
+        return TransformReward(Corridor(), kind)
+
+    task = cr.tabulate(make, discount=0.5)
+    plain = cr.tabulate(Corridor, discount=0.5)
+    np.testing.assert_array_equal(task.mdp.reward, plain.mdp.reward)
+    learnt = [
+        cr.learn(cr.from_gymnasium(one, discount=0.5, time_limit=20), budget=300, seeds=1).values
+        for one in (make, Corridor)
+    ]
+    np.testing.assert_array_equal(*learnt)

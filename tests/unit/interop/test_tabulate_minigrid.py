@@ -189,3 +189,42 @@ def test_moving_obstacles_are_refused():
     task = cr.tabulate(name, discount=0.9, samples=3, max_states=20_000, n_obstacles=1)
     assert not task.exact
     assert set(np.unique(task.mdp.reward)) == {-1, 0, 1}
+
+
+class Prized(minigrid.envs.EmptyEnv):
+    def _reward(self):
+        return 5.0
+
+
+class Late(minigrid.envs.EmptyEnv):
+    """Costs something late in an episode."""
+
+    def step(self, action):
+        observation, reward, *rest = super().step(action)
+        return observation, reward - (self.step_count > 60), *rest
+
+
+class Fading(minigrid.envs.EmptyEnv):
+    def _reward(self):
+        return 1 - self.step_count / 50
+
+
+@pytest.mark.parametrize("state", [None, MiniGridState(), MiniGridState(copies=True)])
+def test_a_reward_of_a_subclass_is_kept(state):
+    task = cr.tabulate(lambda: Prized(size=5), discount=0.9, state=state)
+    assert task.mdp.reward.max() == 5
+    assert "goal reward" not in repr(task)
+    plain = cr.tabulate(lambda: minigrid.envs.EmptyEnv(size=5), discount=0.9, state=state)
+    assert repr(plain).endswith("goal reward 1, exact)")
+    assert cr.solve(task).start_value == pytest.approx(5 * cr.solve(plain).start_value)
+
+
+@pytest.mark.parametrize("copies", [False, True])
+@pytest.mark.parametrize("world", [Late, Fading])
+def test_what_depends_on_the_time_is_refused(world, copies):
+    def make():
+        return world(size=5, max_steps=100)
+
+    said = "depend on the time only with state=.*led to another reward"
+    with pytest.raises(TaskError, match=said):
+        cr.tabulate(make, discount=0.9, state=MiniGridState(copies=copies))

@@ -75,7 +75,7 @@ def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
     report.refresh()
     words, seconds = live.banner
     assert "8 of 16 units" in words
-    assert "so far is of scratch, chain; to come: state, calibrated. Verdicts" in words
+    assert "so far is of scratch, chain; to come: state, calibrated. There" in words
     assert seconds >= 2
     assert ">chain<" in live.page.replace("> ", ">").replace(" <", "<")
     assert "reload" in live.page

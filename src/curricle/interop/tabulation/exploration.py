@@ -3,11 +3,13 @@
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.wrappers import TimeLimit
 
 from curricle.checks import number
@@ -23,10 +25,12 @@ from curricle.interop.tabulation.states import (
     words_of_state,
 )
 from curricle.interop.tabulation.tabulated_task import same_observation
-from curricle.interop.toy_text import HARMLESS
+from curricle.interop.toy_text import HARMLESS, acts_as
 from curricle.tasks.live import RETURNED
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE
+from curricle.tasks.outcomes import SINGLE_PRECISION, number_of
 
+MORE_RESETS = 8
+"""Resets with other seeds, by which it is seen whether the states that they lead to differ."""
 INTERVAL = 0.5
 """Seconds between two reports of progress."""
 
@@ -98,6 +102,7 @@ class Explored:
     next_state: list[int] = field(default_factory=list)
     probability: list[float] = field(default_factory=list)
     reward: list[float] = field(default_factory=list)
+    several: bool = False  # whether resets lead to different states
     cut: int = 0  # states from which nothing goes on, as episodes are truncated there
     seconds: float = 0.0
     observing: float = 0.0  # of them those that observations and words took
@@ -130,11 +135,11 @@ class Search:
 
     def run(self) -> Explored:
         """Return all states and outcomes; TaskError when a limit does not suffice."""
-        found, n_actions = self.found, self.world.n_actions
-        for reached in self.world.starts():
-            state = self._number(reached)
+        found, n_actions, seeds = self.found, self.world.n_actions, self.world.seeds
+        for seed in seeds:
+            state = self._number(self.world.start(seed))
             found.first.append(state)
-            found.start[state] = found.start.get(state, 0.0) + reached.probability
+            found.start[state] = found.start.get(state, 0.0) + 1 / len(seeds)
         while self.queue:
             state = self.queue.popleft()
             content, self.contents[state] = self.contents[state], None
@@ -149,6 +154,9 @@ class Search:
             for action in range(n_actions):
                 self._add(state * n_actions + action, state, STAY)
         found.cut = len(staying)
+        keys = (self.world.start(max(seeds) + k).key for k in range(1, MORE_RESETS + 1))
+        known = (self.numbers.get((key, False)) in found.start for key in keys)
+        found.several = len(found.start) > 1 or not all(known)
         found.seconds = time.perf_counter() - self.began
         return found
 
@@ -166,8 +174,8 @@ class Search:
             self.contents.append(reached.content)
             self.queued.append(False)
             self.found.terminal.append(reached.terminated)
-            self.found.observations.append(observation)
-            self.found.words.append(words)
+            self.found.observations.append(deepcopy(observation))  # which a step may change
+            self.found.words.append({**words, **words_of_state(observation, "_")})
         if not (self.queued[state] or reached.terminated or reached.truncated):
             self.contents[state] = reached.content
             self.queued[state] = True
@@ -239,8 +247,7 @@ class Arrival(NamedTuple):
 class World:
     """An environment's own steps, and how its states are saved and restored.
 
-    After `starts` and `outcomes` have yielded a state it can be looked at until the next is asked
-    for.
+    A state that `start` or `outcomes` has made can be looked at until the next is asked for.
     """
 
     def __init__(
@@ -262,15 +269,24 @@ class World:
         access.prepare(env)
         self.streams = Streams()
         self.drawing = 0  # pairs whose steps draw random numbers
+        self.shared: Sequence[Any] = ()  # the global generators, if steps or resets draw from them
         self._known: list[Any] | None = None  # the generators' states, where nobody has drawn since
 
-    def starts(self) -> Iterator[Reached]:
-        """Yield the state after each reset."""
-        for seed in self.seeds:
-            yield self._reached(self._start(seed), 1 / len(self.seeds))
+    def start(self, seed: int) -> Reached:
+        """Return the state in which an episode begins that is reset with a seed."""
+        self._known = None
+        if self.access.copies:
+            self.now, _ = self.access.restore(self.core, (self.core, []))
+        observed, _ = self._returned(self.now.reset(seed=seed), RESET)
+        _rewind_clocks(self.now)
+        self.access.begin(self.now)
+        arrival = Arrival(*self.access.save(self.now), 0.0, False, False, observed)
+        return self._reached(arrival, 1.0)
 
     def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
         """Yield the one outcome, or those met in the samples, as often as they were met."""
+        if self.transitions == self.n_actions:
+            self.access.check()
         self.transitions += 1
         if self.samples is None:
             yield self._reached(self._step(content, action), 1.0)
@@ -289,19 +305,10 @@ class World:
         *reached, self._last = arrival
         return Reached(probability, *reached)
 
-    def _start(self, seed: int) -> Arrival:
-        """Return where an episode begins that is reset with a seed."""
-        self._known = None
-        if self.access.copies:
-            self.now, _ = self.access.restore(self.core, (self.core, []))
-        observed, _ = self._returned(self.now.reset(seed=seed), RESET)
-        _rewind_clocks(self.now)
-        self.access.begin(self.now)
-        return Arrival(*self.access.save(self.now), 0.0, False, False, observed)
-
     def _step(self, content: Any, action: int) -> Arrival:
         """Return where the one outcome of an action leads from a saved state."""
         env, generators = self.access.restore(self.core, content)
+        generators = [*generators, *self.shared]
         before = self._known if self._known is not None else [*map(state_of, generators)]
         first = self._arrival(env, action)
         after = [*map(state_of, generators)]
@@ -315,7 +322,7 @@ class World:
             self._known = None
             for repetition in range(1, REPETITIONS):
                 again, generators = self.access.restore(self.core, content)
-                restart(generators, repetition)
+                restart([*generators, *self.shared], repetition)
                 self._check_repeated(first, self._arrival(again, action), action)
         # Where all is one environment it is in the same state now; else `env` is kept as the state.
         self.now = env
@@ -324,6 +331,7 @@ class World:
     def _sample(self, content: Any, action: int) -> Arrival:
         """Return where one step leads from a saved state, with random numbers not used before."""
         env, generators = self.access.restore(self.core, content)
+        generators = [*generators, *self.shared]
         self.streams.resume(generators)
         self.now = env
         arrival = self._arrival(env, action)
@@ -334,10 +342,7 @@ class World:
         returned = self._returned(env.step(self._core_action(action)), STEP)
         observed, reward, terminated, truncated, _ = returned
         _rewind_clocks(env)
-        try:
-            earned = float(reward)
-        except (TypeError, ValueError):
-            earned = math.nan
+        earned = number_of(reward)
         if not math.isfinite(earned):
             raise TaskError(f"a reward must be a finite number: got {reward!r} from {self.name}")
         ends = bool(terminated), bool(truncated)
@@ -369,8 +374,8 @@ class World:
             differing = "state" if not same else "reward or end"
         raise TaskError(
             "steps must be deterministic to be tabulated, unless outcomes are listed (outcomes=) "
-            f"or estimated (samples=): action {action}, repeated from one state of {self.name}, "
-            f"led to another {differing}"
+            f"or estimated (samples=){self.access.hint}: action {action}, repeated from one state "
+            f"of {self.name}, led to another {differing}"
         )
 
 
@@ -400,20 +405,14 @@ def core_and_views(
     """
     views, acts = list[Any](), list[Any]()
     while isinstance(env, gym.Wrapper):
-        if views_apart and _steps_plainly(env, gym.ObservationWrapper):
+        if views_apart and acts_as(env, gym.ObservationWrapper):
             views.insert(0, env)
-        elif views_apart and _steps_plainly(env, gym.ActionWrapper):
+        elif views_apart and acts_as(env, gym.ActionWrapper):
             acts.append(env)
-        elif not isinstance(env, HARMLESS):
+        elif not acts_as(env, *HARMLESS):
             break
         env = env.env
     return env, views, acts
-
-
-def _steps_plainly(env: Any, kind: Any) -> bool:
-    """Return whether a wrapper of a kind steps and resets as all of that kind do."""
-    ours = type(env)
-    return isinstance(env, kind) and ours.step is kind.step and ours.reset is kind.reset
 
 
 Listed = Callable[[Any, int], Sequence[tuple[float, Any, float, bool]]]
@@ -421,7 +420,7 @@ Listed = Callable[[Any, int], Sequence[tuple[float, Any, float, bool]]]
 
 
 class ListedOutcomes:
-    """Outcomes that a function or a table lists, of states that are hashable."""
+    """Outcomes that a function or a table lists, of states or observations."""
 
     def __init__(
         self,
@@ -437,12 +436,11 @@ class ListedOutcomes:
         self.save, self.words, self.name, self.transitions = save, words, name, 0
         self._last: Any = None
 
-    def starts(self) -> Iterator[Reached]:
-        """Yield the state after each reset."""
-        for seed in self.seeds:
-            observed, _ = self.env.reset(seed=seed)
-            state = observed if self.save is None else self.save(self.env.unwrapped)
-            yield self._reached(1 / len(self.seeds), state, 0.0, ended=False)
+    def start(self, seed: int) -> Reached:
+        """Return the state after a reset."""
+        observed, _ = self.env.reset(seed=seed)
+        state = deepcopy(observed) if self.save is None else self.save(self.env.unwrapped)
+        return self._reached(1.0, state, 0.0, ended=False)
 
     def outcomes(self, content: Any, action: int) -> Iterable[Reached]:
         """Yield the outcomes that are possible."""
@@ -454,7 +452,8 @@ class ListedOutcomes:
                 chance, after, reward, ended = outcome
                 chance = number("a probability", chance, TaskError, 0, 1)
                 reward = number("a reward", reward, TaskError)
-                hash(after)
+                after = _in_form(after, content)
+                hash(_key(after))
             except (TypeError, ValueError) as error:
                 raise TaskError(
                     "an outcome must be (probability, next state, reward, terminated) with finite "
@@ -464,7 +463,7 @@ class ListedOutcomes:
             total += chance
             if chance > 0:
                 yield self._reached(chance, after, reward, ended=bool(ended))
-        if abs(total - 1) > PROBABILITY_TOLERANCE:
+        if abs(total - 1) > SINGLE_PRECISION:
             raise TaskError(
                 f"transition probabilities must sum to 1: action {action} in {content!r} sums to "
                 f"{total:.10g}"
@@ -478,4 +477,22 @@ class ListedOutcomes:
 
     def _reached(self, chance: float, state: Any, reward: float, *, ended: bool) -> Reached:
         self._last = state
-        return Reached(chance, state, state, reward, ended, truncated=False)
+        return Reached(chance, _key(state), state, reward, ended, truncated=False)
+
+
+def _in_form(state: Any, example: Any) -> Any:
+    """Return a listed state as an array or named tuple where the environment's own are these."""
+    if isinstance(example, np.ndarray):
+        return np.asarray(state, example.dtype)
+    if isinstance(example, tuple) and isinstance(state, np.ndarray | list | tuple):
+        return getattr(example, "_make", tuple)(state)
+    return state
+
+
+def _key(state: Any) -> Any:
+    """Return what is equal for equal states, in which arrays and lists are tuples."""
+    if isinstance(state, np.ndarray):
+        state = state.tolist()
+    if isinstance(state, Mapping):
+        return frozenset((key, _key(part)) for key, part in state.items())
+    return tuple(map(_key, state)) if isinstance(state, list | tuple) else state

@@ -5,6 +5,7 @@ from collections import UserDict
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from operator import itemgetter
 from typing import Any
 
@@ -190,11 +191,6 @@ class MiniGridState:
             return Copies(frozenset()) if self.own_reward else _TimelessCopies()
         return MiniGridAccess(own_reward=self.own_reward)
 
-    @property
-    def note(self) -> str:
-        """What the tables say in another way than MiniGrid."""
-        return "" if self.own_reward else "goal reward 1"
-
 
 def is_minigrid(env: Environment) -> bool:
     """Return whether an environment is one of MiniGrid's, which need not be installed."""
@@ -204,7 +200,7 @@ def is_minigrid(env: Environment) -> bool:
 
 def fitting_state(env: Environment, core: Environment, seed: int) -> MiniGridState:
     """Return how to save a MiniGrid environment's states: fast if it keeps none elsewhere."""
-    if core is not env.unwrapped:
+    if core is not env.unwrapped or "gen_obs" in vars(core):
         return MiniGridState(copies=True)
     access = MiniGridAccess(own_reward=False)
     core.reset(seed=seed)
@@ -231,20 +227,40 @@ def _one() -> float:
     return 1.0
 
 
+def _pay_one(env: Environment) -> str:
+    """Let the goal pay 1, and return a note of it; nothing, where the reward is a subclass's."""
+    base: Any = env.unwrapped
+    known = sys.modules["minigrid.minigrid_env"].MiniGridEnv._reward
+    if type(base)._reward is not known or vars(base).get("_reward", _one) is not _one:
+        return ""
+    base._reward = _one
+    return "goal reward 1"
+
+
+def _time(number: int, env: Any) -> int:
+    """Return times before an episode's end, of which any two that follow are far apart."""
+    return int(number * 0.618034 % 1 * max(1, env.max_steps - 1))
+
+
+TIME_HINT = ", and may depend on the time only with state=MiniGridState(own_reward=True)"
+
+
 class _TimelessCopies(Copies):
-    """Copies of which each is at the beginning of an episode's time."""
+    """Copies at all times of an episode in turn, so that repeated steps differ if it matters."""
+
+    hint = TIME_HINT
 
     def __init__(self) -> None:
         super().__init__(frozenset({"step_count"}))
+        self.times = count()
 
     def prepare(self, env: Environment) -> None:
-        base: Any = env.unwrapped
-        base._reward = _one
+        self.note = _pay_one(env)
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         copy, generators = super().restore(env, content)
         base: Any = copy.unwrapped
-        base.step_count = 0
+        base.step_count = _time(next(self.times), base)
         return copy, generators
 
 
@@ -270,7 +286,8 @@ class MiniGridAccess(StateAccess):
     copies = False
 
     def __init__(self, *, own_reward: bool):
-        self.own_reward = own_reward
+        self.own_reward, self.hint = own_reward, "" if own_reward else TIME_HINT
+        self.times = count()
         self.levels = list[Level]()
         self.by_digest = dict[bytes, tuple[Level, Any]]()
         self.grid_numbers = dict[tuple[Any, ...], int]()
@@ -282,9 +299,8 @@ class MiniGridAccess(StateAccess):
 
     def prepare(self, env: Environment) -> None:
         """Let the goal pay 1, unless the reward is MiniGrid's own."""
-        base: Any = env.unwrapped
         if not self.own_reward:
-            base._reward = _one
+            self.note = _pay_one(env)
 
     def begin(self, env: Environment) -> None:
         """Note the level that a reset made, or find it among those before."""
@@ -349,7 +365,8 @@ class MiniGridAccess(StateAccess):
         level.set_objects(objects)
         if level.values_of_plain(vars(base)) != plain:
             vars(base).update(zip([*level.plain, "mission"], plain, strict=True))
-        base.step_count = step
+        # Without a time in the states a repeated step is at another time than the first.
+        base.step_count = step if self.own_reward else _time(next(self.times), base)
         return env, (base.np_random,)
 
     def observation(self, env: Environment, returned: Any) -> Any:

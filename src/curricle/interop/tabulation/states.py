@@ -4,7 +4,8 @@ import hashlib
 import random
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from enum import Enum
@@ -17,9 +18,11 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from curricle.errors import SettingError, TaskError
-from curricle.interop.toy_text import HARMLESS
+from curricle.interop.toy_text import HARMLESS, TOY_TEXT, acts_as
 
 GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
+SHARED: tuple[Any, ...] = random.getstate.__self__, np.random.get_state.__self__  # type: ignore[attr-defined]
+"""Python's and NumPy's global generators, which belong to no environment."""
 SALT = 2718
 """Begins the seeds of repeated steps, so that they are not those of the environment's resets."""
 
@@ -46,6 +49,17 @@ def restart(generators: Sequence[Any], repetition: int) -> None:
     """Let each generator draw other numbers than in other repetitions, the same for its kind."""
     for place, each in enumerate(generators):
         _set(each, _fresh(_kind(each), place, repetition))
+
+
+@contextmanager
+def shared_draws() -> Iterator[Callable[[], bool]]:
+    """Return a context with whether the global generators were drawn from; it sets them back."""
+    before = [*map(state_of, SHARED)]
+    try:
+        yield lambda: [*map(state_of, SHARED)] != before
+    finally:
+        for generator, state in zip(SHARED, before, strict=True):
+            _set(generator, state)
 
 
 def state_of(generator: Any) -> Any:
@@ -90,32 +104,28 @@ UNCHANGING = (tuple, frozenset, Enum, *NAMED, FunctionType, MethodType, CodeType
 """What is read again wherever it is met: sharing it makes no difference."""
 
 
-def fingerprint(
-    value: Any, left_out: Collection[str] = (), generators: list[Any] | None = None
-) -> bytes:
+def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
     """Return a digest of a value and all that it refers to, 16 bytes.
 
     Equal for values that are equal part by part, with the same parts shared between the same
     places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out,
-    and attributes with names `left_out`. Generators that are met are appended to `generators`.
-    TaskError when a part holds what cannot be read, such as an open file.
+    and attributes with names `left_out`. TaskError when a part holds what cannot be read, such as
+    an open file.
     """
-    reader = _Reader(frozenset(left_out))
-    reader.read(value)
-    if generators is not None:
-        generators += reader.generators.values()
-    return reader.digest.digest()
+    return _Reader(value, frozenset(left_out)).digest.digest()
 
 
 class _Reader:
-    """Feeds values to a digest; each shared part once, then by its number."""
+    """Feeds a value to a digest; each shared part once, then by its number."""
 
-    def __init__(self, left_out: frozenset[str]):
+    def __init__(self, value: Any, left_out: frozenset[str], *, strict: bool = True):
+        self.left_out, self.strict = left_out, strict
         self.digest = hashlib.blake2b(digest_size=16)
-        self.left_out = left_out
         self.met = dict[int, int]()
+        self.skipped = set[str]()  # the attributes among `left_out` that were met
         self.generators = dict[int, Any]()
         self.alive = list[Any]()  # so that no number in `met` is given to another object
+        self.read(value)
 
     def tell(self, *words: Any) -> None:
         for word in words:
@@ -132,7 +142,7 @@ class _Reader:
             self.tell("constant")
             if isinstance(value, GENERATORS):
                 self.generators[id(value)] = value
-        elif isinstance(value, HARMLESS):
+        elif isinstance(value, HARMLESS) and acts_as(value, *HARMLESS):
             self.read(value.env)
         elif isinstance(value, UNCHANGING):
             self._read_parts(value)
@@ -190,13 +200,14 @@ class _Reader:
     def _read_object(self, value: Any) -> None:
         """Read an object by its attributes, or where it has none by what pickle would keep."""
         kind = type(value)
-        self.tell("object", kind.__module__, kind.__qualname__)
+        self.tell("object", getattr(kind, "__module__", ""), kind.__qualname__)  # SWIG's have none
         attributes = dict(getattr(value, "__dict__", {}))
         for base in kind.__mro__:
             names = vars(base).get("__slots__", ())
             for name in (names,) if isinstance(names, str) else names:
                 if hasattr(value, name):
                     attributes[name] = getattr(value, name)
+        self.skipped |= attributes.keys() & self.left_out
         for name in sorted(attributes.keys() - self.left_out):
             self.tell(name)
             self.read(attributes[name])
@@ -204,6 +215,8 @@ class _Reader:
             try:
                 self.read(list(value.__reduce_ex__(4)[1:]))
             except TypeError as error:
+                if not self.strict:
+                    return
                 raise TaskError(
                     "states must be told apart to be tabulated, by all that an environment holds "
                     f"or by functions state=(save, restore): a {kind.__qualname__} in it cannot be "
@@ -216,7 +229,6 @@ Words = Mapping[str, int | str]
 """A state in words: the value of each component by name."""
 CONSTANTS = frozenset({"metadata", "spec"})
 """Attributes that no step changes; copies share them."""
-TOY_TEXT = "gymnasium.envs.toy_text."
 TOY_CONSTANTS = frozenset({"P", "initial_state_distrib", "desc", "locs"})
 """Further attributes of Gymnasium's toy-text environments that no step changes."""
 LEFT_OUT = CONSTANTS | {"_np_random_seed"}
@@ -234,6 +246,8 @@ class StateAccess(ABC):
     """
 
     copies: bool
+    hint = ""  # what else may be the matter where a repeated step leads elsewhere
+    note = ""  # what the tables say in another way than the environment
 
     def prepare(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
         """Change for good what is to be tabulated in another way than the environment has it."""
@@ -248,6 +262,9 @@ class StateAccess(ABC):
     @abstractmethod
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return an environment in a saved state, the one given or another; its generators."""
+
+    def check(self) -> None:  # noqa: B027 - many have nothing to do
+        """Check what can be checked when all actions have been taken in a state."""
 
     def observation(self, env: Environment, returned: Any) -> Any:
         """Return the observation of an environment, given what its step or reset returned."""
@@ -300,13 +317,21 @@ class Copies(StateAccess):
     copies = True
 
     def __init__(self, ignored: frozenset[str]):
-        self.ignored = ignored
+        self.ignored, self.unmet = ignored, set(ignored)
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return the environment itself, and its digest."""
-        generators = list[Any]()
-        key = fingerprint(env, self.ignored | left_out(env), generators)
-        return key, (env, generators)
+        reader = _Reader(env, self.ignored | left_out(env))
+        self.unmet -= reader.skipped
+        return reader.digest.digest(), (env, [*reader.generators.values()])
+
+    def check(self) -> None:
+        """Raise SettingError if there is no attribute of a name that is ignored."""
+        if self.unmet:
+            raise SettingError(
+                "ignore must name attributes of what an environment holds: nothing in it has "
+                f"{', '.join(sorted(self.unmet))}"
+            )
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return a copy, and its generators."""
@@ -316,8 +341,8 @@ class Copies(StateAccess):
 
     def describe(self, env: Environment) -> Words:
         """Return the plain attributes of the environment."""
-        found, ignored = plain_attributes(env.unwrapped), self.ignored | left_out(env)
-        return {name: value for name, value in found.items() if name not in ignored}
+        attributes, ignored = vars(env.unwrapped).items(), self.ignored | left_out(env)
+        return words_of_state({name: value for name, value in attributes if name not in ignored})
 
 
 class SaveAndRestore(StateAccess):
@@ -332,9 +357,9 @@ class SaveAndRestore(StateAccess):
         self.generators = list[Any]()
 
     def begin(self, env: Environment) -> None:
-        """Find the random generators."""
-        self.generators = []
-        fingerprint(env, left_out(env), self.generators)
+        """Find the random generators, wherever the environment can be read."""
+        reader = _Reader(env, left_out(env), strict=False)
+        self.generators = list(reader.generators.values())
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
         """Return what the function returns, which tells states apart and restores them."""
@@ -368,17 +393,13 @@ def layers_of(env: Environment) -> list[Any]:
 
 def left_out(env: Environment) -> frozenset[str]:
     """Return the names of an environment's attributes that make no difference between states."""
-    return LEFT_OUT | TOY_LEFT_OUT if _is_toy(env) else LEFT_OUT
-
-
-def _is_toy(env: Environment) -> bool:
-    return type(env.unwrapped).__module__.startswith(TOY_TEXT)
+    return LEFT_OUT | TOY_LEFT_OUT if acts_as(env.unwrapped, *TOY_TEXT) else LEFT_OUT
 
 
 def copied(env: Any) -> tuple[Any, dict[int, Any]]:
     """Return a deep copy that shares what is constant, and the memo of copying; or TaskError."""
     memo: dict[int, Any] = {}
-    shared = CONSTANTS | TOY_CONSTANTS if _is_toy(env) else CONSTANTS
+    shared = CONSTANTS | TOY_CONSTANTS if acts_as(env.unwrapped, *TOY_TEXT) else CONSTANTS
     layer: Any = env
     while layer is not None:
         for name, value in vars(layer).items():
@@ -394,48 +415,22 @@ def copied(env: Any) -> tuple[Any, dict[int, Any]]:
         ) from error
 
 
-def plain_attributes(env: Any) -> dict[str, int | str]:
-    """Return an environment's attributes that are whole numbers or words.
+def words_of_state(state: Any, before: str = "") -> Words:
+    """Return the whole numbers and words in a state, alone or in a short list, under their names.
 
-    Examples
-    --------
-    >>> class Room:
-    ...     def __init__(self):
-    ...         self.place, self.lit = (2, 3), True
-    >>> plain_attributes(Room())
-    {'place_1': 2, 'place_2': 3, 'lit': 1}
+    Names have `before` before them.
     """
+    named = state._asdict() if hasattr(state, "_asdict") else state
     found = dict[str, Any]()
-    for name, value in vars(env).items():
-        if name.startswith("_") or isinstance(value, CONSTANT):
-            continue
+    for name, value in (named if isinstance(named, Mapping) else {"state": state}).items():
         if isinstance(value, tuple | list | np.ndarray):
             flat = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
             if len(flat) <= MOST_CELLS:
-                found |= {f"{name}_{i + 1}": each for i, each in enumerate(flat)}
+                found |= {f"{before}{name}_{i + 1}": each for i, each in enumerate(flat)}
         else:
-            found[name] = value
-    return _plain(found)
-
-
-def words_of_state(state: Any) -> Words:
-    """Return the numbers and words of a state that is one of these, or a tuple of them.
-
-    Examples
-    --------
-    >>> words_of_state((3, "red")), words_of_state(4)
-    ({'state_1': 3, 'state_2': 'red'}, {'state': 4})
-    """
-    if not isinstance(state, tuple):
-        return _plain({"state": state})
-    names = getattr(state, "_fields", [f"state_{i + 1}" for i in range(len(state))])
-    return _plain(dict(zip(names, state, strict=True)))
-
-
-def _plain(values: Mapping[str, Any]) -> dict[str, int | str]:
-    """Return what is a whole number or a word, the former as ints."""
+            found[f"{before}{name}"] = value
     return {
         name: value if isinstance(value, str) else int(value)
-        for name, value in values.items()
+        for name, value in found.items()
         if isinstance(value, bool | int | np.integer | np.bool_ | str) and value != ""
     }

@@ -175,15 +175,7 @@ def _merged(tables: Tables, blocks: IntArray, n_actions: int) -> Tables:
 
 
 def words_of_blocks(words: Sequence[Words], blocks: IntArray) -> tuple[list[Words], set[str]]:
-    """Return the words of each block, and the names of which some block has several values.
-
-    Those values are `ANY` there.
-
-    Examples
-    --------
-    >>> words_of_blocks([{"row": 1, "told": 0}, {"row": 1, "told": 2}], np.array([0, 0]))
-    ([{'row': 1, 'told': 'any'}], {'told'})
-    """
+    """Return the words of each block, `ANY` where they differ, and the names of which some do."""
     found = dict[int, dict[str, int | str]]()
     vague = set[str]()
     for each, block in zip(words, blocks.tolist(), strict=True):
@@ -198,34 +190,29 @@ def words_of_blocks(words: Sequence[Words], blocks: IntArray) -> tuple[list[Word
 def named_states(words: Sequence[Words], terminal: BoolArray, vague: Collection[str]) -> Space:
     """Return the space whose components are what differs between states.
 
-    Where several states have the same values they are told apart by those that are vague, then by
-    whether they end the episode, `ended`, then by a number, `variant`.
-
-    Examples
-    --------
-    >>> words = [{"row": 1, "lamp": "on"}, {"row": 2, "lamp": "off"}, {"row": 2, "lamp": "off"}]
-    >>> space = named_states(words, np.array([False, False, True]), [])
-    >>> [space.label(state) for state in range(3)]
-    ['row=1 lamp=on ended=no', 'row=2 lamp=off ended=no', 'row=2 lamp=off ended=yes']
+    Where several states have the same values they are told apart by those with an underscore, then
+    those that are vague, by whether they end the episode, `ended`, then by a number, `variant`.
     """
     names = dict.fromkeys(name for each in words for name in each)
     parts = list[Part]()
-    for of_these in (names.keys() - set(vague), vague):
-        if not parts or _copy_numbers(parts).any():
-            given = [
-                _component(name, [each.get(name, ABSENT) for each in words])
-                for name in names
-                if name in of_these
-            ]
-            parts += [(component, values) for component, values in given if component.size > 1]
+    for name in sorted(names, key=lambda name: 2 if name in vague else name.startswith("_")):
+        public = name not in vague and not name.startswith("_")
+        if not public and _count(parts) == len(words):
+            break
+        values = [each.get(name, ABSENT) for each in words]
+        part = _component(_free(name.lstrip("_") or name, parts), values)
+        # Of the rest only what tells states apart that are alike so far.
+        if part[0].size > 1 and (public or _count([*parts, part]) > _count(parts)):
+            parts.append(part)
     if not parts:
-        return Space([Component("state", len(words))])
+        return Space([Component("state", len(words), arbitrary=True)])
     if _copy_numbers(parts).any() and terminal.any() and not terminal.all():
-        ended = Component(_free("ended", names), 2, labels=("no", "yes"))
+        ended = Component(_free("ended", parts), 2, labels=("no", "yes"))
         parts.append((ended, terminal.astype(np.int64)))
     copies = _copy_numbers(parts)
     if copies.any():
-        parts.append((Component(_free("variant", names), int(copies.max()) + 1), copies))
+        size = int(copies.max()) + 1
+        parts.append((Component(_free("variant", parts), size, arbitrary=True), copies))
     points = np.stack([values for _, values in parts], axis=1)
     return Space([component for component, _ in parts], points)
 
@@ -243,6 +230,11 @@ def _component(name: str, values: Sequence[int | str]) -> Part:
     return Component(name, len(labels), labels=tuple(labels)), numbers
 
 
+def _count(parts: Sequence[Part]) -> int:
+    """Return how many states are told apart."""
+    return int((_copy_numbers(parts) == 0).sum()) if parts else 1
+
+
 def _copy_numbers(parts: Sequence[Part]) -> IntArray:
     """Return how many states before each have the same values, (S,)."""
     which = numbered_rows(np.stack([values for _, values in parts], axis=1))
@@ -253,8 +245,9 @@ def _copy_numbers(parts: Sequence[Part]) -> IntArray:
     return found
 
 
-def _free(name: str, taken: Collection[str]) -> str:
-    return name if name not in taken else _free(f"{name}_", taken)
+def _free(name: str, parts: Sequence[Part]) -> str:
+    """Return a name that no component has yet."""
+    return _free(f"{name}_", parts) if name in [part.name for part, _ in parts] else name
 
 
 KIND = "TabulatedTask"

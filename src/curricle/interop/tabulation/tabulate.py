@@ -40,7 +40,15 @@ from curricle.interop.tabulation.minigrid import (
     is_minigrid,
     named_actions,
 )
-from curricle.interop.tabulation.states import DeepCopy, SaveAndRestore, Words, copied, layers_of
+from curricle.interop.tabulation.states import (
+    SHARED,
+    DeepCopy,
+    SaveAndRestore,
+    Words,
+    copied,
+    layers_of,
+    shared_draws,
+)
 from curricle.interop.tabulation.tables import Tables, assembled, made_of, read_tables, write_tables
 from curricle.interop.tabulation.tabulated_task import (
     TabulatedTask,
@@ -51,6 +59,7 @@ from curricle.interop.tabulation.tabulated_task import (
 from curricle.interop.toy_text import has_table, names_of
 from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
+from curricle.tasks.outcomes import number_of
 from curricle.tasks.spaces import Space, values_of
 
 STEPS = 1000
@@ -98,7 +107,7 @@ class Checker:
             possible = {
                 after
                 for state in possible
-                for after in self._successors(state, action, float(reward), bool(ended))
+                for after in self._successors(state, action, number_of(reward), bool(ended))
             }
             where = f"step {taken} after a reset with seed {seed}, action {action}"
             possible = self._compare(possible, observed, where)
@@ -222,23 +231,27 @@ class Plan:
         if self.state is None and isinstance(how, MiniGridState) and not how.copies:
             fast = MiniGridAccess(own_reward=False)
             try:
-                return self._tables(world(fast), how)
+                return self._tables(world(fast))
             except TaskError:
                 if not fast.missed(env.unwrapped):
                     raise
                 fast.release()
                 how = MiniGridState(copies=True)
         access = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
-        return self._tables(world(access), how)
+        return self._tables(world(access))
 
-    def _tables(self, world: World, how: Any) -> tuple[Tables, TabulationRecord]:
+    def _tables(self, world: World) -> tuple[Tables, TabulationRecord]:
         """Return the tables of a world, and how they came about."""
         source = self._source(world)
-        found = self._explored(source)
-        sampled, merge = self.samples is not None, world.access.copies and source is world
-        tables = assembled(found, world.n_actions, sampled=sampled, merge=merge)
-        world.access.end()
-        checked = 0 if sampled else Checker(world, tables).check(self.seeds)
+        with shared_draws() as drawn:
+            found = self._explored(source)
+            if source is world and drawn():  # seldom, and to ask at every step would take long
+                world.shared, world.transitions, world.drawing = SHARED, 0, 0
+                found = self._explored(source)
+            sampled, merge = self.samples is not None, world.access.copies and source is world
+            tables = assembled(found, world.n_actions, sampled=sampled, merge=merge)
+            world.access.end()
+            checked = 0 if sampled else Checker(world, tables).check(self.seeds)
         record = TabulationRecord(
             environment=world.name,
             seeds=self.seeds,
@@ -247,10 +260,11 @@ class Plan:
             drawing=world.drawing,
             checked=checked,
             cut=found.cut,
+            several=found.several,
             explored=len(found.terminal),
             seconds=found.seconds,
             observing=found.observing,
-            note=getattr(how, "note", ""),
+            note=world.access.note,
         )
         return tables, record
 
@@ -294,16 +308,15 @@ class Plan:
 def words_of(world: Any) -> Callable[[Any], Words] | None:
     """Return the function from a state of a known environment to its components, if known."""
     states = names_of(world)[0]
-    if states is None:
+    if states is None or states.size != len(world.P):
         return None
 
     def words(state: Any) -> Words:
-        values = values_of(states, int(state)).items()
+        values = values_of(states, int(state))
         return {
-            name: value if states.component(name).labels is None
-            else states.component(name).label(value)
-            for name, value in values
-        }  # fmt: skip
+            part.name: part.label(values[part.name]) if part.labels else values[part.name]
+            for part in states.components
+        }
 
     return words
 
@@ -385,7 +398,8 @@ def tabulate(
     -------
     TabulatedTask
         States have a component for each number or word that differs between them, among the
-        environment's attributes or in what `save` returns.
+        environment's attributes or in what `save` returns; where these do not tell them apart, in
+        attributes with an underscore and observations.
 
     Raises
     ------
@@ -403,7 +417,7 @@ def tabulate(
     >>> import curricle as cr
     >>> taxi = tabulate("Taxi-v4", discount=0.9, seeds=3)
     >>> taxi
-    TabulatedTask(Taxi-v4: 202 states, 6 actions, 2 terminal, discount 0.9, time limit 200, exact)
+    TabulatedTask(Taxi-v4: 202 states, ..., time limit 200, 3 of several resets seen)
     >>> taxi.states.label(0)
     'row=3 column=0 passenger=blue destination=yellow'
     """

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from inspect import signature
 from typing import Any, Self
 
 import numpy as np
@@ -137,13 +138,7 @@ def stacked_observations(observations: Sequence[Any], terminal: Iterable[bool]) 
 
 
 def parts_of(observation: Any) -> dict[str, Any]:
-    """Return the arrays, numbers and texts in an observation, by their places.
-
-    Examples
-    --------
-    >>> parts_of({"sight": (1, 2), "goal": "key"})
-    {'sight/#0': 1, 'sight/#1': 2, 'goal': 'key'}
-    """
+    """Return the arrays, numbers and texts in an observation by their places, as in "sight/#0"."""
     if isinstance(observation, Mapping):
         inner = [(str(key), part) for key, part in observation.items()]
     elif isinstance(observation, tuple):
@@ -218,6 +213,8 @@ class TabulationRecord:
         What the tables say in another way than the environment, such as rewards.
     cached : bool
         Whether they were found on disk.
+    several : bool
+        Whether resets with other seeds, of which 8 are tried, start in other states or levels.
     """
 
     environment: str
@@ -232,6 +229,7 @@ class TabulationRecord:
     observing: float = 0.0
     note: str = ""
     cached: bool = False
+    several: bool = False
 
     __repr__ = brief_repr
 
@@ -279,7 +277,7 @@ class TabulatedTask(Frozen):
 
     @property
     def exact(self) -> bool:
-        """Whether the tables are the environment's own, not estimates."""
+        """Whether outcomes are the environment's own, not estimates."""
         return self.record.samples is None
 
     def start_from(self, start: Any) -> Self:
@@ -321,6 +319,12 @@ class TabulatedTask(Frozen):
         SettingError
             When the model returns what is no action for each observation, or has no distribution.
         """
+        check_sight(model)
+        if any(part.low for part in self.actions.components):
+            raise SettingError(
+                f"a model's actions must count from 0: those of {self.record.environment} do not; "
+                "gymnasium.wrappers.TransformAction makes them, before it is tabulated"
+            )
         table, n_states = self._observations(), self.states.size
         rows = [np.arange(i, min(i + BATCH, n_states)) for i in range(0, n_states, BATCH)]
         if not deterministic:
@@ -345,10 +349,30 @@ class TabulatedTask(Frozen):
         size = repr(self.mdp).removeprefix("FiniteMDP(").removesuffix(")")
         samples, drawing = self.record.samples, self.record.drawing
         kind = "exact" if samples is None else f"estimated from {counted(samples, 'step')} a pair"
+        if self.record.several:
+            seen = f"{len(self.record.seeds)} of several resets seen"
+            kind = seen if samples is None else f"{kind}, {seen}"
         if drawing:
             kind += f" unless {drawing:,} pairs that draw random numbers rarely use them"
         note = f", {self.record.note}" if self.record.note else ""
         return f"TabulatedTask({self.record.environment}: {size}{note}, {kind})"
+
+
+def needs_of(policy: Any) -> str:
+    """Return what a policy of a network needs beside observations, "" where it is nothing."""
+    if hasattr(policy, "predict") and "action_masks" in signature(policy.predict).parameters:
+        return "masks of actions"
+    return "memory" if hasattr(policy, "lstm_actor") else ""
+
+
+def check_sight(model: Any) -> None:
+    """Raise SettingError unless a model acts by the observation alone."""
+    policy = getattr(model, "policy", model)
+    if needs := needs_of(policy):
+        raise SettingError(
+            f"a policy must act by the observation alone: {type(policy).__name__} needs {needs}, "
+            "which learn_deep and TrainedPolicy.episode give it"
+        )
 
 
 def _actions(model: Any, observations: Any, n: int) -> IntArray:

@@ -159,8 +159,9 @@ class Settings(Table):
         description="How several potentials into a task become one: maximum, mean, minimum, total, "
         "or a function (N, S, A) -> (S, A) as module:function.",
     )
-    unknown_value: Number = Field(
-        default=0.0, description="The potential of pairs that all mappings leave unmapped."
+    unknown_value: Number | None = Field(
+        default=None,
+        description="The potential of pairs that all mappings leave unmapped; 0 by default.",
     )
     learner: AnyLearner = Field(default=LEARNERS[0](), description="The learning algorithm.")
     budget: AnyBudget = Field(

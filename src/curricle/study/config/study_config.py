@@ -18,7 +18,7 @@ from pydantic import (
 from curricle.checks import listed
 from curricle.comparison.comparing import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import DEFAULT_STEPS, SETTINGS
+from curricle.curriculum.defaults import DEFAULT_STEPS
 from curricle.deep.learner import DeepLearner
 from curricle.display import block, shortened, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
@@ -231,9 +231,8 @@ class CurriculumBuilder:
 
     def _unmapped_is_free(self, target: str, settings: dict[str, dict[str, Any]]) -> bool:
         """Return the same as the curriculum's ``unmapped_is_free`` will."""
-        given = settings["unknown_value"].get(target, SETTINGS["unknown_value"])
         alone = sum(transfer.target == target for transfer in self.arm.transfers) == 1
-        return alone and given == SETTINGS["unknown_value"]
+        return alone and settings["unknown_value"].get(target) is None
 
     def _tasks(self) -> dict[str, Any]:
         """Return the tasks that could be made, with the mazes that only crops are made of."""

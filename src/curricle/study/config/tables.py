@@ -5,6 +5,7 @@ import importlib
 import importlib.util
 import inspect
 import logging
+import os
 import re
 import sys
 import tomllib
@@ -64,6 +65,13 @@ LARGEST_FILE = 10_000_000
 """Bytes of a study file or a map: the largest example has 3,000."""
 DEEPEST = 50
 """Tables and lists inside each other: what has more exhausts the stack of those that read it."""
+DEEP_KEY = re.compile(
+    r"""(?<![\w.-])(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)"""
+    rf"{{{DEEPEST}}}"
+)
+"""Keys that so many dots join: the parser's memory grows with the square of their number."""
+MOST_DOTS = 100_000
+"""Dots between keys in a file: each may be a table, of a kilobyte while a file is parsed."""
 LONGEST_NUMBER = 4096
 """Bits of a whole number: Python writes no number of more than 4,300 digits, as in a message."""
 TOO_DEEP = f"tables and lists must be at most {DEEPEST} deep"
@@ -83,6 +91,10 @@ def text_of(path: Path) -> str:
 def parsed(text: str) -> dict[str, Any]:
     """Return what a TOML text says; ValueError says why it is none."""
     found: dict[str, Any]
+    if DEEP_KEY.search(text):
+        raise ValueError(TOO_DEEP)
+    if len(re.findall(r"""[\w"'-][ \t]*\.(?=[ \t]*[\w"'-])""", text)) > MOST_DOTS:
+        raise ValueError(f"at most {MOST_DOTS:,} dots may join keys")
     try:
         found = tomllib.loads(text)
     except RecursionError:
@@ -439,6 +451,11 @@ def _no_task(name: str, graph: NameGraph) -> str:
 
 # -- Functions that a study file names as ``module:function`` --------------------------------------
 
+ALLOW = "CURRICLE_ALLOW"
+"""The environment variable with the installed packages whose functions study files may name."""
+SAFE = {"curricle.deep", "torch.nn", "torch.optim"}
+"""Modules that they may name anyway: what networks are made of runs no commands."""
+
 IMPORTED = dict[str, tuple[int, int] | None]()
 """The time and size of each module's file when it was imported."""
 PACKAGES = "curricle_study_"
@@ -452,8 +469,9 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
 
     A module beside the study file comes before one on ``sys.path``. It belongs to its folder:
     modules of the same name in two folders stay apart. It imports its neighbours relatively
-    (``from .rules import slip``). ConfigError says that there is no such module or function, or
-    that importing the module failed.
+    (``from .rules import slip``). One on ``sys.path`` must be of a package that the user allows:
+    a file alone, from whomever, then runs nothing that nobody chose to run. ConfigError says that
+    there is no such module or function, that it may not be named, or that importing it failed.
     """
     module_name, colon, name = reference.partition(":")
     words = [*module_name.split("."), name]
@@ -493,19 +511,40 @@ def users_code(reference: str) -> Iterator[None]:
         raise ConfigError(f"{reference} failed: {type(error).__name__}: {error}") from error
 
 
+def _check_allowed(name: str) -> None:
+    """Raise ConfigError unless a module that is not beside the study file may be named in it."""
+    first, allowed = name.partition(".")[0], os.environ.get(ALLOW, "").split(",")
+    if first in sys.stdlib_module_names:
+        raise ConfigError(
+            f"a study file names functions of modules beside it: {first} is not there, and "
+            "Python's own library, which can run any command, is refused"
+        )
+    if name not in SAFE and not any(f"{name}.".startswith(f"{one.strip()}.") for one in allowed):
+        raise ConfigError(
+            "a study file names functions of modules beside it, and of installed packages that you "
+            f"allow: {first} is not beside it; set {ALLOW}={first} if you trust the file with it"
+        )
+
+
 def _module(name: str, folder: Path) -> ModuleType | None:
     """Return a module beside the study file or on ``sys.path``; None if there is none."""
-    package = _package(folder)
-    paths = (f"{package}.{name}", name)
-    if not any(path in sys.modules for path in paths):
-        first = name.partition(".")[0]
-        beside = (folder / f"{first}.py").exists() or (folder / first).is_dir()
-        place = "beside the study file" if beside else "from Python's path"
-        LOGGER.info("importing the study's module %s, %s", name, place)
-    found = next((importlib.import_module(path) for path in paths if _exists(path)), None)
+    package, first = _package(folder), name.partition(".")[0]
+    found = None
+    if _exists(f"{package}.{first}"):
+        found = _imported(f"{package}.{name}", "beside the study file")
+    if found is None and (first in sys.modules or _exists(first)):
+        _check_allowed(name)
+        found = _imported(name, "from Python's path")
     for module in _modules_in(package):
         IMPORTED.setdefault(module, _stamp(module))
     return found
+
+
+def _imported(path: str, place: str) -> ModuleType | None:
+    if path not in sys.modules:
+        name = path.partition(".")[2] if path.startswith(PACKAGES) else path
+        LOGGER.info("importing the study's module %s, %s", name, place)
+    return importlib.import_module(path) if _exists(path) else None
 
 
 def _exists(path: str) -> bool:

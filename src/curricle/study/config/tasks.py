@@ -269,16 +269,17 @@ class GymnasiumTask(Maker, TaskTable):
         description="A function from observations to states, module:function, with its states as "
         "its attribute.",
     )
+    live: Flag | None = Field(  # None is not stored, so that keys of older results stay
+        default=None, description="Whether to call step for every step even if there is a table."
+    )
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the environment as a task."""
         given: dict[str, Any] = {"names": self.names, "sizes": self.sizes, "actions": self.actions}
+        given |= {"discount": self.discount, "live": bool(self.live)}
         if self.encode is not None:
             given["encode"] = load(self.encode, folder)
-        limit = _limit(self.time_limit)
-        return self.made_by(
-            from_gymnasium, folder, discount=self.discount, time_limit=limit, **given
-        )
+        return self.made_by(from_gymnasium, folder, time_limit=_limit(self.time_limit), **given)
 
 
 def _limit(given: int | str | None) -> Any:
@@ -310,6 +311,13 @@ class TabulatedTaskTable(EnvironmentTable):
     reset_seeds: tuple[Whole, ...] = Field(
         default=(0,), description="Of the resets that starts are taken from."
     )
+    outcomes: Reference | None = Field(
+        default=None,
+        description="Of random steps: a function of a state and an action, module:function.",
+    )
+    samples: Count | None = Field(
+        default=None, description="Instead: steps that each pair's outcomes are estimated from."
+    )
     cache: Name | None = Field(
         default=None, description="A file beside the study, which keeps the tables."
     )
@@ -325,6 +333,8 @@ class TabulatedTaskTable(EnvironmentTable):
             names=self.names,
             actions=self.actions,
             seeds=self.reset_seeds,
+            outcomes=None if self.outcomes is None else load(self.outcomes, folder),
+            samples=self.samples,
             cache=None if self.cache is None else folder / self.cache,
         )
 
