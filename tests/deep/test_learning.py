@@ -1,5 +1,6 @@
 """Training deep learners: curves, budgets, stopping, shapings, and runs that are resumed."""
 
+import importlib
 import random
 from types import SimpleNamespace
 from typing import ClassVar
@@ -12,6 +13,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
 from curricle.deep import checkpoint, training
+from curricle.deep.learner import LIBRARIES
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues, acting
 from curricle.tasks.draws import splitmix64, stream_start
@@ -379,3 +381,10 @@ def test_a_deep_node_is_calibrated_by_episodes_it_is_charged_for(observed):
     assert fitted.steps > 0
     assert result["deep"].steps_used.tolist() == [600]
     assert result.source_steps("deep").tolist() == [5000]
+
+
+def test_algorithms_whose_exploration_falls_are_known_without_importing_them():
+    for library in map(importlib.import_module, LIBRARIES):
+        for name in (name for name in library.__all__ if isinstance(getattr(library, name), type)):
+            learner = cr.deep.DeepLearner(name)
+            assert learner.scheduled == ("exploration_fraction" in learner.takes)

@@ -16,6 +16,8 @@ from curricle.tasks.observation_task import ObservationTask, space_text
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")
 """Where an algorithm's name is looked up."""
+EXPLORING = ("DQN", "QRDQN")
+"""The algorithms whose exploration falls over a share of the budget, known without importing."""
 SAVES = 20
 """Checkpoints to resume from that a run writes in all of its budget."""
 LEAVES = (Box, Discrete, MultiDiscrete, MultiBinary)
@@ -99,7 +101,7 @@ class DeepLearner:
         functions = (one for one in self.settings.values() if not isinstance(one, type))
         if ":" in self.algorithm or any(map(callable, functions)):
             return True
-        return "exploration_fraction" in self.takes
+        return self.algorithm in EXPLORING
 
     def algorithm_class(self) -> Any:
         """Return the algorithm's class; ImportError without Stable-Baselines3."""
