@@ -120,7 +120,7 @@ class StoppingRule:
         return f"{least}{counted(self.max_steps, 'step')}{until}"
 
     def kernel(self, level: float | None = None, floor: float = -math.inf) -> "StoppingKernel":
-        """Return the rule for compiled loops; for `level` and `floor` see :func:`levels`."""
+        """Return the rule for compiled loops; for `level` and `floor` see ``levels``."""
         value = self.threshold if self.fraction is None else level
         level, plateau, drop, settled = (
             math.nan if given is None else float(given)
