@@ -19,7 +19,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
-COPIED = ("src", "tests", "examples", "docs", "pyproject.toml", "conftest.py", "README.md")
+COPIED = (
+    "src",
+    "tests",
+    "benchmarks",
+    "examples",
+    "docs",
+    "pyproject.toml",
+    "conftest.py",
+    "README.md",
+)
 PACKAGE = Path("src/curricle")
 COMPILED = ("tasks/", "planning/", "learning/")
 """Where loops are compiled. Numba's disk cache would not notice a change in what they call."""
