@@ -30,7 +30,7 @@ from curricle.report.study_report import write_report  # noqa: E402
 from curricle.study import StudyResults, read_study, run_study  # noqa: E402
 from curricle.study.store import in_use  # noqa: E402
 from tests.durability.fuzzing import Hang, built, limited, outcome, previewed  # noqa: E402
-from tests.durability.study_mutations import NUMBERS, STUDIES, WORDS, mutated  # noqa: E402
+from tests.durability.study_mutations import NUMBERS, STUDIES, WORDS, holders_and_keys, mutated  # noqa: E402
 
 ADDRESSES = 8 << 30
 """Bytes of address space: code beside a study may ask for any amount and gets a MemoryError."""
@@ -119,7 +119,7 @@ def changed_json(content, draw):
         found = json.loads(content)
     except ValueError:
         return content
-    places = list(_places(found))
+    places = list(holders_and_keys(found))
     if places:
         holder, key = draw.choice(places)
         values = [None, True, [], {}, -1, 1e400, *NUMBERS[:-1], *WORDS, [[]] * 9, "x" * 10**6]
@@ -127,14 +127,6 @@ def changed_json(content, draw):
     if isinstance(found, dict) and found.pop("digest", None):
         return sealed(found)
     return json.dumps(found).encode()
-
-
-def _places(node):
-    entries = node.items() if isinstance(node, dict) else enumerate(node)
-    for key, value in list(entries):
-        yield node, key
-        if isinstance(value, dict | list):
-            yield from _places(value)
 
 
 def read(folder):

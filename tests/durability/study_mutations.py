@@ -174,7 +174,7 @@ def _scrambled(text: str, rng: random.Random) -> str:
 
 def _mutate(study, rng):
     """Change one place of a study: a value, a key, or what is around it."""
-    places = list(_places(study))
+    places = list(holders_and_keys(study))
     if not places:
         study["name"] = "x"
         return
@@ -202,7 +202,9 @@ def _mutate(study, rng):
 
 def _mutate_number(study, rng):
     """Change one number of a study."""
-    places = [place for place in _places(study) if isinstance(place[0][place[1]], int | float)]
+    places = [
+        place for place in holders_and_keys(study) if isinstance(place[0][place[1]], int | float)
+    ]
     if places:
         holder, key = rng.choice(places)
         holder[key] = _alike(holder[key], rng)
@@ -228,12 +230,13 @@ def _drawn(value, rng):
     return rng.choice([*NUMBERS, *FLOATS, 1, 2, 3, 5, 10, 50, 0.1]) if value == N else value
 
 
-def _places(node):
+def holders_and_keys(node):
+    """Yield each table or list within a node, with each of its keys or positions."""
     entries = node.items() if isinstance(node, dict) else enumerate(node)
     for key, value in list(entries):
         yield node, key
         if isinstance(value, dict | list):
-            yield from _places(value)
+            yield from holders_and_keys(value)
 
 
 def _alike(value, rng):
@@ -263,7 +266,9 @@ def _value(rng, study):
         case 4:
             return {rng.choice([*KEYS, *WORDS]): rng.choice([*NUMBERS, *FLOATS, *WORDS])}
         case 5:
-            return copy.deepcopy(rng.choice([one[key] for one, key in _places(study)] or [0]))
+            return copy.deepcopy(
+                rng.choice([one[key] for one, key in holders_and_keys(study)] or [0])
+            )
         case _:
             return rng.choice(WORDS)
 
