@@ -79,7 +79,7 @@ def main(path, seeds=SEEDS):
             ylabel="greedy value (discounted return)",
             title=f"two predators that must both catch, 4x4: mean over {seeds} seeds, 95 % bands",
         )
-        panel.legend(loc="center left", bbox_to_anchor=(0.36, 0.2), ncols=2)
+        panel.legend(loc="center left", bbox_to_anchor=(0.52, 0.25), fontsize="small")
         figure.savefig(path)
     for initial, result in scratch.items():
         end = cr.statistics.mean_interval(result.greedy_return[:, -1])
