@@ -25,6 +25,7 @@ test: .venv/test.stamp ## the fast tests (ARGS="-k pursuit")
 
 slow: .venv/test.stamp ## the statistical and long tests
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m slow --timeout 3600 $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile tests/property --hypothesis-profile explore --timeout 3600
 
 deep: .venv/deep.stamp ## the tests and examples of deep learners (installs torch)
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile tests/deep $(ARGS)

@@ -14,10 +14,11 @@ from curricle.tasks.generative_models import table_model
 
 os.environ["CURRICLE_ALLOW"] = "tests"  # for study files whose functions are in the suite
 
-# A first example may compile a kernel, hence no deadline. CI repeats the same examples every time.
-settings.register_profile("local", deadline=None, max_examples=50)
-settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True, print_blob=True)
-settings.load_profile("ci" if os.environ.get("CI") else "local")
+# A first example may compile a kernel, hence no deadline. Every run of the fast tests tries the same
+# examples; `make slow` tries others (--hypothesis-profile explore).
+settings.register_profile("same", deadline=None, max_examples=50, derandomize=True, print_blob=True)
+settings.register_profile("explore", deadline=None, max_examples=200, print_blob=True)
+settings.load_profile("same")
 
 # Most of the suite's time is compilation. The library compiles a loop for every number of actions
 # up to UNROLLED, another for tables beyond NEAR bytes, for tables without chance and for rates that

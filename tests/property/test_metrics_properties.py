@@ -120,7 +120,10 @@ def test_charging_more_never_helps_a_curve_that_rises_above_the_baselines_start(
     floor = Curve(baseline.steps, -np.abs(baseline.filled()))
     less = charge_source(floor, Curve(baseline.steps, rising, transfer.source_steps))
     more = charge_source(floor, Curve(baseline.steps, rising, transfer.source_steps + extra))
-    assert mean_return(more).mean() <= mean_return(less).mean() + 1e-6
+    # The start of learning is exact to a checkpoint, between which a curve is interpolated.
+    checkpoint = np.diff(baseline.steps).max(initial=0) / max(1, np.ptp(baseline.steps))
+    slack = 1e-6 + checkpoint * (rising.max() - floor.values.min())
+    assert mean_return(more).mean() <= mean_return(less).mean() + slack
 
 
 @given(curves(arms=2))

@@ -331,9 +331,12 @@ def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, ev
             )
         rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
         new = move(q, table, state, action, rate, target)
-        new += advised(advice, at(weight, step - 1), state, action)
-        if rule.update == Q_LEARNING and (drawn or draws_again(values, ties[state], new, action)):
-            ties[state] = bits  # an action that a tie's bits chose was the highest
+        if rule.update == Q_LEARNING:
+            if not drawn:  # a drawn action was among the highest
+                new += advised(advice, at(weight, step - 1), state, action)
+                drawn = draws_again(values, ties[state], new, action)
+            if drawn:
+                ties[state] = bits
         fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
