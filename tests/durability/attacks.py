@@ -11,7 +11,6 @@ import io
 import json
 import os
 import random
-import resource
 import shutil
 import sys
 import tempfile
@@ -32,8 +31,6 @@ from curricle.study.store import in_use  # noqa: E402
 from tests.durability.fuzzing import Hang, built, limited, outcome, previewed  # noqa: E402
 from tests.durability.study_mutations import NUMBERS, STUDIES, WORDS, holders_and_keys, mutated  # noqa: E402
 
-ADDRESSES = 8 << 30
-"""Bytes of address space: code beside a study may ask for any amount and gets a MemoryError."""
 BATCH = 50
 SECONDS = 20
 STUDY = """
@@ -186,7 +183,6 @@ def main(which, total, seed, *how):
             child = os.fork()
             if child == 0:
                 os.dup2(writes, 1)
-                resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
                 numbers = range(first, min(total, first + BATCH))
                 batch(attack, numbers, seed, what)
                 os._exit(0)

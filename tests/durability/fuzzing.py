@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import resource
 import signal
 import traceback
 from collections.abc import Callable
@@ -19,6 +20,8 @@ SECONDS = 60
 takes up to 20, distilling the miniatures of a network up to 30."""
 WAITING = 6
 """Seconds on the clock for one of processor time: what waits for something takes none."""
+ADDRESSES = 8 << 30
+"""Bytes that a study may take: the examples' own code, told of 2^63 places, takes what there is."""
 CALL = "made = make(**self.arguments)"
 """Calls own code; what that leaves behind is freed there."""
 
@@ -29,14 +32,19 @@ class Hang(BaseException):
 
 @contextlib.contextmanager
 def limited(seconds: float):
-    """Raise Hang in the block after so many seconds of processor time, or WAITING times as many."""
+    """Raise Hang in the block after so many seconds of processor time, or WAITING times as many.
+
+    The block has at most ADDRESSES bytes of memory.
+    """
 
     def end(*_):
         raise Hang
 
     timers = {signal.SIGPROF: signal.ITIMER_PROF, signal.SIGALRM: signal.ITIMER_REAL}
     before = {number: signal.signal(number, end) for number in timers}
+    memory, most = resource.getrlimit(resource.RLIMIT_AS)
     try:
+        resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, most))
         signal.setitimer(signal.ITIMER_PROF, seconds)
         signal.setitimer(signal.ITIMER_REAL, WAITING * seconds)
         yield
@@ -44,6 +52,7 @@ def limited(seconds: float):
         for number, timer in timers.items():
             signal.setitimer(timer, 0)
             signal.signal(number, before[number])
+        resource.setrlimit(resource.RLIMIT_AS, (memory, most))
 
 
 @contextlib.contextmanager
