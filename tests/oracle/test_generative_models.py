@@ -7,8 +7,8 @@ from numba import njit
 from scipy.stats import chisquare
 
 import curricle as cr
-from curricle.tasks.generative_models import first_state, table_model, transition
-from curricle.tasks.simd import inverse_of, quotient
+from curricle.tasks.kernel import inverse_of, quotient
+from curricle.tasks.models import first_state, table_model, transition
 
 FRACTION = 2**53
 

@@ -26,7 +26,7 @@ from curricle.tasks import (
 )
 from curricle.tasks.families.built_in import BUILT_IN, PARTS, part_of_level
 from curricle.tasks.frozen_lake import random_lake
-from curricle.tasks.task import generative_model
+from curricle.tasks.mdp import generative_model
 from curricle.transfer import ENDED, family_mappings
 
 RELATIVES = {

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import curricle
-from curricle.tasks import loop_cache
+from curricle.tasks import kernel
 
 PACKAGE = Path(curricle.__file__).parent
 BACK_UP = """
@@ -85,5 +85,5 @@ def test_every_file_with_compiled_code_counts():
         text = file.read_text()
         lines = [line for line in text.splitlines() if line.startswith("@")]
         if any(mark in line for mark in marks for line in lines):
-            assert file.relative_to(PACKAGE).parts[0] in loop_cache.PACKAGES, file
-            assert any(mark.decode() in text for mark in loop_cache.MARKS), file
+            assert file.relative_to(PACKAGE).parts[0] in kernel.PACKAGES, file
+            assert any(mark.decode() in text for mark in kernel.MARKS), file

@@ -33,6 +33,7 @@ from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import (
     Cell,
     Domain,
+    check_numbers,
     cut,
     numbered_names,
     read_map,
@@ -40,8 +41,8 @@ from curricle.tasks.domain import (
     tables_of,
 )
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import check_horizon
 from curricle.tasks.spaces import Component, Space
 
 CHARACTERS = "<>EB#."

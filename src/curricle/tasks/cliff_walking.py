@@ -20,6 +20,7 @@ from curricle.tasks.domain import (
     Cell,
     CellDomain,
     cell_space,
+    check_numbers,
     check_sizes,
     check_starts,
     landing_or_staying,
@@ -28,8 +29,8 @@ from curricle.tasks.domain import (
 )
 from curricle.tasks.frozen_lake import slipping
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import check_horizon
 from curricle.tasks.spaces import Space
 
 ROWS, COLUMNS = 4, 12

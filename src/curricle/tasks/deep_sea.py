@@ -26,10 +26,17 @@ from curricle.array_types import BoolArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.domain import Domain, cell_space, check_sizes, read_start, tables_of
+from curricle.tasks.domain import (
+    Domain,
+    cell_space,
+    check_numbers,
+    check_sizes,
+    read_start,
+    tables_of,
+)
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import check_horizon
 from curricle.tasks.spaces import Component, Space
 
 LARGEST_SIZE = 1000

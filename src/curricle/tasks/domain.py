@@ -13,6 +13,7 @@ from curricle.checks import indices, number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import LARGEST_REWARD
 from curricle.tasks.spaces import MISSING, Component, Space, whole
 from curricle.text_tables import counted
 
@@ -144,6 +145,15 @@ def check_sizes(task: Any, **limits: tuple[int, int]) -> None:
         value = whole_number(name, getattr(task, name), least, TaskError)
         number(name, value, TaskError, least, most)
         object.__setattr__(task, name, value)
+
+
+def check_numbers(task: Any, rewards: tuple[str, ...], chances: tuple[str, ...] = ()) -> None:
+    """Check a frozen task's rewards and probabilities, and make them floats."""
+    limits = dict.fromkeys(rewards, (-LARGEST_REWARD, LARGEST_REWARD)) | dict.fromkeys(
+        chances, (0.0, 1.0)
+    )
+    for name, (low, high) in limits.items():
+        object.__setattr__(task, name, number(name, getattr(task, name), TaskError, low, high))
 
 
 def read_start(

@@ -39,6 +39,7 @@ from curricle.tasks.domain import (
     Cell,
     Domain,
     cell_space,
+    check_numbers,
     check_part,
     check_sizes,
     check_starts,
@@ -47,8 +48,8 @@ from curricle.tasks.domain import (
     tables_of,
 )
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import check_horizon
 from curricle.tasks.spaces import MISSING, Space, whole
 
 SMALLEST_SIZE, LARGEST_SIZE = 7, 1000

@@ -20,14 +20,15 @@ from curricle.tasks.domain import (
     Cell,
     CellDomain,
     MapDomain,
+    check_numbers,
     check_starts,
     landing_or_staying,
     read_start,
     tables_of,
 )
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import check_horizon
 from curricle.tasks.spaces import Component, Space
 
 MAPS: dict[str, tuple[str, ...]] = {

@@ -18,8 +18,8 @@ from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.tasks.domain import Cell, CellDomain, MapDomain, landing, read_start, tables_of
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import LARGEST_REWARD
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import LARGEST_REWARD, check_horizon
 from curricle.tasks.spaces import MISSING, Component, Space
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}

@@ -29,6 +29,7 @@ from curricle.tasks.domain import (
     MOVES,
     Cell,
     MapDomain,
+    check_numbers,
     check_starts,
     cut,
     landing_or_staying,
@@ -37,8 +38,8 @@ from curricle.tasks.domain import (
     tables_of,
 )
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import check_horizon
 from curricle.tasks.spaces import MISSING, Component, Space, whole
 
 OBJECTS = {"K": "key", "L": "lock", "P": "pit"}

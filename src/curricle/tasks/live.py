@@ -14,19 +14,21 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from curricle.errors import TaskError
-from curricle.tasks import computed
-from curricle.tasks.computed import ComputedMDP
-from curricle.tasks.draws import splitmix64
-from curricle.tasks.generative_models import (
+from curricle.tasks.kernel import inlined, splitmix64
+from curricle.tasks.mdp import number_of
+from curricle.tasks.models import (
+    LARGEST_REWARD,
+    REWARD_RULE,
+    ComputedMDP,
+    check_parts,
+    described,
     evaluation_models,
     failures,
     first_states,
+    opened,
     transitions,
     truncations,
 )
-from curricle.tasks.mdp import check_parts, described
-from curricle.tasks.outcomes import LARGEST_REWARD, REWARD_RULE, number_of
-from curricle.tasks.overloads import inlined
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
 
 RESET = -1
@@ -234,7 +236,7 @@ def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
     """
     if is_live(task):
         return _Opened(task, start)
-    return computed.opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
+    return opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
 
 
 class _Opened:

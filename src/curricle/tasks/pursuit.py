@@ -12,13 +12,18 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import check_memory, instance, numbers, one_of
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted, frozen
-from curricle.tasks.domain import check_sizes, numbered_names
-from curricle.tasks.draws import splitmix64, uniform
-from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
-from curricle.tasks.generative_models import cumulated, first_states, transitions
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_numbers, normalised
-from curricle.tasks.simd import inverse_of, quotient
+from curricle.tasks.domain import check_numbers, check_sizes, numbered_names
+from curricle.tasks.kernel import inverse_of, quotient, splitmix64, uniform
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, normalised
+from curricle.tasks.models import (
+    FactoredModel,
+    check_horizon,
+    cumulated,
+    first_states,
+    joint_landing,
+    predators_on_prey,
+    transitions,
+)
 from curricle.tasks.spaces import Component, Decoded, Space
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}

@@ -23,10 +23,10 @@ import numpy as np
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.domain import Domain, check_sizes, tables_of
+from curricle.tasks.domain import Domain, check_numbers, check_sizes, tables_of
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_numbers
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
+from curricle.tasks.models import check_horizon
 from curricle.tasks.spaces import Component, Space, whole
 
 LARGEST_SIZE = 1_000_000

@@ -16,9 +16,8 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted
-from curricle.tasks.mdp import FiniteMDP, edges_of, reachable_states
+from curricle.tasks.mdp import FiniteMDP, edges_of, reachable_states, tables
 from curricle.tasks.spaces import MISSING, Component, Space
-from curricle.tasks.task import tables
 from curricle.text_tables import counted
 
 Goal = npt.ArrayLike | Mapping[str, Any] | None

@@ -17,10 +17,16 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.domain import cell_space, check_sizes, landing_or_staying, tables_of
+from curricle.tasks.domain import (
+    cell_space,
+    check_numbers,
+    check_sizes,
+    landing_or_staying,
+    tables_of,
+)
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import check_horizon
 from curricle.tasks.spaces import Component, Space
 
 STANDS = ("red", "green", "yellow", "blue")

@@ -11,14 +11,13 @@ from curricle.tasks.block_dude import BlockDude
 from curricle.tasks.cliff_walking import LARGEST_SIDE, CliffWalking
 from curricle.tasks.deep_sea import LARGEST_SEED, LARGEST_SIZE as LARGEST_SEA, DeepSea
 from curricle.tasks.domain import MOVES
-from curricle.tasks.families.family import (
+from curricle.tasks.family import (
     ComponentsByName,
     FamilyMember,
     Parameter,
     TaskFamily,
     complete_parameters,
 )
-from curricle.tasks.families.mazes import maze_family
 from curricle.tasks.four_rooms import (
     LARGEST_SIZE as LARGEST_ROOMS,
     SMALLEST_SIZE as SMALLEST_ROOMS,
@@ -26,6 +25,7 @@ from curricle.tasks.four_rooms import (
 )
 from curricle.tasks.frozen_lake import LARGEST_LAKE, LEAST_FROZEN, MAPS, FrozenLake, random_lake
 from curricle.tasks.key_lock_pit import LARGEST_ROOM, SMALLEST_ROOM, KeyLockPit
+from curricle.tasks.mazes import maze_family
 from curricle.tasks.pursuit import LARGEST_SIZE as LARGEST_GRID, MOST_PREDATORS, Pursuit
 from curricle.tasks.river_swim import RiverSwim
 from curricle.tasks.spaces import Decoded

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.draws import STRIDE, splitmix64, stream_start, uniform
-from curricle.tasks.families.family import Parameter, TaskFamily
+from curricle.tasks.family import Parameter, TaskFamily
 from curricle.tasks.gridworld import GridWorld, Rewards
+from curricle.tasks.kernel import STRIDE, splitmix64, stream_start, uniform
 
 LARGEST_MAZE = 200
 Corner = Literal["north-west", "north-east", "south-west", "south-east"]

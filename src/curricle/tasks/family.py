@@ -22,8 +22,8 @@ from curricle.checks import (
 )
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen
+from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.task import generative_model
 
 KINDS: tuple[type, ...] = (bool, int, float, str)
 MOST_LISTED = 10_000
