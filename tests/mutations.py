@@ -445,8 +445,8 @@ MUTATIONS = [
     ),
     Mutation(
         "a second predator that nobody reads",
-        "tasks/families/built_in.py",
-        "range(len(own) if len(own) > len(others) else 1)",
+        "tasks/pursuit.py",
+        "range(len(names) if len(names) > len(others) else 1)",
         "range(1)",
         ("tests/unit/test_family_mappings.py::test_two_predators_read_one_as_in_the_paper",),
     ),

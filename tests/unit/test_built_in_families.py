@@ -24,7 +24,8 @@ from curricle.tasks import (
     river_swim_family,
     taxi_family,
 )
-from curricle.tasks.families.built_in import BUILT_IN, PARTS, part_of_level
+from curricle.tasks.block_dude import PARTS, part_of_level
+from curricle.tasks.built_in import BUILT_IN
 from curricle.tasks.frozen_lake import random_lake
 from curricle.tasks.mdp import generative_model
 from curricle.transfer import ENDED, family_mappings

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 from functools import cached_property
 from itertools import product, repeat
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from curricle.checks import (
     BEYOND_64_BITS,
@@ -230,65 +230,92 @@ def _key(value: Any) -> tuple[type, Any]:
     return type(value), value
 
 
+class Rule(NamedTuple):
+    """What an annotation says of a value: ``size: Annotated[int, Rule(2, 9, "larger")] = 4``."""
+
+    low: float | None = None
+    high: float | None = None
+    harder: Harder | None = None
+    values: tuple[Any, ...] | None = None
+    varies: bool = True  # whether members of a family may differ in it
+
+
+def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
+    """Return the type that each parameter is annotated with, its rule, and whether None fits.
+
+    Of a class these are those of its fields. A type of several kinds stays as it is annotated.
+    """
+    known = dict[str, tuple[Any, Rule, bool]]()
+    for name, hint in get_type_hints(function, include_extras=True).items():
+        kind, rule = hint, Rule()
+        if get_origin(hint) is Annotated:
+            kind, *extras = get_args(hint)
+            rule = next((extra for extra in extras if isinstance(extra, Rule)), rule)
+        members = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+        others = [member for member in members if member is not NoneType]
+        optional = len(others) < len(members)
+        known[name] = (others[0] if len(others) == 1 else kind), rule, optional
+    return known
+
+
 def complete_parameters(
     declared: tuple[Parameter, ...], function: Callable[..., Any], family: str
 ) -> tuple[Parameter, ...]:
-    """Return the parameters of a family's function, in its order, declared ones first of all.
+    """Return the parameters of a family's function, in its order, with what annotations say.
 
-    A parameter that is not declared has the kind and default of the signature; without an
-    annotation the default's kind. One whose annotation or default is no kind that a family has
-    keeps its default and is no parameter of the family.
+    What is declared comes first. A parameter that is not declared has the kind and default of the
+    signature; without an annotation the default's kind. A parameter whose annotation or default is
+    no kind that a family has keeps its default and is no parameter of the family.
     """
-    signature, hints = inspect.signature(function).parameters, get_type_hints(function)
-    by_name = {one.name: one for one in declared}
-    free = any(one.kind is inspect.Parameter.VAR_KEYWORD for one in signature.values())
+    signature, rules = inspect.signature(function).parameters, rules_of(function)
+    by_name = {parameter.name: parameter for parameter in declared}
+    variadic = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
+    free = any(entry.kind is variadic[0] for entry in signature.values())
     strange = [name for name in by_name if name not in signature and not free]
     if strange or len(by_name) < len(declared):
         raise TaskError(
             f"the parameters of {family} must be different ones of its function, "
-            f"{', '.join(signature)}: got {', '.join(one.name for one in declared)}"
+            f"{', '.join(signature)}: got {', '.join(parameter.name for parameter in declared)}"
         )
-    found = list[Parameter]()
-    for name, one in signature.items():
-        if one.kind in (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL):
+    parameters = list[Parameter]()
+    for name, entry in signature.items():
+        if entry.kind in variadic:
             continue
-        default = ... if one.default is inspect.Parameter.empty else one.default
-        parameter = _complete(by_name.get(name), name, hints.get(name), default)
-        if parameter is not None:
-            found.append(parameter)
-        elif default is ... or name in by_name:
-            raise TaskError(
-                f"parameter {name!r} of {family} must have a kind: declare it, or annotate it as "
-                "int, float, bool, str or Literal[...]"
-            )
-    found += [one for name, one in by_name.items() if name not in signature]
+        default = ... if entry.default is inspect.Parameter.empty else entry.default
+        unannotated: tuple[Any, Rule, bool] = type(default), Rule(), False
+        kind, rule, optional = rules.get(name, unannotated)
+        parameter = by_name.get(name, Parameter(name))
+        if parameter.default is ...:
+            parameter = replace(parameter, default=default)
+        unknown = parameter.kind is None and parameter.values is None
+        if parameter.default is None or (unknown and optional):
+            parameter = replace(parameter, optional=True)
+        if name not in by_name:
+            low, high, harder, values, _ = rule
+            parameter = replace(parameter, low=low, high=high, harder=harder, values=values)
+        if unknown and parameter.values is None:
+            if kind in KINDS:  # bool, int, float or str
+                parameter = replace(parameter, kind=kind)
+            elif get_origin(kind) is Literal:
+                parameter = replace(parameter, values=get_args(kind))
+            elif default is ... or name in by_name:
+                raise TaskError(
+                    f"parameter {name!r} of {family} must have a kind: declare it, or annotate it "
+                    "as int, float, bool, str or Literal[...]"
+                )
+            else:
+                continue
+        if rule.varies or name in by_name:
+            parameters.append(parameter)
+    parameters += [parameter for name, parameter in by_name.items() if name not in signature]
     return tuple(
-        one
-        if one.required
-        else replace(one, default=one.checked(one.default, f"{family}, its default,"))
-        for one in found
+        parameter
+        if parameter.required
+        else replace(
+            parameter, default=parameter.checked(parameter.default, f"{family}, its default,")
+        )
+        for parameter in parameters
     )
-
-
-def _complete(declared: Parameter | None, name: str, hint: Any, default: Any) -> Parameter | None:
-    """Return a parameter with what its signature says; None where it has no kind."""
-    given = declared or Parameter(name)
-    if given.default is ...:
-        given = replace(given, default=default)
-    if given.default is None and not given.optional:
-        given = replace(given, optional=True)
-    if given.kind is not None or given.values is not None:
-        return given
-    members = [type(default) if hint is None else hint]
-    if get_origin(hint) in (Union, UnionType):
-        members = [one for one in get_args(hint) if one is not NoneType]
-        if NoneType in get_args(hint):
-            given = replace(given, optional=True)
-    if len(members) == 1 and members[0] in KINDS:  # bool, int, float or str
-        return replace(given, kind=members[0])
-    if len(members) == 1 and get_origin(members[0]) is Literal:
-        return replace(given, values=get_args(members[0]))
-    return None
 
 
 # -- mappings as data ------------------------------------------------------------------------------

@@ -8,22 +8,28 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
-from curricle.tasks.domain import Cell, CellDomain, MapDomain, landing, read_start, tables_of
-from curricle.tasks.grid_layout import GridLayout
+from curricle.tasks.domain import (
+    Cell,
+    CellDomain,
+    Discount,
+    MapDomain,
+    MapStart,
+    TimeLimit,
+    landing,
+)
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.models import LARGEST_REWARD, check_horizon
+from curricle.tasks.models import LARGEST_REWARD
 from curricle.tasks.spaces import MISSING, Component, Space
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
-CHARACTERS = "STFP#."
 
 
 @dataclass(frozen=True)
@@ -108,17 +114,18 @@ class GridWorld(MapDomain, CellDomain):
     rewards: Rewards = Rewards()
     combine: Literal["sum", "worst"] = "sum"
     ends: Any = ("pit", "treasure")
-    start: Any = "map"
+    start: MapStart = "map"
     representation: Literal["absolute", "relative"] = "absolute"
     origin: Cell = (0, 0)
-    discount: float = 0.99
-    time_limit: int | None = 200
+    discount: Discount = 0.99
+    time_limit: TimeLimit = 200
 
-    def __post_init__(self) -> None:
-        self._read_map(self.map, CHARACTERS, "T", "a map needs a treasure T")
+    CHARACTERS = "STFP#."
+    OBJECTS: ClassVar = OBJECTS
+
+    def _check(self) -> None:
+        self._read_map(self.map, "T", "a map needs a treasure T")
         instance("rewards", self.rewards, Rewards, TaskError)
-        one_of("combine", self.combine, ("sum", "worst"), TaskError)
-        one_of("representation", self.representation, ("absolute", "relative"), TaskError)
         ends = (self.ends,) if isinstance(self.ends, str) else self.ends
         if not isinstance(ends, Iterable):
             raise TaskError(f"ends must be names of objects: got {ends!r}")
@@ -126,36 +133,17 @@ class GridWorld(MapDomain, CellDomain):
         for name in ends:
             one_of("each of ends", name, OBJECTS.values(), TaskError)
         object.__setattr__(self, "ends", tuple(sorted(set(ends))))
-        check_horizon(self)
-        read_start(self)
-        self._start_states()
+        super()._check()
 
-    # -- spaces --------------------------------------------------------------------------------
-
-    @cached_property
-    def objects(self) -> tuple[tuple[str, int, int], ...]:
-        """Every object as (class, row, column), in reading order."""
-        return tuple(self._objects(OBJECTS))
-
-    @cached_property
-    def layout(self) -> GridLayout:
-        """Where the states lie, for pictures."""
-        return GridLayout(
-            cells=self.cells,
-            components=self.states.names,
-            shape=self._grid.shape,
-            origin=self.origin,
-            objects=tuple((*one, one[0] in self.ends) for one in self.objects),
-        )
+    @property
+    def _ending(self) -> str:
+        return "".join(character for character, name in OBJECTS.items() if name in self.ends)
 
     @cached_property
     def states(self) -> Space:
         """One state for each cell that is not a wall."""
-        if self.representation == "relative":
-            return self._relative_states()
-        return self._cell_space
-
-    def _relative_states(self) -> Space:
+        if self.representation == "absolute":
+            return self._cell_space
         height, width = self._grid.shape
         axes, points, counts = [], [], Counter[str]()
         for name, row, column in self.objects:
@@ -166,10 +154,9 @@ class GridWorld(MapDomain, CellDomain):
             points += [row - self.cells[:, 0], column - self.cells[:, 1]]
         return Space(axes, np.stack(points, axis=1))
 
-    @cached_property
-    def _landing(self) -> IntArray:
-        """The state that each move leads to, (S, 4); MISSING off the grid and in walls."""
-        return landing(self._cell_space)
+    @property
+    def _where(self) -> tuple[str, ...]:
+        return self.states.names
 
     def state(self, row: int, column: int) -> int:
         """Return the number of the state in which the agent is at (row, column).
@@ -188,52 +175,32 @@ class GridWorld(MapDomain, CellDomain):
         """Return the states of these cells, `MISSING` off the map and for walls."""
         return self._cell_space.encode(row=row, column=column)
 
-    # -- tables --------------------------------------------------------------------------------
-
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The maze as tables: each cell has an outcome row for entering it and one for bumping."""
-        entered = np.arange(len(self.cells))
+        to, entered = landing(self._cell_space), np.arange(len(self.cells))
         bumps = len(entered) + entered[:, None]
-        return tables_of(
-            self,
+        return self._tables(
             np.ones((2 * len(entered), 1)),
             np.tile(entered, 2)[:, None],
-            np.append(self._rewards(bumped=False), self._rewards(bumped=True))[:, None],
-            terminal=self._holds(*self.ends),
+            np.append(self._rewards(to, bumped=False), self._rewards(to, bumped=True))[:, None],
+            terminal=self._ends,
             starting=self._start_states(),
-            outcome_row=np.where(self._landing == MISSING, bumps, self._landing),
+            outcome_row=np.where(to == MISSING, bumps, to),
         )
 
-    def _holds(self, *names: str) -> BoolArray:
-        """Return which cells hold one of the named objects, (S,) bool."""
-        return np.isin(self._contents, [c for c, name in OBJECTS.items() if name in names])
-
-    def _rewards(self, bumped: bool) -> FloatArray:
+    def _rewards(self, to: IntArray, bumped: bool) -> FloatArray:
         """Return the reward of entering each cell, or of bumping there, (S,) float64."""
-        pays, fire = self.rewards, self._holds("fire")
-        near_fire = (fire[self._landing] & (self._landing != MISSING)).any(axis=1)
+        pays, fire = self.rewards, self._holds("F")
+        near_fire = (fire[to] & (to != MISSING)).any(axis=1)
         terms = [
-            np.where(self._holds("treasure"), pays.treasure, np.nan),
+            np.where(self._holds("T"), pays.treasure, np.nan),
             np.where(fire, pays.fire, np.nan),
             np.where(near_fire, pays.near_fire, np.nan),
-            np.where(self._holds("pit"), pays.pit, np.nan),
+            np.where(self._holds("P"), pays.pit, np.nan),
             np.full(len(fire), pays.bump if bumped and pays.bump else np.nan),
         ]
         if self.combine == "sum":
             return np.asarray(pays.step + np.nansum(terms, axis=0))
         worst = np.fmin.reduce(terms)
         return np.where(np.isnan(worst), pays.step, worst)
-
-    def _start_states(self) -> IntArray:
-        if self.start == "map":
-            found = np.flatnonzero(self._contents == "S")
-            if not found.size:
-                raise TaskError("start='map' needs an S on the map: there is none")
-            return found
-        if self.start == "uniform":
-            free = np.flatnonzero(~self._holds(*self.ends))
-            if not free.size:
-                raise TaskError("start='uniform' needs a cell that does not end the episode")
-            return free
-        return np.array([self.state(*cell) for cell in self.start])

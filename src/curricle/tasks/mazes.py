@@ -3,27 +3,29 @@
 from collections import deque
 from collections.abc import Iterator
 from itertools import count
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.family import Parameter, TaskFamily
+from curricle.tasks.domain import Discount, TimeLimit
+from curricle.tasks.family import Rule, TaskFamily
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.kernel import STRIDE, splitmix64, stream_start, uniform
 
 LARGEST_MAZE = 200
 Corner = Literal["north-west", "north-east", "south-west", "south-east"]
-CORNERS = ("north-west", "north-east", "south-west", "south-east")
+CORNERS = get_args(Corner)
+Share = Annotated[float, Rule(0, 1, "larger")]
 
 _Cell = tuple[int, int]
 
 
 def random_maze(
-    size: int = 6,
-    walls: float = 0.2,
-    pits: float = 0.05,
-    fires: float = 0.0,
-    seed: int = 0,
+    size: Annotated[int, Rule(2, LARGEST_MAZE, "larger")] = 6,
+    walls: Share = 0.2,
+    pits: Share = 0.05,
+    fires: Share = 0.0,
+    seed: Annotated[int, Rule(0)] = 0,
     *,
     corner: Corner = "north-east",
     start: Literal["far", "uniform"] = "far",
@@ -32,8 +34,8 @@ def random_maze(
     fire: float = -500.0,
     near_fire: float = -250.0,
     pit: float = -2500.0,
-    discount: float = 0.99,
-    time_limit: int | None = 200,
+    discount: Discount = 0.99,
+    time_limit: TimeLimit = 200,
 ) -> GridWorld:
     r"""Return a random maze: a square with the treasure in a corner, walls, pits and fires.
 
@@ -136,7 +138,7 @@ def _joined(cells: dict[_Cell, str], shell: list[_Cell], n: int) -> bool:
     first = [
         cell
         for cell in free
-        if any(max(one) < n and cells.get(one, "#") in ".T" for one in _beside(cell))
+        if any(max(near) < n and cells.get(near, "#") in ".T" for near in _beside(cell))
     ]
     joined = _distances(first, free)
     return bool(free) and joined.keys() == free
@@ -162,10 +164,10 @@ def _distances(first: list[_Cell], free: set[_Cell]) -> dict[_Cell, int]:
     waiting, distance = deque(first), dict.fromkeys(first, 0)
     while waiting:
         cell = waiting.popleft()
-        for one in _beside(cell):
-            if one in free and one not in distance:
-                distance[one] = distance[cell] + 1
-                waiting.append(one)
+        for near in _beside(cell):
+            if near in free and near not in distance:
+                distance[near] = distance[cell] + 1
+                waiting.append(near)
     return distance
 
 
@@ -187,16 +189,5 @@ def _chances_sum(parameters: dict[str, Any]) -> str | None:
     return None if total <= 1 else "walls, pits and fires of a maze must sum to at most 1"
 
 
-maze_family = TaskFamily(
-    "maze",
-    random_maze,
-    (
-        Parameter("size", low=2, high=LARGEST_MAZE, harder="larger"),
-        *(Parameter(name, low=0, high=1, harder="larger") for name in ("walls", "pits", "fires")),
-        Parameter("seed", low=0),
-        Parameter("time_limit", low=1),
-        Parameter("discount", low=0, high=1),
-    ),
-    constraint=_chances_sum,
-)
+maze_family = TaskFamily("maze", random_maze, constraint=_chances_sum)
 """Random mazes (:func:`random_maze`); members map cell by cell, counted from the treasure."""

@@ -10,24 +10,17 @@ mind once, are left out: its own table does not have them either.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import instance
-from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.domain import (
-    cell_space,
-    check_numbers,
-    check_sizes,
-    landing_or_staying,
-    tables_of,
-)
+from curricle.frozen_arrays import frozen
+from curricle.tasks.domain import Discount, Domain, TimeLimit, cell_space, family_of, landing
+from curricle.tasks.family import ComponentsByName, Rule
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.models import check_horizon
-from curricle.tasks.spaces import Component, Space
+from curricle.tasks.spaces import MISSING, Component, Space
 
 STANDS = ("red", "green", "yellow", "blue")
 MOVES = {"south": (1, 0), "north": (-1, 0), "east": (0, 1), "west": (0, -1)}
@@ -42,7 +35,7 @@ LARGEST_TOWN = 50
 
 
 @dataclass(frozen=True)
-class Taxi(Frozen):
+class Taxi(Domain):
     """A taxi in a town of `size` x `size` cells; Gymnasium's has 5 x 5 and 4 stands.
 
     Parameters
@@ -74,22 +67,15 @@ class Taxi(Frozen):
     54
     """
 
-    size: int = 5
-    stands: int = 4
-    walls: bool = True
-    rainy: bool = False
-    success_rate: float = 0.8
-    discount: float = 0.99
-    time_limit: int | None = 200
+    size: Annotated[int, Rule(3, LARGEST_TOWN, "larger")] = 5
+    stands: Annotated[int, Rule(2, len(STANDS), "larger")] = 4
+    walls: Annotated[bool, Rule(harder="larger")] = True
+    rainy: Annotated[bool, Rule(harder="larger")] = False
+    success_rate: Annotated[float, Rule(0, 1, "smaller")] = 0.8
+    discount: Discount = 0.99
+    time_limit: TimeLimit = 200
 
-    def __post_init__(self) -> None:
-        check_sizes(self, size=(3, LARGEST_TOWN), stands=(2, len(STANDS)))
-        for name in ("walls", "rainy"):
-            instance(name, getattr(self, name), bool, TaskError)
-        check_numbers(self, (), ("success_rate",))
-        check_horizon(self)
-
-    # -- spaces --------------------------------------------------------------------------------
+    ACTIONS = (*MOVES, "pick up", "drop off")  # in Gymnasium's order
 
     @cached_property
     def states(self) -> Space:
@@ -103,11 +89,6 @@ class Taxi(Frozen):
                 Component("destination", self.stands, labels=names),
             ]
         )
-
-    @cached_property
-    def actions(self) -> Space:
-        """Four moves, picking up and dropping off, in Gymnasium's order."""
-        return Space([Component("move", 6, labels=(*MOVES, "pick up", "drop off"))])
 
     @property
     def stand_cells(self) -> IntArray:
@@ -133,13 +114,12 @@ class Taxi(Frozen):
             walls[n - long :, [0, n - 3]] = True
         return walls
 
-    # -- tables --------------------------------------------------------------------------------
-
     @cached_property
     def landing(self) -> IntArray:
         """The cell that each move leads to from each cell, (size^2, 4) int64."""
         here = np.arange(self.size**2)[:, None]
-        to = landing_or_staying(cell_space(self.size, self.size), MOVES)
+        to = landing(cell_space(self.size, self.size), MOVES)
+        to = np.where(to == MISSING, here, to)
         sideways = np.array([right != 0 for _, right in MOVES.values()])
         # A wall stands to the east of the more western of the two cells.
         blocked = sideways & self.wall_cells.ravel()[np.minimum(here, to)]
@@ -151,9 +131,8 @@ class Taxi(Frozen):
         values, stands = self.states.decode(), self.stand_cells
         cell = values["row"] * self.size + values["column"]
         passenger, destination = values["passenger"], values["destination"]
-        moved = self._state(
-            self._driven[cell], passenger[:, None, None], destination[:, None, None]
-        )
+        others = passenger[:, None, None], destination[:, None, None]
+        moved = self._state(self._driven[cell], *others)
         picked, picked_reward = self._picked_up(cell, passenger, destination)
         dropped, dropped_reward = self._dropped_off(cell, passenger, destination)
         used = np.broadcast_to(
@@ -161,8 +140,7 @@ class Taxi(Frozen):
         )
         reward = [np.full(len(cell), -1.0)] * 4 + [picked_reward, dropped_reward]
         begins = (passenger < self.stands) & (passenger != destination)
-        return tables_of(
-            self,
+        return self._tables(
             self._probability,
             np.concatenate([moved, used], axis=1),
             np.stack(reward, axis=1)[:, :, None],
@@ -203,7 +181,7 @@ class Taxi(Frozen):
         sides = [
             self.landing[:, [names.index(SIDES[name][side]) for name in names]] for side in (0, 1)
         ]
-        return np.stack([self.landing, *(np.where(moved, one, here) for one in sides)], axis=2)
+        return np.stack([self.landing, *(np.where(moved, side, here) for side in sides)], axis=2)
 
     @property
     def _probability(self) -> FloatArray:
@@ -213,3 +191,7 @@ class Taxi(Frozen):
         sides = (1 - self.success_rate) / 2
         drives = np.tile([self.success_rate, sides, sides], (4, 1))
         return np.concatenate([drives, np.tile([1.0, 0.0, 0.0], (2, 1))])
+
+
+taxi_family = family_of(Taxi, mapping=ComponentsByName("scale"))
+"""Taxis (:class:`Taxi`); members map by name, rows and columns in proportion."""

@@ -50,9 +50,9 @@ from curricle.study.config.tables import (
     wrong_at,
 )
 from curricle.tasks.block_dude import BlockDude
+from curricle.tasks.built_in import BUILT_IN
 from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.domain import MOVES
-from curricle.tasks.families.built_in import BUILT_IN
 from curricle.tasks.family import FamilyMember, TaskFamily
 from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.frozen_lake import FrozenLake
