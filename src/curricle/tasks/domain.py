@@ -76,25 +76,15 @@ class Domain(Frozen):
         Outcomes are (Y, O) as in :class:`FiniteMDP`. Without `outcome_row` every pair has a row
         alone, and they are (S, A, O) or broadcast to it.
         """
-        if outcome_row is None:
-            outcomes = np.broadcast_arrays(probability, next_state, reward)
-            *pairs, width = outcomes[0].shape
-            outcome_row = np.arange(np.prod(pairs)).reshape(pairs)
-            probability, next_state, reward = (table.reshape(-1, width) for table in outcomes)
         start = np.zeros(len(terminal))
         start[starting] = 1 / len(starting)
-        return FiniteMDP(
-            states=self.states,
-            actions=self.actions,
-            outcome_row=outcome_row,
-            probability=probability,
-            next_state=next_state,
-            reward=reward,
-            terminal=terminal,
-            start=start,
-            discount=self.discount,
-            time_limit=self.time_limit,
-        )
+        rest: Any = {"states": self.states, "actions": self.actions, "terminal": terminal}
+        rest |= {"start": start, "discount": self.discount, "time_limit": self.time_limit}
+        outcomes = probability, next_state, reward
+        if outcome_row is None:
+            return FiniteMDP.one_row_a_pair(*np.broadcast_arrays(*outcomes), **rest)
+        tables = dict(zip(("probability", "next_state", "reward"), outcomes, strict=True))
+        return FiniteMDP(outcome_row=outcome_row, **tables, **rest)
 
 
 class _Field(NamedTuple):

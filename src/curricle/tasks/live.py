@@ -317,8 +317,9 @@ def _observed(begun: Any) -> Any:
     return observation
 
 
-def _wrong_parts(what: str, found: Any) -> str:
-    return f"a {what} of an environment must return ({', '.join(RETURNED[what])}): got {found!r}"
+def _wrong_parts(what: str, returned: Any) -> str:
+    parts = ", ".join(RETURNED[what])
+    return f"a {what} of an environment must return ({parts}): got {returned!r}"
 
 
 def numbering(task: LiveMDP) -> Callable[[Any], int]:
@@ -326,16 +327,16 @@ def numbering(task: LiveMDP) -> Callable[[Any], int]:
     encode, encode_one, size = task.encode, task.states.encode_one, task.states.size
 
     def number(observation: Any) -> int:
-        found = observation if encode is None else encode(observation)
+        encoded = observation if encode is None else encode(observation)
         try:
-            state = encode_one(found) if isinstance(found, tuple) else index(found)
+            state = encode_one(encoded) if isinstance(encoded, tuple) else index(encoded)
         except TypeError:
             state = MISSING
         if 0 <= state < size:
             return state
         raise TaskError(
             f"an observation must encode to a state, a number in 0..{size - 1} or the values of "
-            f"{', '.join(task.states.names)}: {observation!r} gives {found!r}"
+            f"{', '.join(task.states.names)}: {observation!r} gives {encoded!r}"
         )
 
     return number

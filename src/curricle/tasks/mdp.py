@@ -146,7 +146,7 @@ class FiniteMDP(Frozen):
         width = max(1, int((flat_p != 0).sum(axis=1).max(initial=0)))
         # The nonzero outcomes of each pair, first to last: a stable sort puts them in front.
         successor = np.argsort(flat_p == 0, axis=1, kind="stable")[:, :width]
-        return cls._one_row_a_pair(
+        return cls.one_row_a_pair(
             np.take_along_axis(flat_p, successor, axis=1).reshape(n_states, n_actions, width),
             successor,
             np.take_along_axis(flat_r, successor, axis=1),
@@ -193,7 +193,7 @@ class FiniteMDP(Frozen):
         begins = start_distribution(start, len(lists))
         if terminal is None:
             terminal = terminal_states(lists, np.flatnonzero(begins).tolist())
-        return cls._one_row_a_pair(
+        return cls.one_row_a_pair(
             *outcome_tables(lists),
             terminal=np.asarray(terminal),
             start=begins,
@@ -204,17 +204,17 @@ class FiniteMDP(Frozen):
         )
 
     @classmethod
-    def _one_row_a_pair(
+    def one_row_a_pair(
         cls,
-        probability: FloatArray,
-        next_state: npt.NDArray[Any],
-        reward: FloatArray,
+        probability: Any,
+        next_state: Any,
+        reward: Any,
         *,
         states: Space | None,
         actions: Space | None,
         **rest: Any,
     ) -> Self:
-        """Build the MDP in which every pair has an outcome row of its own, (S, A, O) tables."""
+        """Return the MDP in which every pair has an outcome row alone; tables are (S, A, O)."""
         n_states, n_actions, width = probability.shape
         return cls(
             states=states or Space([Component("state", n_states)]),
@@ -238,10 +238,10 @@ class FiniteMDP(Frozen):
             ("outcome_row", "outcome_row", len(self.probability)),
             ("next_state", "next states", self.states.size),
         ):
-            given = whole_by_type(getattr(self, name), what)
-            if given.size and (given.min() < 0 or given.max() >= size):
+            numbers = whole_by_type(getattr(self, name), what)
+            if numbers.size and (numbers.min() < 0 or numbers.max() >= size):
                 raise TaskError(
-                    f"{what} must lie in 0..{size - 1}: got {given.min()}..{given.max()}"
+                    f"{what} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
                 )
 
     def _adopt_arrays(self) -> None:
@@ -337,16 +337,14 @@ def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
 
 def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:
     """Return the (S,) start distribution for a start state or a distribution."""
-    given = np.asarray(start)
-    if given.ndim == 0 and np.issubdtype(given.dtype, np.integer):
-        if not 0 <= given < n_states:
-            raise TaskError(f"the start state must lie in 0..{n_states - 1}: got {given}")
-        distribution = np.zeros(n_states)
-        distribution[given] = 1.0
-        return distribution
-    if given.shape != (n_states,):
-        raise TaskError(f"start must be a state or have shape ({n_states},): got {given.shape}")
-    return given.astype(np.float64)
+    begins = np.asarray(start)
+    if begins.ndim == 0 and np.issubdtype(begins.dtype, np.integer):
+        if not 0 <= begins < n_states:
+            raise TaskError(f"the start state must lie in 0..{n_states - 1}: got {begins}")
+        return np.eye(1, n_states, int(begins))[0]
+    if begins.shape != (n_states,):
+        raise TaskError(f"start must be a state or have shape ({n_states},): got {begins.shape}")
+    return begins.astype(np.float64)
 
 
 # -- outcome lists, the form of the tables of Gymnasium's toy-text tasks ---------------------------
@@ -617,17 +615,12 @@ def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
         staying = remains
 
 
-def steps_to(mdp: Any, goal: BoolArray, among: BoolArray | None = None) -> FloatArray:
-    """Return the fewest steps with which each of some states may reach `goal`, (S,); or infinity.
-
-    Both are (S,) bool; `among` is all states by default, and no way leads through others.
-    """
-    among = np.ones(len(goal), bool) if among is None else among
-    steps = np.where(goal & among, 0.0, np.inf)
+def steps_to(mdp: Any, goal: BoolArray) -> FloatArray:
+    """Return the fewest steps with which each state may reach `goal`, (S,) bool; or infinity."""
+    steps = np.where(goal, 0.0, np.inf)
     while True:
         after = np.where(mdp.probability > 0, steps[mdp.next_state], np.inf).min(axis=1)
         nearer = np.minimum(steps, 1 + after[mdp.outcome_row].min(axis=1))
-        nearer[~among] = np.inf
         if (nearer == steps).all():
             return steps
         steps = nearer
