@@ -1,6 +1,5 @@
 """Grid worlds, rule by rule, on maps small enough to check by hand."""
 
-import numpy as np
 import pytest
 
 from curricle import GridWorld, Rewards, solve
@@ -156,15 +155,3 @@ def test_a_map_may_be_drawn_indented_or_as_lines():
     """)
     assert drawn == GridWorld(["S.", ".T"]) == GridWorld(("S.", ".T"))
     assert hash(drawn) == hash(GridWorld(["S.", ".T"]))
-
-
-def test_values_of_a_corridor_by_hand():
-    assert solve(GridWorld("S..T", discount=0.5)).values.tolist() == pytest.approx(
-        [-1 - 0.5 + 0.25 * 199, -1 + 0.5 * 199, 199, 0]
-    )
-
-
-def test_states_at_gives_missing_off_the_map():
-    maze = GridWorld("S#T")
-    found = np.asarray(maze.states_at([0, 0, 0, 1, 0], [0, 1, 2, 0, -1]))
-    assert found.tolist() == [0, -1, 1, -1, -1]

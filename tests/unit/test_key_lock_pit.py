@@ -171,8 +171,6 @@ REFUSED = {
 WRONG = {
     "map": [3, ["SK", "L"]],
     "needs": [[], "none"],
-    "key_reward": ["much"],
-    "keys_held": [1],
     "origin": [3],
 }
 
