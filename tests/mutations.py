@@ -404,8 +404,8 @@ MUTATIONS = [
     Mutation(
         "a lock that opens with any key",
         "tasks/key_lock_pit.py",
-        "            for key in keys:\n",
-        "            for key in list(keys)[:0]:\n",
+        "held[:, sorted(needs[i])]",
+        "held[:, sorted(needs[i])[:0]]",
         ("tests/unit/test_key_lock_pit.py::test_a_lock_needs_its_keys",),
     ),
     Mutation(

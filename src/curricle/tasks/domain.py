@@ -10,13 +10,13 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from functools import cache, cached_property
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, IntArray
-from curricle.checks import indices, instance, number, one_of, whole_number
+from curricle.checks import indices
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.family import Parameter, Rule, TaskFamily, complete_parameters, rules_of
@@ -47,9 +47,8 @@ class Domain(Frozen):
     def __post_init__(self) -> None:
         domain: Any = type(self)
         for field in _checked_fields(domain):
-            value = getattr(self, field.name)
-            if value is not None or not field.optional:
-                object.__setattr__(self, field.name, field.checked(value))
+            value = field.checked(getattr(self, field.name))
+            object.__setattr__(self, field.name, value)
         check_horizon(self)
         self._check()
 
@@ -87,43 +86,21 @@ class Domain(Frozen):
         return FiniteMDP(outcome_row=outcome_row, **tables, **rest)
 
 
-class _Field(NamedTuple):
-    """A field of a domain whose values its annotation says."""
-
-    name: str
-    kind: Any
-    rule: Rule
-    optional: bool
-
-    def checked(self, value: Any) -> Any:
-        """Return a value as the task holds it, or raise TaskError."""
-        low, high = self.rule.low, self.rule.high
-        if self.kind is int:
-            least = 0 if low is None else int(low)
-            value = whole_number(self.name, value, least, TaskError)
-            number(self.name, value, TaskError, least, np.inf if high is None else high)
-        elif self.kind is float:  # a reward, unless it has a range
-            low = -LARGEST_REWARD if low is None else low
-            high = LARGEST_REWARD if high is None else high
-            value = number(self.name, value, TaskError, low, high)
-        elif self.kind is bool:
-            instance(self.name, value, bool, TaskError)
-        else:
-            one_of(self.name, value, get_args(self.kind), TaskError)
-        return value
-
-
 @cache
-def _checked_fields(domain: Any) -> tuple[_Field, ...]:
-    """Return the fields that :class:`Domain` checks; kinds of several types check themselves."""
-    known = rules_of(domain)
-    checked = [_Field(field.name, *known[field.name]) for field in fields(domain)]
-    return tuple(
-        field
-        for field in checked
-        if field.kind in (int, float, bool) or get_origin(field.kind) is Literal
-        if field.name not in ("discount", "time_limit")
-    )
+def _checked_fields(domain: Any) -> tuple[Parameter, ...]:
+    """Return the fields that annotations check; kinds of several types check themselves."""
+    checked, known = list[Parameter](), rules_of(domain)
+    for field in fields(domain):
+        kind, (low, high, *_), optional = known[field.name]
+        if field.name in ("discount", "time_limit"):  # check_horizon has their limits
+            continue
+        if kind is float and (low, high) == (None, None):
+            low, high = -LARGEST_REWARD, LARGEST_REWARD
+        if kind in (int, float, bool):
+            checked.append(Parameter(field.name, kind, low, high, optional=optional))
+        elif get_origin(kind) is Literal:
+            checked.append(Parameter(field.name, values=get_args(kind)))
+    return tuple(checked)
 
 
 def family_of(

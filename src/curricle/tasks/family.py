@@ -129,9 +129,9 @@ class Parameter:
         known: tuple[Any, ...] | None = (False, True) if self.kind is bool else self.values
         return known
 
-    def checked(self, value: Any, family: str) -> Any:
-        """Return a value as the family's members hold it, or raise TaskError."""
-        name = f"{self.name} of {family}"
+    def checked(self, value: Any, family: str = "") -> Any:
+        """Return a value as members of a family hold it, or raise TaskError."""
+        name = f"{self.name} of {family}" if family else self.name
         if value is None and self.optional:
             return None
         if self.values is not None:

@@ -13,7 +13,6 @@ For source tasks a map may lack one of them: without locks the episode ends when
 and a lock without keys on the map is opened by an agent that holds none.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -278,28 +277,20 @@ class KeyLockPit(MapDomain):
         )
 
     def _use(self, used: IntArray, paid: Any) -> tuple[BoolArray, BoolArray]:
-        """Write where using the object of a cell leads, and what it pays; return where it is done.
-
-        The first array says where a key is picked up, the second where a lock is opened, (S,).
-        """
-        values = self.states.decode()
-        picked, opened = np.zeros(len(used), bool), np.zeros(len(used), bool)
-
-        def use(name: str, cell: IntArray, keys: Iterable[int], pays: float) -> BoolArray:
-            here = (values["row"] == cell[0]) & (values["column"] == cell[1])
-            can: BoolArray = here & (values[name] == 0)
-            for key in keys:
-                can &= values[self._key_names[key]] == 1
+        """Write where using a cell's object leads and what it pays; return who picks, who opens."""
+        values, held = self.states.decode(), self.states.points[:, 2:] == 1
+        does = np.zeros((2, len(used)), bool)
+        pays = [self.key_reward] * len(self._keys) + [self.lock_reward] * len(self._locks)
+        needs = [set[int]()] * len(self._keys) + self._keys_of
+        for i, (row, column) in enumerate([*self._keys, *self._locks]):
+            can = (values["row"] == row) & (values["column"] == column) & ~held[:, i]
+            can &= held[:, sorted(needs[i])].all(axis=1)
+            name = self.states.names[2 + i]
             changed = {**values, name: np.ones_like(values[name])}
             used[can] = self.states.encode(**{n: v[can] for n, v in changed.items()})
-            paid[can] = pays
-            return can
-
-        for name, cell in zip(self._key_names, self._keys, strict=True):
-            picked |= use(name, cell, (), self.key_reward)
-        for name, cell, keys in zip(self._lock_names, self._locks, self._keys_of, strict=True):
-            opened |= use(name, cell, keys, self.lock_reward)
-        return picked, opened
+            paid[can] = pays[i]
+            does[int(i >= len(self._keys))] |= can
+        return does[0], does[1]
 
     @property
     def _fallen(self) -> BoolArray:

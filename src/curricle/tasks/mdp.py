@@ -404,10 +404,8 @@ def terminal_states(lists: list[list[Any]], first: list[int]) -> BoolArray:
     Only states that can be reached from the `first` count: tables such as Taxi's also list
     impossible states, whose flags contradict the others.
     """
-    flags: dict[int, bool] = {}
-    waiting, seen = list(first), set(first)
-    while waiting:
-        s = waiting.pop()
+    flags, met, starts = dict[int, bool](), list(first), set(first)
+    for s in met:  # which grows meanwhile
         for a, pair in enumerate(lists[s]):
             for outcome in pair:
                 if len(outcome) < 4:
@@ -418,22 +416,21 @@ def terminal_states(lists: list[list[Any]], first: list[int]) -> BoolArray:
                 probability, reached, _, ended = outcome[:4]
                 if probability == 0:
                     continue
+                if not ended and reached not in flags and reached not in starts:
+                    met.append(reached)
                 if flags.setdefault(reached, bool(ended)) != bool(ended):
                     raise TaskError(
                         "entering a state must end the episode always or never: state "
                         f"{reached} does both, the second time from state {s}, action {a}"
                     )
-                if not ended and reached not in seen:
-                    seen.add(reached)
-                    waiting.append(reached)
     return np.array([flags.get(s, False) for s in range(len(lists))])
 
 
 def number_of(reward: Any) -> float:
     """Return a reward, alone or in an array, as a float; NaN where it is no number."""
     try:
-        given = reward.item() if isinstance(reward, np.ndarray) else reward
-        return np.nan if isinstance(given, str | bytes) else float(given)
+        plain = reward.item() if isinstance(reward, np.ndarray) else reward
+        return np.nan if isinstance(plain, str | bytes) else float(plain)
     except (TypeError, ValueError, OverflowError):
         return np.nan
 
@@ -473,8 +470,8 @@ def check_rows(
         if bad.size:
             state, action = np.argwhere((outcome_row == bad[0]) & ~terminal[:, None])[0]
             value = values[bad[0]]
-            found = f"sums to {value:.10g}" if values is sums else f"has {value.tolist()}"
-            raise TaskError(f"{rule}: state {state}, action {action} {found}")
+            has = f"sums to {value:.10g}" if values is sums else f"has {value.tolist()}"
+            raise TaskError(f"{rule}: state {state}, action {action} {has}")
 
 
 # -- tasks -----------------------------------------------------------------------------------------
