@@ -10,7 +10,7 @@ from curricle import solve
 from curricle.errors import TaskError
 from curricle.tasks import maze_family, random_maze
 from curricle.tasks.grid_view import GridView
-from curricle.tasks.mazes import CORNERS
+from curricle.tasks.gridworld import CORNERS
 
 CHANCES = st.sampled_from(
     [

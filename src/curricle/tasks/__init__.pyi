@@ -13,7 +13,12 @@ from .family import (
 )
 from .four_rooms import FourRooms as FourRooms, four_rooms_family as four_rooms_family
 from .frozen_lake import FrozenLake as FrozenLake, frozen_lake_family as frozen_lake_family
-from .gridworld import GridWorld as GridWorld, Rewards as Rewards
+from .gridworld import (
+    GridWorld as GridWorld,
+    Rewards as Rewards,
+    maze_family as maze_family,
+    random_maze as random_maze,
+)
 from .kernel import (
     bernoulli as bernoulli,
     integers as integers,
@@ -22,7 +27,6 @@ from .kernel import (
 )
 from .key_lock_pit import KeyLockPit as KeyLockPit, key_lock_pit_family as key_lock_pit_family
 from .live import LiveMDP as LiveMDP
-from .mazes import maze_family as maze_family, random_maze as random_maze
 from .mdp import FiniteMDP as FiniteMDP, Task as Task
 from .models import ComputedMDP as ComputedMDP
 from .observation_task import ObservationTask as ObservationTask
