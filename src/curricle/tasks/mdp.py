@@ -341,7 +341,7 @@ def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:
     if begins.ndim == 0 and np.issubdtype(begins.dtype, np.integer):
         if not 0 <= begins < n_states:
             raise TaskError(f"the start state must lie in 0..{n_states - 1}: got {begins}")
-        return np.eye(1, n_states, int(begins))[0]
+        return np.asarray(np.arange(n_states) == begins, dtype=np.float64)
     if begins.shape != (n_states,):
         raise TaskError(f"start must be a state or have shape ({n_states},): got {begins.shape}")
     return begins.astype(np.float64)
@@ -612,12 +612,17 @@ def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
         staying = remains
 
 
-def steps_to(mdp: Any, goal: BoolArray) -> FloatArray:
-    """Return the fewest steps with which each state may reach `goal`, (S,) bool; or infinity."""
-    steps = np.where(goal, 0.0, np.inf)
+def steps_to(mdp: Any, goal: BoolArray, among: BoolArray | None = None) -> FloatArray:
+    """Return the fewest steps with which each of some states may reach `goal`, (S,); or infinity.
+
+    Both are (S,) bool; `among` is all states by default, and no way leads through others.
+    """
+    among = np.ones(len(goal), bool) if among is None else among
+    steps = np.where(goal & among, 0.0, np.inf)
     while True:
         after = np.where(mdp.probability > 0, steps[mdp.next_state], np.inf).min(axis=1)
         nearer = np.minimum(steps, 1 + after[mdp.outcome_row].min(axis=1))
+        nearer[~among] = np.inf
         if (nearer == steps).all():
             return steps
         steps = nearer
