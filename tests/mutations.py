@@ -413,7 +413,7 @@ MUTATIONS = [
         "tasks/block_dude.py",
         "height + 1 + holding",
         "height + 1",
-        ("tests/unit/test_block_dude.py::test_up_needs_room_above_the_step_and_more_with_a_block",),
+        ("tests/unit/test_block_dude.py::test_every_action_on_a_random_map_is_burlap_s",),
     ),
     Mutation(
         "random mazes with cells that have no way to the treasure",
