@@ -3,7 +3,7 @@
 from collections import deque
 
 import pytest
-from hypothesis import assume, given, strategies as st
+from hypothesis import assume, example, given, strategies as st
 
 from curricle import solve
 from curricle.errors import TaskError
@@ -196,6 +196,11 @@ def as_burlap_has_it(task, state):
     return agent, frozenset((x, top - y) for y, x in blocks)
 
 
+@example(["..#..", ".....", "B>#.E"])  # no room above the step for who carries a block
+@example(["..#..", "B>..E"])  # a carried block needs none under a ceiling
+@example(["...B<", "...##", "E..##"])  # a block falls
+@example(["B<..", "B#.E"])  # a block on another
+@example(["......", "B<B..E"])
 @given(levels())
 def test_every_action_on_a_random_map_is_burlap_s(lines):
     task, height = BlockDude(lines), len(lines)
