@@ -203,8 +203,6 @@ class BlockDude(DomainWithStart):
         lines[free] = f"{line[:column]}{letter}{line[column + 1 :]}"
         return lines
 
-    # -- the rules -----------------------------------------------------------------------------
-
     def _row(self, height: Any) -> Any:
         return self.origin[0] + len(self.level) - height
 

@@ -164,8 +164,6 @@ class GridDomain(DomainWithStart):
         self._read_start()
         self._start_states()
 
-    # -- what a subclass draws -----------------------------------------------------------------
-
     @property
     def _grid(self) -> npt.NDArray[np.str_]:
         """What lies in each cell, (rows, columns) characters."""
@@ -179,8 +177,6 @@ class GridDomain(DomainWithStart):
     @property
     def _ending(self) -> str:
         return self.ENDS
-
-    # -- cells ---------------------------------------------------------------------------------
 
     @cached_property
     def cells(self) -> IntArray:
@@ -215,8 +211,6 @@ class GridDomain(DomainWithStart):
             for character, (row, column) in zip(self._contents, self.cells.tolist(), strict=True)
             if character in self.OBJECTS
         )
-
-    # -- states --------------------------------------------------------------------------------
 
     @cached_property
     def states(self) -> Space:
@@ -254,8 +248,6 @@ class GridDomain(DomainWithStart):
     def _where(self) -> tuple[str, ...]:
         """The components of a state that say where the agent is."""
         return "row", "column"
-
-    # -- starts --------------------------------------------------------------------------------
 
     def _read_start(self) -> None:
         """Check the start, which is a word of its annotation or cells, and sort its cells."""
@@ -297,8 +289,6 @@ class GridDomain(DomainWithStart):
     def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
         """Return the states in which episodes start in cells, `MISSING` where there is none."""
         return self._cell_space.encode(row=row, column=column)
-
-    # -- moves ---------------------------------------------------------------------------------
 
     def _landing(self, moves: Mapping[str, Cell] = MOVES) -> IntArray:
         """Return the cell that each move leads to from each, itself where it leads to none."""

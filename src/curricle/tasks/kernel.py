@@ -46,12 +46,9 @@ entered_from_python: Any = njit(**ENTRY)
 
 
 def compiled_once(function: Callable[..., Any]) -> Any:
-    """Return a function that is compiled when it is first called, and then kept on disk.
-
-    Without a folder to keep it in, it is compiled in each process.
-    """
+    """Return a function that is compiled when it is first called, and then kept on disk."""
     compiled = entered_from_python(function)
-    with suppress(RuntimeError):  # no folder can be written to
+    with suppress(RuntimeError):  # no folder can be written to: it is compiled in each process
         compiled._cache = LoopCache(function)
     return compiled
 
@@ -64,11 +61,9 @@ def compiled(loop: Callable[..., Any], users_code: bool) -> Any:
 
 @cache
 def code_digest() -> str:
-    """Return a digest of Curricle's version and of each of its files with compiled code.
-
-    Numba by itself asks only whether the loop's own file has changed. It would go on with machine
-    code into which an older function of another file was compiled.
-    """
+    """Return a digest of Curricle's version and of each of its files with compiled code."""
+    # Numba by itself asks only whether the loop's own file has changed. It would go on with machine
+    # code into which an older function of another file was compiled.
     root = Path(__file__).parents[1]
     digest = hashlib.sha256((root / "__init__.py").read_bytes())
     for file in chain.from_iterable(sorted((root / name).rglob("*.py")) for name in PACKAGES):
@@ -98,14 +93,11 @@ class LoopIndex(IndexDataCacheFile):
     """The file that says which signatures are kept."""
 
     def _load_index(self) -> dict[Any, str]:
-        """Return the file of each signature; none where the index is of another version.
-
-        Then it may name types that are gone, which Numba finds out before it looks at the version.
-        """
+        """Return the file of each signature; none where the index is of another version."""
         numbas: Any = super()
         try:
             return dict(numbas._load_index())
-        except Exception:  # of any kind: of whatever it holds
+        except Exception:  # of any kind: an old index may name types that are gone
             return {}
 
 
@@ -198,15 +190,11 @@ def compiled_as(body: Callable[..., Any]) -> Callable[[Function], Function]:
 
 
 class Overloaded:
-    """A function for compiled code with one body for each type of NamedTuple it may be given.
+    """A function for compiled code with a body for each type of NamedTuple that it takes.
 
-    The body is chosen by the type of the first argument while the caller is compiled, so the
-    choice costs nothing at run time. Loops call the ``function``; :meth:`body` is a decorator that
-    registers the body for a type.
-
-    The function declares the signature and the docstring of all bodies; it is never run. Bodies
-    are called instead of inlined where they are `outlined`, as those that seldom run. Types without
-    a body of their own have that of `otherwise`.
+    The type of the first argument chooses the body while the caller is compiled, at no cost at run
+    time. The ``function`` declares the signature; it is never run. Bodies that seldom run are
+    called instead of inlined (`outlined`); types without a body have that of `otherwise`.
     """
 
     def __init__(

@@ -1,4 +1,9 @@
-"""Live tasks: every step is taken in an environment."""
+"""Live tasks: every step is taken in an environment.
+
+Compiled loops call a Python object by its address and read the outcome of an action, so that every
+learner and every shaping works on a live task unchanged. Seeds run on one thread, units of work in
+processes.
+"""
 
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext

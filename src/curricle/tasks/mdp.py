@@ -96,8 +96,6 @@ class FiniteMDP(Frozen):
         self._check_start()
         self._check_discount()
 
-    # -- constructors --------------------------------------------------------------------------
-
     @classmethod
     def from_dense(
         cls,
@@ -226,8 +224,6 @@ class FiniteMDP(Frozen):
             **rest,
         )
 
-    # -- validation ----------------------------------------------------------------------------
-
     def _check_ranges(self) -> None:
         """Check indices as they were given, before they are narrowed to 32 bits."""
         instance("states", self.states, Space, TaskError)
@@ -287,8 +283,6 @@ class FiniteMDP(Frozen):
                     "discount 1 needs a time limit or a way to an end from every state: none leads "
                     f"there from state {endless[0]}"
                 )
-
-    # -- derived -------------------------------------------------------------------------------
 
     @property
     def mdp(self) -> Self:
@@ -577,7 +571,7 @@ def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntA
 
 def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
     """Return which states the `allowed` actions can reach from the start, (S,) bool."""
-    # Imported here: every task is checked by this module, and the import takes a third of a second.
+    # Imported here: every task needs this module, and the import takes a third of a second.
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order
 
