@@ -171,8 +171,8 @@ class Pursuit(Domain):
             padded_moves(chances, 1.0),
             frozen(single.astype(np.int32).ravel()),
             np.uint64(self.cells**self.predators),
-            np.uint64(self._enough_to_end),
-            np.uint64(self._enough_to_catch),
+            np.uint64(self._needed[0]),
+            np.uint64(self._needed[1]),
             float(self.step_reward),
             float(self.capture_reward),
         )
@@ -258,24 +258,21 @@ class Pursuit(Domain):
         )
 
     @property
-    def _enough_to_end(self) -> int:
-        if isinstance(self.capture, int):
-            return self.capture
-        return self.predators if self.capture == "all" else 1
-
-    @property
-    def _enough_to_catch(self) -> int:
-        return self.predators if self.capture == "as_published" else self._enough_to_end
+    def _needed(self) -> tuple[int, int]:
+        """How many predators on the prey's cell end the episode, and earn the capture reward."""
+        count = self.predators if self.capture == "all" else 1
+        ends = self.capture if isinstance(self.capture, int) else count
+        return ends, self.predators if self.capture == "as_published" else ends
 
     @property
     def _ends(self) -> BoolArray:
         """Whether the episode ends with 0, 1, ... predators on the prey's cell, (k + 1,)."""
-        return np.arange(self.predators + 1) >= self._enough_to_end
+        return np.arange(self.predators + 1) >= self._needed[0]
 
     @property
     def _rewards(self) -> FloatArray:
         """The reward of a step after which 0, 1, ... predators are on the prey's cell, (k + 1,)."""
-        caught = np.arange(self.predators + 1) >= self._enough_to_catch
+        caught = np.arange(self.predators + 1) >= self._needed[1]
         return np.where(caught, float(self.capture_reward), float(self.step_reward))
 
     def _prey_policy(self) -> FloatArray:

@@ -131,66 +131,43 @@ class Taxi(Domain):
         values, stands = self.states.decode(), self.stand_cells
         cell = values["row"] * self.size + values["column"]
         passenger, destination = values["passenger"], values["destination"]
+        waits, here = passenger < self.stands, cell[:, None] == stands
+        picks = waits & (stands[np.minimum(passenger, self.stands - 1)] == cell)
+        drops = ~waits & here.any(axis=1)
+        left = np.where(drops, here.argmax(axis=1), passenger)
+        arrives = drops & (left == destination)
+        driven, chances = self._driving
         others = passenger[:, None, None], destination[:, None, None]
-        moved = self._state(self._driven[cell], *others)
-        picked, picked_reward = self._picked_up(cell, passenger, destination)
-        dropped, dropped_reward = self._dropped_off(cell, passenger, destination)
-        used = np.broadcast_to(
-            np.stack([picked, dropped], axis=1)[:, :, None], (len(cell), 2, moved.shape[2])
-        )
-        reward = [np.full(len(cell), -1.0)] * 4 + [picked_reward, dropped_reward]
-        begins = (passenger < self.stands) & (passenger != destination)
+        moved = self._state(driven[cell], *others)
+        picked = self._state(cell, np.where(picks, self.stands, passenger), destination)
+        used = np.stack([picked, self._state(cell, left, destination)], axis=1)[:, :, None]
+        reward = np.full((len(cell), 6, 1), -1.0)
+        reward[~picks, 4] = reward[~drops, 5] = -10.0
+        reward[arrives, 5] = 20.0
         return self._tables(
-            self._probability,
-            np.concatenate([moved, used], axis=1),
-            np.stack(reward, axis=1)[:, :, None],
+            chances,
+            np.concatenate([moved, np.repeat(used, moved.shape[2], axis=2)], axis=1),
+            reward,
             terminal=(passenger == destination) & (cell == stands[destination]),
-            starting=np.flatnonzero(begins),
+            starting=np.flatnonzero(waits & (passenger != destination)),
         )
-
-    def _picked_up(
-        self, cell: IntArray, passenger: IntArray, destination: IntArray
-    ) -> tuple[IntArray, FloatArray]:
-        """Return the state after picking up, and the reward, (S,) each."""
-        there = self.stand_cells[np.minimum(passenger, self.stands - 1)] == cell
-        works = (passenger < self.stands) & there
-        taken = np.where(works, self.stands, passenger)
-        return self._state(cell, taken, destination), np.where(works, -1.0, -10.0)
-
-    def _dropped_off(
-        self, cell: IntArray, passenger: IntArray, destination: IntArray
-    ) -> tuple[IntArray, FloatArray]:
-        """Return the state after dropping off, and the reward, (S,) each."""
-        at = cell[:, None] == self.stand_cells
-        works = (passenger == self.stands) & at.any(axis=1)
-        left = np.where(works, at.argmax(axis=1), passenger)
-        arrived = works & (left == destination)
-        reward = np.where(arrived, 20.0, np.where(works, -1.0, -10.0))
-        return self._state(cell, left, destination), reward
 
     def _state(self, cell: IntArray, passenger: IntArray, destination: IntArray) -> IntArray:
         return (cell * (self.stands + 1) + passenger) * self.stands + destination
 
     @property
-    def _driven(self) -> IntArray:
-        """The cells that a move may lead to, (size^2, 4, O); all the same where it is blocked."""
+    def _driving(self) -> tuple[IntArray, FloatArray]:
+        """The cells that a move may lead to, (size^2, 4, O), and the chances of actions, (6, O)."""
         if not self.rainy:
-            return self.landing[:, :, None]
+            return self.landing[:, :, None], np.ones((6, 1))
         names, here = list(MOVES), np.arange(self.size**2)[:, None]
-        moved = self.landing != here
-        sides = [
-            self.landing[:, [names.index(SIDES[name][side]) for name in names]] for side in (0, 1)
-        ]
-        return np.stack([self.landing, *(np.where(moved, side, here) for side in sides)], axis=2)
-
-    @property
-    def _probability(self) -> FloatArray:
-        """The chances of the outcomes of each action, (A, O)."""
-        if not self.rainy:
-            return np.ones((6, 1))
+        outcomes, moved = [self.landing], self.landing != here  # where it is blocked all stay
+        for side in (0, 1):
+            turned = self.landing[:, [names.index(SIDES[name][side]) for name in names]]
+            outcomes.append(np.where(moved, turned, here))
         sides = (1 - self.success_rate) / 2
-        drives = np.tile([self.success_rate, sides, sides], (4, 1))
-        return np.concatenate([drives, np.tile([1.0, 0.0, 0.0], (2, 1))])
+        chances = [[self.success_rate, sides, sides]] * 4 + [[1.0, 0.0, 0.0]] * 2
+        return np.stack(outcomes, axis=2), np.array(chances)
 
 
 taxi_family = family_of(Taxi, mapping=ComponentsByName("scale"))
