@@ -34,7 +34,7 @@ from benchmarks.unseen_pairs import unseen
 from curricle.errors import MappingError
 from curricle.paper import mazes
 from curricle.paper.settings import LEARNER, SUMMED, maze
-from curricle.tasks.task import same_task, tables
+from curricle.tasks.mdp import same_task, tables
 from curricle.transfer import (
     StateActionMapping,
     TaskPair,

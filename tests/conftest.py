@@ -10,7 +10,7 @@ from hypothesis import settings
 from curricle.learning import run
 from curricle.learning.schedules import Schedule
 from curricle.tasks import mdp
-from curricle.tasks.generative_models import table_model
+from curricle.tasks.models import table_model
 
 os.environ["CURRICLE_ALLOW"] = "tests"  # for study files whose functions are in the suite
 

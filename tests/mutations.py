@@ -404,8 +404,8 @@ MUTATIONS = [
     Mutation(
         "a lock that opens with any key",
         "tasks/key_lock_pit.py",
-        "            for key in keys:\n",
-        "            for key in list(keys)[:0]:\n",
+        "held[:, sorted(needs[i])]",
+        "held[:, sorted(needs[i])[:0]]",
         ("tests/unit/test_key_lock_pit.py::test_a_lock_needs_its_keys",),
     ),
     Mutation(
@@ -413,11 +413,11 @@ MUTATIONS = [
         "tasks/block_dude.py",
         "height + 1 + holding",
         "height + 1",
-        ("tests/unit/test_block_dude.py::test_up_needs_room_above_the_step_and_more_with_a_block",),
+        ("tests/unit/test_block_dude.py::test_every_action_on_a_random_map_is_burlap_s",),
     ),
     Mutation(
         "random mazes with cells that have no way to the treasure",
-        "tasks/families/mazes.py",
+        "tasks/gridworld.py",
         "return bool(free) and joined.keys() == free",
         "return bool(free) and bool(joined)",
         ("tests/property/test_random_mazes.py::test_every_free_cell_has_a_way_to_the_treasure",),
@@ -445,8 +445,8 @@ MUTATIONS = [
     ),
     Mutation(
         "a second predator that nobody reads",
-        "tasks/families/built_in.py",
-        "range(len(own) if len(own) > len(others) else 1)",
+        "tasks/pursuit.py",
+        "range(len(names) if len(names) > len(others) else 1)",
         "range(1)",
         ("tests/unit/test_family_mappings.py::test_two_predators_read_one_as_in_the_paper",),
     ),

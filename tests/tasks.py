@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from numba import njit
 
 from curricle import Component, ComputedMDP, FiniteMDP, Space, Transfer, project
-from curricle.tasks.draws import integers, uniform
+from curricle.tasks.kernel import integers, uniform
 
 # -- random MDPs, from a seed --------------------------------------------------------------------
 

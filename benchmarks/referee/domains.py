@@ -24,7 +24,7 @@ from curricle.tasks import (
     maze_family,
     pursuit_family,
 )
-from curricle.tasks.families.family import FamilyMember
+from curricle.tasks.family import FamilyMember
 
 DEVELOPMENT_SEEDS, PAPER_SEEDS = 10_000, 20_000
 """The first seed of the random mazes that designs are made on, for each of two domains."""

@@ -18,7 +18,7 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
 from curricle.planning.target import Target
-from curricle.tasks.families.family import FamilyMember
+from curricle.tasks.family import FamilyMember
 
 TARGET = "target"
 """What the target is called in a curriculum of a design."""

@@ -31,9 +31,9 @@ from curricle.design.candidates import MAKERS
 from curricle.design.proposals import aims, design_target, spread
 from curricle.errors import CurricleError, CurriculumError
 from curricle.statistics import mean_interval
-from curricle.tasks.families.family import FamilyMember, Parameter
+from curricle.tasks.family import FamilyMember, Parameter
+from curricle.tasks.mdp import tables
 from curricle.tasks.start_states import goal_distance
-from curricle.tasks.task import tables
 
 FIRST_SHARE, VARIATION_SHARE, STEPS_SHARE = 0.5, 0.3, 0.6
 """Of what is left of the budget, for the first race, each race of variations, and the steps a

@@ -23,8 +23,8 @@ from curricle.learning.learners import QLearning
 from curricle.learning.schedules import linear
 from curricle.learning.shaping import LookAheadAdvice, QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import SETTLED, StoppingRule
-from curricle.tasks.families.family import FamilyMember, Parameter
-from curricle.tasks.task import same_task
+from curricle.tasks.family import FamilyMember, Parameter
+from curricle.tasks.mdp import same_task
 from curricle.transfer import family_mappings
 from curricle.transfer.aggregation import maximum, mean, minimum, total
 from curricle.transfer.edges import Calibrate, Transfer

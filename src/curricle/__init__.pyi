@@ -54,9 +54,9 @@ from .plotting.picture import plot as plot
 from .study.config.reading import read_study as read_study
 from .study.running import run_study as run_study
 from .study.study_arguments import compare as compare, forecast as forecast
-from .tasks.computed import ComputedMDP as ComputedMDP
 from .tasks.gridworld import GridWorld as GridWorld, Rewards as Rewards
 from .tasks.mdp import FiniteMDP as FiniteMDP
+from .tasks.models import ComputedMDP as ComputedMDP
 from .tasks.pursuit import Pursuit as Pursuit
 from .tasks.spaces import Component as Component, Space as Space
 from .transfer.aggregation import (

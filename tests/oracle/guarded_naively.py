@@ -8,7 +8,7 @@ import numpy as np
 
 import curricle as cr
 from curricle.learning.schedules import schedule
-from curricle.tasks.draws import stream_start
+from curricle.tasks.kernel import stream_start
 
 from .conftest import (
     draw_best,

@@ -8,7 +8,7 @@ from numba import njit
 import curricle as cr
 from curricle.learning import run
 from curricle.planning.greedy import ACTION, TIED, best_of, highest
-from curricle.tasks.simd import _without_lowest, nth_one, of_width, ones
+from curricle.tasks.kernel import _without_lowest, nth_one, of_width, ones
 
 WIDTHS = [1, 2, 7, 8, 9, 16, 25, 63, 64, 65, 125, 200]
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=5)

@@ -7,7 +7,7 @@ import pytest
 
 import curricle as cr
 from curricle.learning import OptimisticQLearning, harmonic
-from curricle.tasks.draws import stream_start
+from curricle.tasks.kernel import stream_start
 from tests.oracle.conftest import Ties, pick, random_bits, splitmix64, uniform
 
 LEARNERS = {

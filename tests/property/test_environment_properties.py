@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from curricle import FiniteMDP, GridWorld, Pursuit, evaluate, solve
 from curricle.interop.environment import MazeEnvironment, to_gymnasium
 from curricle.interop.registration import register
-from curricle.tasks.task import tables
+from curricle.tasks.mdp import tables
 
 register()
 STEPS = 4_000

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 import curricle as cr
 from curricle.planning.models import model_of
-from curricle.tasks.factored import joint_landing
+from curricle.tasks.models import joint_landing
 
 
 @st.composite

@@ -18,7 +18,7 @@ from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.learning.guard import SHAPED, UNDECIDED, empty_tally, next_turn
-from curricle.tasks.overloads import compiled
+from curricle.tasks.kernel import compiled
 from curricle.transfer.calibration import fit_calibration
 
 STEPS, VISITS = 200_000, 2500

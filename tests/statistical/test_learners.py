@@ -12,7 +12,7 @@ from numba import njit
 import curricle as cr
 from curricle.learning.exploration import choose
 from curricle.planning.greedy import ACTION, best_of
-from curricle.tasks.draws import STRIDE, splitmix64, uniform
+from curricle.tasks.kernel import STRIDE, splitmix64, uniform
 
 FALSE_ALARM = 1e-6
 DRAWS = 20_000

@@ -75,10 +75,10 @@ TASKS = [
     (lambda: GridWorld(["S.", "xT"]), "S T F P # .: row 1, column 0 has 'x'"),
     (lambda: GridWorld("S.."), "needs a treasure T"),
     (lambda: GridWorld("..T"), "needs an S on the map"),
-    (lambda: GridWorld("PT", start="uniform"), "cell that does not end"),
+    (lambda: GridWorld("PT", start="uniform"), "state that does not end"),
     (lambda: GridWorld("S.T", start="here"), "'map', 'uniform' or cells: got 'here'"),
     (lambda: GridWorld("S.T", start=[]), r"or cells such as .*: got \[\]"),
-    (lambda: GridWorld("S.T", start=[(0, 3)]), r"free cell of the map: got \(0, 3\)"),
+    (lambda: GridWorld("S.T", start=[(0, 3)]), r"free cell that does not end it: got \(0, 3\)"),
     (lambda: GridWorld("S.T", combine="max"), "combine must be one of sum, worst: got 'max'"),
     (lambda: GridWorld("S.T", ends=["lava"]), "one of treasure, fire, pit: got 'lava'"),
     (lambda: GridWorld("S.T", representation="polar"), "absolute, relative: got 'polar'"),
@@ -86,8 +86,6 @@ TASKS = [
     (lambda: LINE.crop(rows=(0, 2), columns=(0, 3)), r"rows 0\.\.1: got 0\.\.2"),
     (lambda: LINE.crop(rows=(0, 1), columns=(-1, 3)), r"columns 0\.\.3: got -1"),
     (lambda: LINE.crop(rows=(0, 1), columns=(2, 2)), r"got 2\.\.2"),
-    (lambda: Pursuit(size=1), "size must be a whole number, at least 2: got 1"),
-    (lambda: Pursuit(predators=0), "predators must be a whole number, at least 1: got 0"),
     (lambda: Pursuit(moves=6), "moves must be one of 4, 5: got 6"),
     (lambda: Pursuit(capture="some"), "'any', 'as_published' or .* 1 to 2: got 'some'"),
     (lambda: Pursuit(capture=3), "from 1 to 2: got 3"),
@@ -97,7 +95,6 @@ TASKS = [
     (lambda: Pursuit(size=2, prey=np.full((4, 5), NAN)).mdp, "row 0 is .nan"),
     (lambda: Pursuit(size=2, prey=[[2, -1, 0, 0, 0]] * 4).mdp, "row 0 is .2.0, -1.0"),
     (lambda: Pursuit(size=2, prey=lambda where: np.ones((2, 5))).mdp, r"\(64, 5\): got \(2, 5\)"),
-    (lambda: Pursuit(size=2, step_reward=NAN).mdp, "step_reward must be finite: got nan"),
     (lambda: Pursuit(size=10, predators=3).mdp, "at most 500,000,000 .*100,000,000 states"),
 ]
 
@@ -131,10 +128,7 @@ HUGE = Space([Component(f"c{i}", 10) for i in range(30)])
 WIDE = Pursuit(size=10, predators=6)
 ORIGIN = dict.fromkeys(HUGE.names, 0)
 REFUSED = [
-    (lambda: Pursuit(predators=2_000_000), r"predators must lie in \[1, 100\]"),
-    (lambda: Pursuit(10**9), r"size must lie in \[2, 1000\]"),
     (lambda: Pursuit(size=1e308), "size must be a whole number below 2.63"),
-    (lambda: Pursuit(torus=1), "torus must be a bool: got 1"),
     (lambda: Pursuit(capture=True), "got True"),
     (lambda: Component(None, 2), "name of a component must be text, not empty"),
     (lambda: Component("a", 2, low=2**63), "lowest value of component 'a' must be"),

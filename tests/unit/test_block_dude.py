@@ -1,9 +1,9 @@
-"""Block Dude: the rules on small maps, and BURLAP's levels against its rules written out anew."""
+"""Block Dude: BURLAP's rules written out anew, on its levels and on random maps."""
 
 from collections import deque
 
-import numpy as np
 import pytest
+from hypothesis import assume, example, given, strategies as st
 
 from curricle import solve
 from curricle.errors import TaskError
@@ -13,92 +13,12 @@ from tests.refusals import check_refusal
 WEST, EAST, UP, PICK_UP, PUT_DOWN = range(5)
 
 
-def follow(task, *actions):
-    """Return the states that actions lead to, as row, column, facing, holding and blocks."""
-    mdp, state, found = task.mdp, 0, []
-    for action in actions:
-        assert not mdp.terminal[state]
-        state = mdp.next_state[mdp.outcome_row[state, action], 0]
-        found.append(task.states.label(state).replace("=", " "))
-    return found
-
-
 def where(task, *actions):
     """Return the row and column of the agent after actions."""
     state = 0
     for action in actions:
         state = task.mdp.next_state[task.mdp.outcome_row[state, action], 0]
     return tuple(task.layout.cells[state].tolist())
-
-
-# -- the rules, on maps to check by hand ----------------------------------------------------------
-
-
-def test_moves_turn_first_and_bricks_and_blocks_stop_them():
-    task = BlockDude("E.#>B")
-    assert follow(task, EAST, WEST) == [
-        "row 0 column 3 facing east holding no block (0,4)",
-        "row 0 column 3 facing west holding no block (0,4)",
-    ]
-    assert where(BlockDude(">E"), WEST) == (0, 0)
-
-
-def test_the_agent_falls_and_climbs_one_but_not_two():
-    task = BlockDude(["<....", "##...", "##.#E"])
-    assert where(task, EAST) == (0, 1)
-    assert where(task, EAST, EAST) == (2, 2)
-    assert where(task, EAST, EAST, UP) == (1, 3)
-    assert where(task, EAST, EAST, WEST, UP) == (2, 2)
-    assert where(task, EAST, EAST, EAST) == (2, 2)
-
-
-def test_up_needs_room_above_the_step_and_more_with_a_block():
-    assert where(BlockDude(["..#.", ".>..", ".##E"][1:]), UP) == (0, 1)
-    low = BlockDude([".#..", "....", ">#.E"])
-    assert where(low, UP) == (1, 1)
-    carrying = BlockDude(["..#..", ".....", "B>#.E"])
-    assert where(carrying, UP) == (1, 2)
-    assert where(carrying, WEST, PICK_UP, EAST, UP) == (2, 1)
-
-
-def test_only_a_free_block_at_the_agent_s_height_is_picked_up():
-    assert follow(BlockDude(["B...", "B<.E"]), PICK_UP) == [
-        "row 1 column 1 facing west holding no block_1 (1,0) block_2 (0,0)"
-    ]
-    picked = follow(BlockDude(["B<..", "B#.E"]), PICK_UP, PICK_UP, EAST)
-    assert picked == [
-        "row 0 column 1 facing west holding yes block_1 carried block_2 (1,0)",
-        "row 0 column 1 facing west holding yes block_1 carried block_2 (1,0)",
-        "row 1 column 2 facing east holding yes block_1 carried block_2 (1,0)",
-    ]
-    assert follow(BlockDude(["#...", "B<.E"]), PICK_UP)[0].endswith("holding no block (1,0)")
-
-
-def test_a_block_put_down_falls_and_is_stacked_one_high():
-    deep = BlockDude(["...B<", "...##", "E..##"])
-    assert follow(deep, PICK_UP, WEST, WEST)[-1].endswith("holding yes block carried")
-    assert follow(deep, PICK_UP, WEST, PUT_DOWN)[-1] == (
-        "row 0 column 3 facing west holding no block (2,2)"
-    )
-    stacked = BlockDude(["......", "B<B..E"])
-    assert follow(stacked, PICK_UP, EAST, PUT_DOWN)[-1] == (
-        "row 1 column 1 facing east holding no block_1 (1,2) block_2 (0,2)"
-    )
-    walled = BlockDude(["..#..", "B<#.E"])
-    assert follow(walled, PICK_UP, EAST, PUT_DOWN)[-1].endswith("holding yes block carried")
-
-
-def test_a_carried_block_needs_no_room_under_a_ceiling():
-    task = BlockDude(["..#..", "B>..E"])
-    assert where(task, WEST, PICK_UP, EAST, EAST, EAST) == (1, 4)
-
-
-def test_nothing_happens_beside_the_map():
-    task = BlockDude(".B>E").with_start("map")
-    edge = BlockDude("B<E")
-    carried = follow(edge, PICK_UP, WEST, PUT_DOWN, UP, PICK_UP)
-    assert carried[1:] == ["row 0 column 0 facing west holding yes block carried"] * 4
-    assert where(task, EAST) == (0, 3)
 
 
 def test_there_is_room_above_the_map():
@@ -162,8 +82,8 @@ class Burlap:
 
     def height(self, blocks, x, most):
         """Return BURLAP's greatestHeightBelow."""
-        found = max((y for y in range(most + 1) if self.grid[x][y]), default=0)
-        return max([found, *(y for bx, y in blocks if bx == x and y <= most)])
+        brick = max((y for y in range(most + 1) if self.grid[x][y]), default=0)
+        return max([brick, *(y for bx, y in blocks if bx == x and y <= most)])
 
     def act(self, state, action):
         (x, y, way, holding), blocks = state
@@ -171,12 +91,12 @@ class Burlap:
         if action in (WEST, EAST):
             way = int(action == EAST)
             to = x + (1 if way else -1)
-            if 0 <= to < 25 and (height := self.height(blocks, to, y)) < y:
+            if 0 <= to < len(self.grid) and (height := self.height(blocks, to, y)) < y:
                 self.carry(blocks, holding, (x, y), (to, height + 1))
                 x, y = to, height + 1
             return (x, y, way, holding), frozenset(blocks)
         front = x + (1 if way else -1)
-        if not 0 <= front < 25:
+        if not 0 <= front < len(self.grid):
             return state
         if action == UP and self.height(blocks, front, y + 1 + holding) == y:
             self.carry(blocks, holding, (x, y), (front, y + 1))
@@ -249,22 +169,52 @@ def test_the_first_level_solved_by_hand():
     assert where(task, *plan) == (3, 0)
 
 
-def test_random_play_is_burlap_s():
-    rng = np.random.default_rng(0)
-    for number in (1, 3):
-        task, (grid, agent, way_out, blocks) = BlockDude(number), burlap_level(number)
-        model, here, state = Burlap(grid), ((*agent, False), frozenset(blocks)), 0
-        for action in rng.integers(5, size=3_000).tolist():
-            here = model.act(here, action)
-            state = int(task.mdp.next_state[task.mdp.outcome_row[state, action], 0])
-            (x, y, way, holding), cells = here
-            found = task.states.decode(state)
-            rows = len(task.level)
-            assert [int(v) for v in list(found.values())[:4]] == [rows - y, x, way, holding]
-            drawn = {tuple(where[state]) for where in task.layout.markers.values()}
-            assert drawn == {(rows - by, bx) for bx, by in cells}
-            if (x, y) == way_out:
-                break
+@st.composite
+def levels(draw):
+    """Return a small map: bricks anywhere, blocks and the agent on something, the exit."""
+    width, height = draw(st.integers(3, 6)), draw(st.integers(2, 4))
+    drawn = {}
+    for x, y in ((x, y) for x in range(width) for y in range(1, height + 1)):
+        drawn[x, y] = draw(st.sampled_from("....#B"))
+        if drawn[x, y] == "B" and drawn.get((x, y - 1), "#") == ".":
+            drawn[x, y] = "."
+    assume(list(drawn.values()).count("B") <= 3)
+    stands = [(x, y) for (x, y) in drawn if drawn[x, y] == "." != drawn.get((x, y - 1), "#")]
+    assume(stands)
+    drawn[draw(st.sampled_from(stands))] = draw(st.sampled_from("<>"))
+    free = [cell for cell, what in drawn.items() if what == "."]
+    assume(free)
+    drawn[draw(st.sampled_from(free))] = "E"
+    return ["".join(drawn[x, y] for x in range(width)) for y in range(height, 0, -1)]
+
+
+def as_burlap_has_it(task, state):
+    row, column, facing, holding = [int(v) for v in task.states.decode(state).values()][:4]
+    top = len(task.level)
+    blocks = [tuple(cells[state].tolist()) for cells in task.layout.markers.values()]
+    agent = column, top - row, facing, bool(holding)
+    return agent, frozenset((x, top - y) for y, x in blocks)
+
+
+@example(["..#..", ".....", "B>#.E"])  # no room above the step for who carries a block
+@example(["..#..", "B>..E"])  # a carried block needs none under a ceiling
+@example(["...B<", "...##", "E..##"])  # a block falls
+@example(["B<..", "B#.E"])  # a block on another
+@example(["......", "B<B..E"])
+@given(levels())
+def test_every_action_on_a_random_map_is_burlap_s(lines):
+    task, height = BlockDude(lines), len(lines)
+    grid = [[0] * (height + 9) for _ in lines[0]]
+    for y, line in enumerate(lines):
+        for x, what in enumerate(line):
+            grid[x][height - y] = int(what == "#")
+    model, mdp = Burlap(grid), task.mdp
+    states = [as_burlap_has_it(task, state) for state in range(task.states.size)]
+    assert len({*states}) == len(states)
+    for state in range(len(states)):
+        for action in range(0 if mdp.terminal[state] else 5):
+            after = mdp.next_state[mdp.outcome_row[state, action], 0]
+            assert states[after] == model.act(states[state], action)
 
 
 # -- variants, pictures, mistakes -----------------------------------------------------------------

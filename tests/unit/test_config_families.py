@@ -8,7 +8,7 @@ from curricle import GridWorld, Pursuit, project, run_study
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig
 from curricle.tasks import maze_family
-from curricle.tasks.families.built_in import BUILT_IN
+from curricle.tasks.built_in import BUILT_IN
 from tests.studies import complaints_of, reader
 
 NAMES = ", ".join(BUILT_IN)

@@ -1,21 +1,30 @@
-"""What holds of every domain: it is a value, is the same in a file, and is drawn."""
+"""What holds of every domain: it is a value, keeps its rules, is the same in a file, is drawn."""
 
 import copy
 import pickle
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 import curricle as cr
-from curricle.errors import ConfigError
+from curricle.errors import ConfigError, TaskError
 from curricle.plotting.grids import draw_potential
 from curricle.report.svg import GridDrawing
 from curricle.study.record import ViewRecord
+from curricle.tasks.family import rules_of
 from curricle.tasks.grid_view import GridView
+from tests.refusals import check_values
 from tests.studies import only, reader
 
 DOMAINS = {
+    "maze": (cr.GridWorld, {"map": "S.FT", "ends": ("treasure",), "start": ((0, 1),)}),
+    "frozen_lake": (cr.tasks.FrozenLake, {"map": ("SFH", "FFG"), "slippery": False}),
+    "cliff_walking": (cr.tasks.CliffWalking, {"rows": 3, "columns": 5, "start": ((2, 11),)}),
+    "taxi": (cr.tasks.Taxi, {"size": 3, "stands": 2, "rainy": True}),
+    "pursuit": (cr.Pursuit, {"size": 2, "predators": 1, "prey": ((0.2,) * 5,) * 4}),
     "four_rooms": (cr.tasks.FourRooms, {"size": 7, "goal": (5, 5), "start": ((1, 1), (1, 4))}),
     "key_lock_pit": (cr.tasks.KeyLockPit, {"map": "S.KL", "needs": ((1,),), "keys_held": True}),
     "block_dude": (cr.tasks.BlockDude, {"level": "E.B<", "exit_reward": 1.0}),
@@ -27,21 +36,38 @@ NAMES = sorted(DOMAINS)
 
 
 def made(name):
-    """Return a domain by default, one with other parameters, and that one again."""
+    """Return a domain as it is by default, with other parameters, and with these again."""
     kind, other = DOMAINS[name]
-    return kind(), kind(**other), kind(**other)
+    default = kind("S.T") if name == "maze" else kind()
+    return default, kind(**other), kind(**other)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_it_is_a_value(name):
-    default, one, again = made(name)
-    assert one == again != default
-    assert len({one, again, default}) == 2
-    for copied in (pickle.loads(pickle.dumps(one)), copy.deepcopy(one)):
-        assert copied == one
-        assert np.array_equal(copied.mdp.next_state, one.mdp.next_state)
+    default, task, again = made(name)
+    assert task == again != default
+    assert len({task, again, default}) == 2
+    for copied in (pickle.loads(pickle.dumps(task)), copy.deepcopy(task)):
+        assert copied == task
+        assert np.array_equal(copied.mdp.next_state, task.mdp.next_state)
         assert not copied.mdp.reward.flags.writeable
-    assert eval(repr(one), vars(cr.tasks)) == one
+    assert eval(repr(task), vars(cr.tasks)) == task
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_field_is_held_to_its_annotation(name):
+    """A value just within a range is taken, one beyond or of another type is refused by name."""
+    task, checked = made(name)[1], 0
+    wrong = {int: [0.5, "4", None], float: ["x", float("nan")], bool: [1, "yes"]}
+    for field, (kind, rule, optional) in rules_of(type(task)).items():
+        if field not in type(task).__dataclass_fields__ or kind not in wrong:
+            continue
+        values = [value for value in wrong[kind] if value is not None or not optional]
+        values += [] if rule.low is None else [rule.low - 1]
+        values += [] if rule.high is None else [rule.high + 1]
+        check_values(TaskError, partial(replace, task), {field: values})
+        checked += len(values)
+    assert checked >= 7  # those of discount and time_limit alone
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -49,17 +75,22 @@ def test_tables_and_spaces_agree(name):
     for task in made(name)[:2]:
         assert (task.mdp.states, task.mdp.actions) == (task.states, task.actions)
         assert (task.mdp.discount, task.mdp.time_limit) == (task.discount, task.time_limit)
-        assert task.layout.cells.shape == (task.states.size, 2)
+        if name != "pursuit":
+            assert task.layout.cells.shape == (task.states.size, 2)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", sorted({*NAMES} - {"cliff_walking", "pursuit", "taxi"}))
 def test_a_uniform_start_is_anywhere_but_at_an_end(name):
     task = made(name)[0].with_start("uniform")
     alive = ~task.mdp.terminal
     assert task.mdp.start == pytest.approx(alive / alive.sum())
 
 
-@pytest.mark.parametrize("name", NAMES)
+IN_FILES = ("four_rooms", "key_lock_pit", "block_dude", "river_swim", "deep_sea")
+"""Types in a study file whose keys are those of the class."""
+
+
+@pytest.mark.parametrize("name", IN_FILES)
 def test_it_is_the_same_in_a_study_file(name, tmp_path):
     kind, other = DOMAINS[name]
     keys = "\n".join(f"{key} = {toml(value)}" for key, value in other.items())
@@ -99,7 +130,7 @@ def toml(value):
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", sorted({*NAMES} - {"pursuit"}))
 def test_it_is_drawn(name):
     task = made(name)[0]
     solution = cr.solve(task)

@@ -1,11 +1,12 @@
-"""Grid worlds, rule by rule, on maps small enough to check by hand."""
+"""Grid worlds: the rules in plain Python on random maps, and by hand."""
 
-import numpy as np
 import pytest
+from hypothesis import assume, given, strategies as st
 
 from curricle import GridWorld, Rewards, solve
 
 NORTH, EAST, SOUTH, WEST = range(4)
+WAYS = ((-1, 0), (0, 1), (1, 0), (0, -1))
 PAY = Rewards(step=-1, treasure=200, fire=-500, near_fire=-250, pit=-2500)
 
 
@@ -18,11 +19,45 @@ def step(maze, cell, move):
     return tuple(row_column.tolist()), float(mdp.reward[row, 0])
 
 
-@pytest.mark.parametrize(
-    ("move", "cell"), [(NORTH, (0, 1)), (EAST, (1, 2)), (SOUTH, (2, 1)), (WEST, (1, 0))]
+def by_the_rules(maze, cell, way):
+    """Return the cell that a move leads to and what it pays, read off the drawing."""
+    drawn = {(r, c): what for r, line in enumerate(maze.map) for c, what in enumerate(line)}
+
+    def beside(cell, way):
+        return cell[0] + way[0], cell[1] + way[1]
+
+    there = beside(cell, way)
+    bumped = drawn.get(there, "#") == "#"
+    entered = cell if bumped else there
+    pays, what = maze.rewards, drawn[entered]
+    terms = [{"T": pays.treasure, "P": pays.pit, "F": pays.fire}.get(what)]
+    terms += [pays.near_fire] * any(drawn.get(beside(entered, way)) == "F" for way in WAYS)
+    terms = [term for term in [*terms, pays.bump if bumped and pays.bump else None] if term]
+    if maze.combine == "sum":
+        return entered, pays.step + sum(terms)
+    return entered, min(terms, default=pays.step)
+
+
+@given(
+    st.integers(1, 4).flatmap(
+        lambda n: st.lists(st.text("STFP#...", min_size=n, max_size=n), min_size=1, max_size=4)
+    ),
+    st.sampled_from(["sum", "worst"]),
+    st.sets(st.sampled_from(["treasure", "pit", "fire"])),
+    st.sampled_from([0.0, -7.0]),
 )
-def test_moves_lead_where_they_say(move, cell):
-    assert step(GridWorld(["...", ".S.", "..T"]), (1, 1), move) == (cell, -1)
+def test_every_step_is_as_the_drawing_says(lines, combine, ends, bump):
+    assume("T" in "".join(lines) and any(x in ".S" for x in "".join(lines)))
+    pay = Rewards(-1, 200, -500, -250, -2500, bump)
+    maze = GridWorld(lines, pay, combine, sorted(ends), start="uniform")
+    free = [(r, c) for r, line in enumerate(lines) for c, x in enumerate(line) if x != "#"]
+    assert list(map(tuple, maze.cells.tolist())) == free
+    ended = {"treasure": "T", "pit": "P", "fire": "F"}
+    drawn = [lines[r][c] in [ended[name] for name in ends] for r, c in free]
+    assert maze.mdp.terminal.tolist() == drawn
+    for cell in free:
+        for move, way in enumerate(WAYS):
+            assert step(maze, cell, move) == by_the_rules(maze, cell, way)
 
 
 @pytest.mark.parametrize(
@@ -38,67 +73,6 @@ def test_moves_lead_where_they_say(move, cell):
 )
 def test_a_step_pays_for_the_cell_entered(drawing, paid):
     assert step(GridWorld(drawing, rewards=PAY), (0, 0), EAST) == ((0, 1), paid)
-
-
-def test_fires_nearby_are_paid_once_and_not_diagonally():
-    maze = GridWorld(["S.F", ".F.", "..T"], rewards=PAY)
-    assert step(maze, (0, 0), EAST) == ((0, 1), -251)
-    maze = GridWorld(["S....", "..F..", "....T"], rewards=PAY)
-    paid = {(r, c): step(maze, (r, c - 1), EAST)[1] for r in range(3) for c in (1, 2, 3)}
-    near = {cell for cell, reward in paid.items() if reward == -251}
-    assert near == {(0, 2), (1, 1), (1, 3), (2, 2)}
-    assert paid[1, 2] == -501
-
-
-def test_all_terms_of_a_cell_add_up():
-    assert step(GridWorld("STF", rewards=PAY), (0, 0), EAST)[1] == -1 + 200 - 250
-    assert step(GridWorld("SPFT", rewards=PAY), (0, 0), EAST)[1] == -1 - 2500 - 250
-
-
-@pytest.mark.parametrize(
-    ("drawing", "paid"),
-    [("S.T", -1), ("ST.", 200), ("STF", -250), ("SPFT", -2500), ("SFFT", -500)],
-)
-def test_the_worst_term_alone_counts_if_asked(drawing, paid):
-    assert step(GridWorld(drawing, rewards=PAY, combine="worst"), (0, 0), EAST)[1] == paid
-
-
-@pytest.mark.parametrize("move", [NORTH, SOUTH, WEST])
-def test_leaving_the_grid_is_staying_and_pays_the_cell_again(move):
-    assert step(GridWorld("S.T", rewards=PAY), (0, 0), move) == ((0, 0), -1)
-    assert step(GridWorld("SFT", rewards=PAY), (0, 0), move) == ((0, 0), -251)
-    burning = GridWorld(["S.", "F.", ".T"], rewards=PAY)
-    assert step(burning, (1, 0), WEST) == ((1, 0), -501)
-
-
-def test_a_bump_pays_its_own_term_on_top():
-    maze = GridWorld("SF.T", rewards=Rewards(step=-1, bump=-7))
-    assert step(maze, (0, 0), WEST)[1] == -1 - 250 - 7
-    assert step(maze, (0, 2), EAST)[1] == 199
-    worst = GridWorld("S..T", rewards=Rewards(step=-1, bump=-7), combine="worst")
-    assert step(worst, (0, 0), WEST)[1] == -7
-    assert step(worst, (0, 0), EAST)[1] == -1
-
-
-def test_a_wall_is_no_state_and_cannot_be_entered():
-    maze = GridWorld(["S#T", "..."], rewards=PAY)
-    assert maze.states.size == 5
-    assert step(maze, (0, 0), EAST) == ((0, 0), -1)
-    assert step(maze, (1, 1), NORTH) == ((1, 1), -1)
-    assert [maze.state(*cell) for cell in maze.cells] == list(range(5))
-
-
-def test_pits_and_treasure_end_the_episode_and_fire_does_not():
-    assert GridWorld("SFPT").mdp.terminal.tolist() == [False, False, True, True]
-
-
-@pytest.mark.parametrize(
-    ("ends", "ended"),
-    [(("treasure",), "T"), (("fire", "pit"), "FP"), ((), ""), (["pit", "pit"], "P")],
-)
-def test_what_ends_an_episode_can_be_chosen(ends, ended):
-    maze = GridWorld("SFPT", ends=ends)
-    assert maze.mdp.terminal.tolist() == [c in ended for c in "SFPT"]
 
 
 def test_starts_are_those_drawn_uniform_or_given():
@@ -156,15 +130,3 @@ def test_a_map_may_be_drawn_indented_or_as_lines():
     """)
     assert drawn == GridWorld(["S.", ".T"]) == GridWorld(("S.", ".T"))
     assert hash(drawn) == hash(GridWorld(["S.", ".T"]))
-
-
-def test_values_of_a_corridor_by_hand():
-    assert solve(GridWorld("S..T", discount=0.5)).values.tolist() == pytest.approx(
-        [-1 - 0.5 + 0.25 * 199, -1 + 0.5 * 199, 199, 0]
-    )
-
-
-def test_states_at_gives_missing_off_the_map():
-    maze = GridWorld("S#T")
-    found = np.asarray(maze.states_at([0, 0, 0, 1, 0], [0, 1, 2, 0, -1]))
-    assert found.tolist() == [0, -1, 1, -1, -1]

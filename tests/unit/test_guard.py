@@ -11,8 +11,8 @@ from curricle.learning.guard import (
     longest_turn,
     shaped_share,
 )
+from curricle.tasks.kernel import compiled
 from curricle.tasks.mdp import NO_LIMIT
-from curricle.tasks.overloads import compiled
 
 GUARD = cr.Guard().kernel
 STEPS = 10

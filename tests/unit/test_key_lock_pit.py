@@ -159,7 +159,7 @@ def test_starts():
 REFUSED = {
     "nothing to do": (lambda: KeyLockPit("S.P"), "needs a key K or a lock L: there is none"),
     "no start": (lambda: KeyLockPit("KL"), "needs an S on the map"),
-    "ended at the start": (lambda: KeyLockPit("SK", keys_held=True), r"end there: got \(0, 0\)"),
+    "ended at the start": (lambda: KeyLockPit("SK", keys_held=True), r"not end it: got \(0, 0\)"),
     "all ended": (
         lambda: KeyLockPit("K", start="uniform", keys_held=True),
         "needs a state that does not end",
@@ -171,8 +171,6 @@ REFUSED = {
 WRONG = {
     "map": [3, ["SK", "L"]],
     "needs": [[], "none"],
-    "key_reward": ["much"],
-    "keys_held": [1],
     "origin": [3],
 }
 

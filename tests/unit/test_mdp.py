@@ -1,10 +1,11 @@
-"""FiniteMDP: its constructors, its tables, Gymnasium's toy-text tasks."""
+"""FiniteMDP: its constructors, its tables, and what has none."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 
-from curricle import FiniteMDP, GridWorld, Pursuit, evaluate, solve
+import curricle as cr
+from curricle import FiniteMDP, GridWorld, Pursuit, solve
 from curricle.errors import TaskError
 from tests.tasks import dense_of
 
@@ -63,12 +64,6 @@ def test_the_last_possible_outcome_has_cumulative_probability_1():
     assert mdp.cumulative[1].tolist() == [1, 1, 1]
 
 
-def test_discount_1_is_allowed_where_every_policy_ends():
-    one_way = [[[0.0, 1.0]], [[0.0, 1.0]]]
-    mdp = FiniteMDP.from_dense(one_way, [-1, 0], terminal=[False, True], start=0, discount=1)
-    assert solve(mdp).values.tolist() == [-1, 0]
-
-
 def test_arrays_that_nobody_can_write_to_are_shared_and_others_copied():
     mdp = GridWorld("S.T").mdp
     fields = {n: getattr(mdp, n) for n in mdp.__dataclass_fields__}
@@ -108,12 +103,6 @@ def test_sharing_outcome_rows_changes_nothing(task):
     np.testing.assert_allclose(solve(full).values, solve(shared).values, atol=1e-7)
 
 
-def test_frozen_lake_ends_in_its_holes_and_at_the_goal():
-    lake = FiniteMDP.from_outcomes(FrozenLakeEnv().P, start=0, discount=0.99)
-    assert np.flatnonzero(lake.terminal).tolist() == [5, 7, 11, 12, 15]
-    assert solve(lake).start_value == pytest.approx(0.5420, abs=5e-5)  # the textbook value
-
-
 def test_next_states_beyond_32_bits_are_refused_and_not_wrapped_round():
     m = GridWorld("S.T").mdp
     too_large = m.next_state.astype(np.int64) + 2**32
@@ -124,6 +113,31 @@ def test_next_states_beyond_32_bits_are_refused_and_not_wrapped_round():
         )  # fmt: skip
 
 
-def test_evaluation_of_a_policy_uses_the_rewards_given():
-    mdp = dense([1.0, 2.0, 9.0], discount=0.5)
-    assert evaluate(mdp, [1, 0, 0]).values.tolist() == pytest.approx([1, 2.5, 0])
+# -- what is no task with tables -------------------------------------------------------------------
+
+MAZE = cr.GridWorld("S.T")
+GYMNASIUM = "; from_gymnasium makes a task of an environment or of its id"
+
+
+@pytest.mark.parametrize(
+    ("given", "advice"),
+    [
+        (cr.GridWorld, "; give a task of this class, not the class"),
+        ("FrozenLake-v1", GYMNASIUM),
+        (gym.make("FrozenLake-v1"), GYMNASIUM),
+        (cr.to_gymnasium(MAZE), ", whose task is its .task"),
+        (
+            cr.observation_task("CartPole-v1"),
+            "; what is seen through observations is learnt by a network, a deep.DeepLearner",
+        ),
+        (3, ""),
+        (int, ""),
+    ],
+    ids=lambda given: type(given).__name__,
+)
+def test_what_was_probably_meant_is_said(given, advice):
+    expected = f"a task must be a FiniteMDP or have its tables as .mdp: got {given!r}{advice}"
+    for use in (cr.solve, cr.learn, lambda task: cr.Curriculum({"task": task}).train(seeds=1)):
+        with pytest.raises(TaskError) as caught:
+            use(given)
+        assert str(caught.value) == expected

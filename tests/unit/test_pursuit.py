@@ -110,16 +110,6 @@ def test_an_episode_ends_when_enough_predators_touch_the_prey(capture, ends_at):
         assert game.mdp.terminal[s] == (hunters.count(prey) >= ends_at)
 
 
-def test_as_published_pays_a_first_touch_like_a_miss():
-    game = Pursuit(size=2, predators=2, capture="as_published", prey=np.eye(5)[[0] * 4])
-    state = game.states.encode(prey=0, predator_1=1, predator_2=1)
-    one = game.actions.encode(predator_1=4, predator_2=0)  # west, stay
-    both = game.actions.encode(predator_1=4, predator_2=4)
-    assert table_dynamics(game, state, one) == {((0, 0, 1), -1.0): 1.0}
-    assert table_dynamics(game, state, both) == {((0, 0, 0), 0.0): 1.0}
-    assert game.mdp.terminal[game.states.encode(prey=0, predator_1=0, predator_2=1)]
-
-
 def fleeing(position):
     """A prey that looks: it goes east if the first predator shares its row, else it stays."""
     prey, hunter, *_ = position
@@ -140,40 +130,12 @@ def test_a_prey_may_have_a_policy():
     agrees(Pursuit(size=2, predators=2, prey=decide), fleeing)
 
 
-def test_a_policy_by_cell_equals_the_same_policy_by_state():
-    policy = np.random.default_rng(2).dirichlet(np.ones(5), size=9)
-    by_cell = Pursuit(size=3, predators=1, prey=policy)
-    by_state = Pursuit(size=3, predators=1, prey=np.repeat(policy, 9, axis=0))
-    np.testing.assert_allclose(solve(by_cell).values, solve(by_state).values, atol=1e-7)
-
-
-def test_who_moves_where_in_one_step():
-    west = np.eye(5)[[4] * 4]
-    game = Pursuit(size=2, predators=1, prey=west)
-    state = game.states.encode(prey=1, predator=0)
-    assert table_dynamics(game, state, 2) == {((0, 1), -1.0): 1.0}  # predator east, prey west
-    game = Pursuit(size=3, predators=1, prey=np.eye(5)[[2] * 9])  # always east
-    state = game.states.encode(prey=1, predator=0)
-    assert table_dynamics(game, state, 2) == {((2, 1), -1.0): 1.0}
-    game = Pursuit(size=2, predators=2, prey=np.eye(5)[[0] * 4])
-    state = game.states.encode(prey=0, predator_1=3, predator_2=3)
-    north = game.actions.encode(predator_1=1, predator_2=1)
-    assert table_dynamics(game, state, north) == {((0, 1, 1), -1.0): 1.0}
-
-
 @pytest.mark.parametrize("capture", ["all", "any"])
 def test_the_start_is_uniform_over_uncaught_states(capture):
     mdp = Pursuit(size=2, predators=2, capture=capture).mdp
     free = ~mdp.terminal
     assert free.sum() == {"all": 64 - 4, "any": 4 * 9}[capture]
     np.testing.assert_allclose(mdp.start, free / free.sum(), atol=1e-15)
-
-
-def test_a_predator_beside_a_resting_prey_catches_it_at_once():
-    resting = Pursuit(size=2, predators=1, prey=np.eye(5)[[0] * 4], discount=0.5)
-    values = solve(resting).values
-    assert values[resting.states.encode(prey=0, predator=1)] == 0
-    assert values[resting.states.encode(prey=0, predator=3)] == -1
 
 
 @pytest.mark.parametrize(

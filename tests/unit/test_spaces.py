@@ -12,21 +12,6 @@ LISTED = Space(
 )
 
 
-def test_a_box_is_numbered_with_the_last_component_fastest():
-    decoded = BOX.decode()
-    assert decoded["row"].tolist() == [5, 5, 5, 6, 6, 6]
-    assert decoded["column"].tolist() == [0, 1, 2, 0, 1, 2]
-    assert (BOX.size, len(BOX), BOX.shape, BOX.names) == (6, 6, (2, 3), ("row", "column"))
-
-
-def test_values_are_numbered_and_found_or_missing():
-    assert LISTED.size == 4
-    assert LISTED.decode([0, 1])["x"].tolist() == [1, -1]
-    assert LISTED.encode(x=[1, -1, 0, 1], y=[0, 1, 0, 1]).tolist() == [0, 1, 2, 3]
-    assert BOX.encode(row=[4, 5, 7, 6], column=[0, 3, 0, -1]).tolist() == [-1] * 4
-    assert LISTED.encode(x=[0, 2, -1], y=[1, 0, 0]).tolist() == [-1] * 3
-
-
 def test_encode_broadcasts_and_decode_keeps_the_shape():
     numbers = BOX.encode(row=np.array([[5], [6]]), column=np.arange(3)[None, :])
     assert numbers.tolist() == [[0, 1, 2], [3, 4, 5]]

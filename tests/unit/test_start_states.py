@@ -155,13 +155,6 @@ def test_it_is_learnt_solved_and_drawn():
     assert GridView.for_replay(near) is not None
 
 
-def test_a_pursuit_learns_from_a_ring_what_it_learns_anywhere():
-    """The optimum does not depend on the start."""
-    task = Pursuit(3, 1)
-    near = with_start(task, GoalDistance(2))
-    assert np.allclose(solve(near).values, solve(task).values)
-
-
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [

@@ -17,7 +17,7 @@ from curricle.tasks import (
     pursuit_family,
     task_family,
 )
-from curricle.tasks.families.built_in import BUILT_IN
+from curricle.tasks.built_in import BUILT_IN
 from tests.refusals import check_refusal, check_values
 
 BUILT = list[int]()

@@ -24,9 +24,15 @@ from curricle.frozen_arrays import frozen
 from curricle.learning.shaping import Claim, Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.progress import Progress, check_progress, shown
-from curricle.tasks.mdp import FiniteMDP, improper_states
+from curricle.tasks.mdp import (
+    FiniteMDP,
+    Task,
+    generative_model,
+    has_tables,
+    improper_states,
+    tables,
+)
 from curricle.tasks.spaces import action_name, state_name, values_of
-from curricle.tasks.task import Task, generative_model, has_tables, tables
 from curricle.transfer.partition_refinement import numbered_rows
 
 LARGEST_EXACT = 20_000_000

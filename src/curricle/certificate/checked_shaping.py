@@ -13,7 +13,7 @@ from curricle.frozen_arrays import frozen
 from curricle.learning.potential import MappedPotential, Potential, StatePotential
 from curricle.learning.schedules import constant
 from curricle.learning.shaping import Claim, Shaping
-from curricle.tasks.task import Task, generative_model
+from curricle.tasks.mdp import Task, generative_model
 
 RewardFunction = Callable[..., Any]
 """F(s, a, s'), which shaping adds to the reward of E transitions, (E,) float."""

@@ -18,8 +18,8 @@ from curricle.certificate.shaped_task import shaping_rewards
 from curricle.certificate.verdict import SampledCertificate
 from curricle.planning.rollouts import RandomRollouts, random_rollouts
 from curricle.tasks.live import is_live
+from curricle.tasks.mdp import generative_model
 from curricle.tasks.spaces import state_name
-from curricle.tasks.task import generative_model
 
 Checked = tuple[int, float, tuple[str, ...]]
 """Steps taken, the largest distance of a sum of F from that of a potential, and sentences."""

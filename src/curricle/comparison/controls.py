@@ -38,8 +38,8 @@ from curricle.learning.result import LearningResult
 from curricle.learning.stopping import StoppingRule
 from curricle.progress import Progress
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.mdp import Task, tables
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.task import Task, tables
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.edges import Transfer
 from curricle.transfer.identity_mapping import identity

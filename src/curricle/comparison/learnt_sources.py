@@ -25,8 +25,8 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
 from curricle.progress import Bars, Progress, shown
 from curricle.tasks.live import is_live
+from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task, made_by
-from curricle.tasks.task import generative_model
 from curricle.text_tables import counted
 
 LEARNT = 0.9

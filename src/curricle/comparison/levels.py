@@ -21,9 +21,8 @@ from curricle.learning.learners import Learner
 from curricle.learning.shaping import LookAheadAdvice, QInitialisation, StateShaping
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.rollouts import random_rollouts
-from curricle.tasks.mdp import reachable_states
+from curricle.tasks.mdp import generative_model, has_tables, reachable_states, tables
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.task import generative_model, has_tables, tables
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.observation_rollouts import ObservationTarget
 from curricle.transfer.potentials import ObservationPotential

@@ -14,10 +14,8 @@ from typing import Any
 import numpy as np
 
 from curricle.array_types import FloatArray
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.spaces import Space, state_name
-from curricle.tasks.task import (
+from curricle.tasks.mdp import (
+    FiniteMDP,
     GenerativeModel,
     Task,
     generative_model,
@@ -25,6 +23,8 @@ from curricle.tasks.task import (
     same_task,
     tables,
 )
+from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.spaces import Space, state_name
 
 LARGEST = 5_000_000
 """Pairs (S x A) up to which tables are compared."""

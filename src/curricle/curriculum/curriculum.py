@@ -39,8 +39,8 @@ from curricle.learning.stopping import Budget, limits
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
+from curricle.tasks.mdp import Task, generative_model, same_task
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.task import Task, generative_model, same_task
 from curricle.text_tables import counted
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration

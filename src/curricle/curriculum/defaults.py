@@ -11,7 +11,7 @@ from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import SETTLED, Budget, Episodes, StoppingRule, limits
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.tasks.task import generative_model
+from curricle.tasks.mdp import generative_model
 from curricle.transfer.aggregation import mean
 
 SETTINGS: dict[str, Any] = {

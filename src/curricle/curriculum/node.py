@@ -32,8 +32,8 @@ from curricle.learning.storage import Storage
 from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
 from curricle.progress import Progress
+from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.task import generative_model
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.observation_rollouts import target_of

@@ -16,7 +16,7 @@ from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 from curricle.errors import SettingError
 from curricle.interop.tabulation.tabulated_task import needs_of
-from curricle.tasks.draws import splitmix64, stream_start
+from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
 
 

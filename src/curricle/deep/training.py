@@ -19,7 +19,7 @@ from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import nothing
-from curricle.tasks.draws import splitmix64, stream_start
+from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer.observation_rollouts import Environments, mean_episode_return
 

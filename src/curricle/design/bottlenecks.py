@@ -22,9 +22,8 @@ from curricle.array_types import FloatArray
 from curricle.design.proposals import DesignTarget, Draft, Made
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.mdp import FiniteMDP, reachable_states
+from curricle.tasks.mdp import FiniteMDP, Task, reachable_states, tables
 from curricle.tasks.start_states import goal_distance
-from curricle.tasks.task import Task, tables
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping
 
 LARGEST = 20_000

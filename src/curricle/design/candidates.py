@@ -25,9 +25,8 @@ from curricle.design.simpler_models import coarser_tables, likeliest_outcomes, r
 from curricle.display import block, brief_repr, table
 from curricle.errors import CurricleError, CurriculumError
 from curricle.planning.solution import evaluate, solve
-from curricle.tasks.mdp import FiniteMDP, reachable_states
+from curricle.tasks.mdp import FiniteMDP, generative_model, reachable_states, same_task, tables
 from curricle.tasks.start_states import goal_distance
-from curricle.tasks.task import generative_model, same_task, tables
 from curricle.transfer.partition_refinement import model_for_refinement, refined
 
 MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {

@@ -15,7 +15,7 @@ import numpy as np
 from curricle.design.proposals import DesignTarget, Draft, Made, by_number, spread
 from curricle.errors import TaskError
 from curricle.tasks.deep_sea import DeepSea
-from curricle.tasks.families.family import FamilyMember
+from curricle.tasks.family import FamilyMember
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
 from curricle.transfer.component_mapping import family_mappings, project

@@ -10,10 +10,9 @@ from curricle.array_types import BoolArray, IntArray
 from curricle.checks import fit_name, text
 from curricle.errors import CurriculumError, TaskError
 from curricle.frozen_arrays import Frozen
-from curricle.tasks.families.family import FamilyMember
-from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.family import FamilyMember
+from curricle.tasks.mdp import FiniteMDP, generative_model, has_tables, tables
 from curricle.tasks.start_states import goal_states
-from curricle.tasks.task import generative_model, has_tables, tables
 from curricle.text_tables import counted
 from curricle.transfer.component_mapping import member_mappings
 from curricle.transfer.mapping import (

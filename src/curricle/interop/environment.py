@@ -10,15 +10,13 @@ import numpy as np
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.spaces import Coding, Form
-from curricle.tasks.computed import check_answers
-from curricle.tasks.draws import draw
-from curricle.tasks.generative_models import Functions, first_state, transition
 from curricle.tasks.gridworld import GridWorld, Rewards
+from curricle.tasks.kernel import compiled, draw
 from curricle.tasks.live import is_live
-from curricle.tasks.overloads import compiled
+from curricle.tasks.mdp import generative_model
+from curricle.tasks.models import Functions, check_answers, first_state, transition
 from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
 from curricle.tasks.spaces import MISSING, Component
-from curricle.tasks.task import generative_model
 
 if TYPE_CHECKING:
     from curricle.tasks.scene import Scene

@@ -31,9 +31,9 @@ from curricle.checks import instance, number, numbers
 from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import CONSTANT, Schedule, schedule
+from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import stack
 from curricle.tasks.spaces import Space, whole
-from curricle.tasks.task import generative_model
 from curricle.transfer import aggregation
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.observation_mapping import ValueSource

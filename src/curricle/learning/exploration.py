@@ -11,8 +11,16 @@ import numpy as np
 
 from curricle.learning.schedules import ByVisits, Constant, Schedule, at
 from curricle.planning.greedy import ACTION, best_of, highest
-from curricle.tasks.draws import HALF, STRIDE, bernoulli, integers, splitmix64, uniform
-from curricle.tasks.overloads import Overloaded, inlined
+from curricle.tasks.kernel import (
+    HALF,
+    STRIDE,
+    Overloaded,
+    bernoulli,
+    inlined,
+    integers,
+    splitmix64,
+    uniform,
+)
 
 
 class EpsilonGreedy(NamedTuple):

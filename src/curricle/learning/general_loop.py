@@ -18,9 +18,8 @@ from curricle.learning.stopping import stops
 from curricle.learning.tables import tie_bits
 from curricle.planning.greedy import ACTION, acting_rows, best_of, greedy_actions, highest
 from curricle.planning.policy_evaluation import greedy_return
-from curricle.tasks.draws import STRIDE, first_above, splitmix64
-from curricle.tasks.generative_models import first_state, has_failed, transition, truncated
-from curricle.tasks.overloads import inlined
+from curricle.tasks.kernel import STRIDE, first_above, inlined, splitmix64
+from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 # What is added to the reward, or to the values acted on.
 PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)

@@ -35,9 +35,8 @@ from curricle.learning.general_loop import (
 from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import at, rate_of
 from curricle.planning.policy_evaluation import greedy_return
-from curricle.tasks.draws import STRIDE, splitmix64
-from curricle.tasks.generative_models import first_state, has_failed, transition, truncated
-from curricle.tasks.overloads import inlined
+from curricle.tasks.kernel import STRIDE, inlined, splitmix64
+from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 SCRATCH, SHAPED = 0, 1
 """The learner without the potential and the one with it: the first axis of guarded tables."""

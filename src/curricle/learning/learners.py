@@ -11,7 +11,7 @@ from curricle.errors import SettingError
 from curricle.learning import general_loop
 from curricle.learning.exploration import EpsilonGreedy, LearnerKernel, Softmax
 from curricle.learning.schedules import HARMONIC, ByVisits, Schedule, within
-from curricle.tasks.task import Task
+from curricle.tasks.mdp import Task
 
 
 @dataclass(frozen=True)

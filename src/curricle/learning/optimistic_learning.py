@@ -24,10 +24,9 @@ from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import Schedule, harmonic, rate_of
 from curricle.learning.tables import find_row_maxima
 from curricle.planning.policy_evaluation import greedy_return
-from curricle.tasks.draws import STRIDE, splitmix64
-from curricle.tasks.generative_models import first_state, has_failed, transition, truncated
-from curricle.tasks.simd import of_width
-from curricle.tasks.task import Task, generative_model, has_tables, tables
+from curricle.tasks.kernel import STRIDE, of_width, splitmix64
+from curricle.tasks.mdp import Task, generative_model, has_tables, tables
+from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.schedules import schedule
 from curricle.learning.value_lookup import ValueLookup, fits_task, read_rows, read_table
-from curricle.tasks.task import Task, generative_model
+from curricle.tasks.mdp import Task, generative_model
 
 LARGEST_POTENTIAL = 1e15
 """The largest size of a potential.

@@ -25,10 +25,9 @@ from curricle.planning.greedy import (
 )
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.simulator import EpisodeEnds, GreedyPolicy, StepRecord, simulate
-from curricle.tasks.draws import stream_start
+from curricle.tasks.kernel import compiled, stream_start
 from curricle.tasks.live import open_model
-from curricle.tasks.overloads import compiled
-from curricle.tasks.task import generative_model
+from curricle.tasks.mdp import generative_model
 
 PairPotential = StateActionPotential | MappedPotential
 LARGEST_ARRAY = 1_000_000

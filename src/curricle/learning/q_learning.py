@@ -13,10 +13,8 @@ from curricle.learning.schedules import rate_of
 from curricle.learning.tables import find_row_maxima, is_full, row_of
 from curricle.planning.greedy import TIED, best_of
 from curricle.planning.policy_evaluation import SLICE, greedy_return
-from curricle.tasks.draws import STRIDE, splitmix64
-from curricle.tasks.generative_models import first_state, has_failed, transition, truncated
-from curricle.tasks.overloads import inlined
-from curricle.tasks.simd import of_width, prefetch
+from curricle.tasks.kernel import STRIDE, inlined, of_width, prefetch, splitmix64
+from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 NO_ROW = np.uint64(2**64 - 1)
 

@@ -12,7 +12,7 @@ from curricle.frozen_arrays import Frozen
 from curricle.learning.stopping import StoppingKernel
 from curricle.planning.policy_evaluation import SLICE
 from curricle.progress import HALTED
-from curricle.tasks.overloads import inlined
+from curricle.tasks.kernel import inlined
 
 MAX_SNAPSHOT_BYTES = 128_000_000
 """Bytes that the snapshots of a run may take; a large task has fewer than asked for, or none."""

@@ -36,7 +36,7 @@ from curricle.learning.saved_result import (
 from curricle.learning.tabular_policy import TabularPolicy
 from curricle.planning.episode import Episode
 from curricle.statistics.intervals import mean_interval, seed_line
-from curricle.tasks.task import Task
+from curricle.tasks.mdp import Task
 from curricle.text_tables import counted
 
 

@@ -32,12 +32,10 @@ from curricle.learning.storage import SparseValues, Storage
 from curricle.learning.tables import DenseTable, SparseTable, StaticInt, reorder
 from curricle.learning.value_lookup import no_sources, read_table
 from curricle.planning.policy_evaluation import EvaluationKernel
-from curricle.tasks.draws import splitmix64
-from curricle.tasks.generative_models import Functions
+from curricle.tasks.kernel import compiled, splitmix64
 from curricle.tasks.live import open_model
-from curricle.tasks.mdp import NO_LIMIT
-from curricle.tasks.overloads import compiled
-from curricle.tasks.task import GenerativeModel
+from curricle.tasks.mdp import NO_LIMIT, GenerativeModel
+from curricle.tasks.models import Functions
 
 NEAR = 32_768
 """Bytes of a table that stays in the processor's nearest cache."""

@@ -22,8 +22,8 @@ from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.record import Snapshots
 from curricle.learning.schedules import Schedule
 from curricle.learning.storage import SparseValues
+from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.task import generative_model
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 LEARNERS: dict[str, type[Learner]] = {

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from curricle.array_types import IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
-from curricle.tasks.overloads import Overloaded
+from curricle.tasks.kernel import Overloaded
 
 # Shapes of a schedule.
 CONSTANT, LINEAR, EXPONENTIAL, HARMONIC = range(4)

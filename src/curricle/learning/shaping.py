@@ -18,7 +18,7 @@ from curricle.learning.learners import SARSA, Learner
 from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
-from curricle.tasks.task import Task, generative_model, same_task
+from curricle.tasks.mdp import Task, generative_model, same_task
 
 Claim = Literal["telescoping", "fixed_point", "one_way_in", "added_values", "added_rewards"]
 """What holds of a shaping in the long run, for :func:`certify` to check.

@@ -15,8 +15,8 @@ from curricle.display import block, table
 from curricle.errors import SettingError
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import BATCHES, Target
+from curricle.tasks.kernel import INLINED
 from curricle.tasks.mdp import NO_LIMIT
-from curricle.tasks.overloads import INLINED
 from curricle.text_tables import counted
 
 

@@ -13,10 +13,7 @@ from numba import njit
 from curricle.array_types import FloatArray, FloatTable, IntArray
 from curricle.learning.value_lookup import ValueLookup, read_row
 from curricle.planning.greedy import TIED, acting_rows, best_of, greedy_actions
-from curricle.tasks.draws import splitmix64
-from curricle.tasks.loop_cache import compiled_once
-from curricle.tasks.overloads import Overloaded, inlined
-from curricle.tasks.simd import of_width
+from curricle.tasks.kernel import Overloaded, compiled_once, inlined, of_width, splitmix64
 
 StaticInt = tuple[None, ...]
 """A number as a type, the tuple's length: loops are compiled for each."""

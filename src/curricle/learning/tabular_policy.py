@@ -27,7 +27,7 @@ from curricle.planning.episode import Episode, played
 from curricle.planning.greedy import Values, VisitedValues
 from curricle.planning.rollouts import greedy_rollout
 from curricle.tasks.live import LiveMDP, is_live, numbering
-from curricle.tasks.task import Task, generative_model
+from curricle.tasks.mdp import Task, generative_model
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,8 +34,8 @@ from curricle.planning.policy_evaluation import (
     RolloutEvaluation,
 )
 from curricle.progress import Bars, Progress, check_progress, shown
-from curricle.tasks.draws import stream_start
-from curricle.tasks.task import Task, generative_model
+from curricle.tasks.kernel import stream_start
+from curricle.tasks.mdp import Task, generative_model
 
 MOST_ACTIONS = int(TIED)
 """Actions that 15 bits can tell apart."""

@@ -12,9 +12,7 @@ import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.frozen_arrays import frozen
-from curricle.tasks.loop_cache import compiled_once
-from curricle.tasks.overloads import inlined
-from curricle.tasks.simd import inverse_of, quotient
+from curricle.tasks.kernel import compiled_once, inlined, inverse_of, quotient
 from curricle.tasks.spaces import Space
 
 MOST_SOURCES = 64

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.tasks.loop_cache import compiled_once
-from curricle.tasks.overloads import Overloaded
+from curricle.tasks.kernel import Overloaded, compiled_once
 
 RowArray = npt.NDArray[np.uint32]
 SWEEPS = 5

@@ -17,8 +17,8 @@ from curricle.errors import SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
 from curricle.frozen_arrays import frozen
 from curricle.planning.rollouts import Trajectory
+from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.spaces import Space, action_name, values_of
-from curricle.tasks.task import Task, generative_model
 from curricle.text_tables import counted
 
 FASTEST = 50.0

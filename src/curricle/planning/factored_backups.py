@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray
 from curricle.planning.backups import MixedPolicy, back_ups, largest_of, mixed_policy_backup
-from curricle.tasks.loop_cache import compiled_once
+from curricle.tasks.kernel import compiled_once
 
 
 class Planes(NamedTuple):

@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from curricle.array_types import FloatTable, IntArray
-from curricle.tasks.draws import integers
-from curricle.tasks.overloads import Overloaded, inlined
-from curricle.tasks.simd import (
+from curricle.tasks.kernel import (
     LANES as LANES_OF_SIMD,
+    Overloaded,
     highest_of_lanes,
+    inlined,
+    integers,
     nth_one,
     ones,
     ties_in_lanes,

@@ -13,9 +13,8 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.frozen_arrays import Frozen
 from curricle.planning import backups, factored_backups
 from curricle.planning.backups import MixedPolicy
-from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
-from curricle.tasks.mdp import FiniteMDP, improper_states
-from curricle.tasks.task import Task, tables
+from curricle.tasks.mdp import FiniteMDP, Task, improper_states, tables
+from curricle.tasks.models import FactoredModel, joint_landing, predators_on_prey
 
 Policy = npt.NDArray[np.integer[Any]] | FloatArray
 """An action for each state, (S,), or the probability of each action, (S, A)."""

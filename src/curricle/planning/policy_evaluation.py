@@ -20,8 +20,10 @@ from curricle.planning.greedy import (
 )
 from curricle.planning.simulator import GreedyPolicy, ReturnRecord, simulate_episode
 from curricle.progress import HALTED
-from curricle.tasks.draws import draw, stream_start
-from curricle.tasks.generative_models import (
+from curricle.tasks.kernel import Overloaded, compiled, draw, inlined, stream_start
+from curricle.tasks.live import is_live, open_model
+from curricle.tasks.mdp import NO_LIMIT, Task, generative_model, has_tables, improper_states, tables
+from curricle.tasks.models import (
     Functions,
     Tables,
     evaluation_model,
@@ -29,12 +31,8 @@ from curricle.tasks.generative_models import (
     table_model,
     truncated,
 )
-from curricle.tasks.live import is_live, open_model
-from curricle.tasks.mdp import NO_LIMIT, improper_states
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.overloads import Overloaded, compiled, inlined
 from curricle.tasks.spaces import state_name
-from curricle.tasks.task import Task, generative_model, has_tables, tables
 
 Method = Literal["auto", "exact", "rollouts", "off"]
 EPISODES, LIVE_EPISODES = 100, 5

@@ -21,9 +21,9 @@ from curricle.planning.simulator import (
     simulated_policy,
 )
 from curricle.planning.solution import checked_policy
-from curricle.tasks.draws import stream_start
+from curricle.tasks.kernel import stream_start
 from curricle.tasks.live import is_live, open_model
-from curricle.tasks.task import GenerativeModel, Task, generative_model
+from curricle.tasks.mdp import GenerativeModel, Task, generative_model
 from curricle.text_tables import counted
 
 CHUNK = 65_536

@@ -14,8 +14,8 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.frozen_arrays import frozen
 from curricle.planning.greedy import ACTION, Values, greedy_action
 from curricle.planning.models import Policy
-from curricle.tasks.draws import draw, integers, splitmix64, uniform
-from curricle.tasks.generative_models import (
+from curricle.tasks.kernel import Overloaded, compiled, draw, inlined, integers, splitmix64, uniform
+from curricle.tasks.models import (
     Functions,
     cumulated,
     first_state,
@@ -23,7 +23,6 @@ from curricle.tasks.generative_models import (
     transition,
     truncated,
 )
-from curricle.tasks.overloads import Overloaded, compiled, inlined
 
 # -- policies ------------------------------------------------------------------------------------
 

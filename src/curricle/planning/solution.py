@@ -29,9 +29,7 @@ from curricle.planning.direct import (
 )
 from curricle.planning.models import PlanningModel, Policy, TabularPlanningModel, model_of
 from curricle.progress import Bars, Progress, shown
-from curricle.tasks.mdp import improper_states
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, normalised
-from curricle.tasks.task import Task, tables
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, Task, improper_states, normalised, tables
 
 EPSILON = float(np.finfo(np.float64).eps)
 RELATIVE_TOLERANCE = 1e-10

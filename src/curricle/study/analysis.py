@@ -39,9 +39,9 @@ from curricle.study.record import (
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.tasks.grid_view import GridView
 from curricle.tasks.live import is_live
+from curricle.tasks.mdp import Task, generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.scene import ViewScene
-from curricle.tasks.task import Task, generative_model, has_tables
 
 # -- What only the tasks themselves can say of results: forecasts, certificates, episodes ----------
 #

@@ -17,8 +17,8 @@ from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.units import units_of
 from curricle.tasks.live import open_model
+from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
-from curricle.tasks.task import generative_model, has_tables, tables
 from curricle.text_tables import counted
 
 ROLLOUTS, LENGTH = 100, 200

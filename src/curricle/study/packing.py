@@ -18,7 +18,7 @@ from curricle.study.record import CurriculaRecord
 from curricle.study.serialization import UnitResult, joined_units
 from curricle.study.store import StoredUnit, StudyStore, read_errors, write_errors
 from curricle.study.units import Unit
-from curricle.tasks.task import generative_model
+from curricle.tasks.mdp import generative_model
 
 FULL = 2**22
 """Bytes of a file of several units, about: it is read in some milliseconds."""

@@ -22,7 +22,7 @@ states that can be reached are in the table.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -32,22 +32,23 @@ from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import (
     Cell,
-    Domain,
+    Discount,
+    DomainWithStart,
+    TimeLimit,
     cut,
+    family_of,
     numbered_names,
     read_map,
     read_origin,
-    tables_of,
 )
+from curricle.tasks.family import ComponentsByName, FamilyMember, Rule
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
+from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
 
 CHARACTERS = "<>EB#."
 FACING = {"<": -1, ">": 1}
 """How the agent is drawn -> the columns that a step goes."""
-ACTIONS = ("west", "east", "up", "pick up", "put down")
 LARGEST_SPACE = 1_000_000
 """States at most; they are found one by one."""
 LEVELS = (
@@ -91,7 +92,7 @@ class _State(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BlockDude(Domain):
+class BlockDude(DomainWithStart):
     """An agent that carries blocks to climb to an exit.
 
     Parameters
@@ -129,22 +130,18 @@ class BlockDude(Domain):
     exit_reward: float = -1.0
     start: Literal["map", "uniform"] = "map"
     origin: Cell = (0, 0)
-    discount: float = 0.99
-    time_limit: int | None = 500
+    discount: Discount = 0.99
+    time_limit: TimeLimit = 500
 
-    def __post_init__(self) -> None:
+    ACTIONS = ("west", "east", "up", "pick up", "put down")
+
+    def _check(self) -> None:
         level = self.level
         if not isinstance(level, str | list | tuple):
             one_of("level", level, range(1, len(LEVELS) + 1), TaskError)
             level = LEVELS[level - 1]
         object.__setattr__(self, "level", read_map(level, CHARACTERS))
         object.__setattr__(self, "origin", read_origin(self.origin))
-        check_numbers(self, ("step_reward", "exit_reward"))
-        one_of("start", self.start, ("map", "uniform"), TaskError)
-        check_horizon(self)
-        self._check_map()
-
-    def _check_map(self) -> None:
         for what, letters in (("agent < or >", "<>"), ("exit E", "E")):
             count = sum(line.count(letter) for line in self.level for letter in letters)
             if count != 1:
@@ -160,8 +157,6 @@ class BlockDude(Domain):
                     f"the {what} needs ground, a brick or a block below it: there is none below "
                     f"row {self._row(height)}, column {column + self.origin[1]}"
                 )
-
-    # -- variants ------------------------------------------------------------------------------
 
     def crop(
         self,
@@ -207,8 +202,6 @@ class BlockDude(Domain):
         line = lines[free]
         lines[free] = f"{line[:column]}{letter}{line[column + 1 :]}"
         return lines
-
-    # -- the rules -----------------------------------------------------------------------------
 
     def _row(self, height: Any) -> Any:
         return self.origin[0] + len(self.level) - height
@@ -279,7 +272,7 @@ class BlockDude(Domain):
         number, states, successors = {self._first: 0}, [self._first], list[list[int]]()
         for state in states:  # which grows meanwhile
             row = list[int]()
-            for action in ACTIONS:
+            for action in self.ACTIONS:
                 ended = state[:2] == self._exit
                 after = state if ended else self._after(state, action)
                 if after not in number:
@@ -294,8 +287,6 @@ class BlockDude(Domain):
                     "has more"
                 )
         return states, np.array(successors)
-
-    # -- spaces --------------------------------------------------------------------------------
 
     @cached_property
     def _cells(self) -> IntArray:
@@ -332,11 +323,6 @@ class BlockDude(Domain):
         axes += [Component(name, len(labels), labels=labels) for name in self._block_names]
         return Space(axes, np.column_stack([rows, columns, facing, holding, values]).astype(int))
 
-    @cached_property
-    def actions(self) -> Space:
-        """West, east, up, pick up and put down."""
-        return Space([Component("move", len(ACTIONS), labels=ACTIONS)])
-
     @property
     def _block_names(self) -> tuple[str, ...]:
         return numbered_names("block", len(self._first.blocks))
@@ -358,15 +344,12 @@ class BlockDude(Domain):
             markers={name: self._cells[:, 1 + i] for i, name in enumerate(self._block_names)},
         )
 
-    # -- tables --------------------------------------------------------------------------------
-
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The level as tables: a row for entering each state, O = 1."""
         states, after = self._reached
         ended = np.array([state[:2] == self._exit for state in states])
-        return tables_of(
-            self,
+        return self._tables(
             np.ones((len(states), 1)),
             np.arange(len(states))[:, None],
             np.where(ended, self.exit_reward, self.step_reward)[:, None],
@@ -374,3 +357,68 @@ class BlockDude(Domain):
             starting=np.flatnonzero(~ended) if self.start == "uniform" else np.array([0]),
             outcome_row=after,
         )
+
+
+# -- the family: levels and their parts around the exit --------------------------------------------
+
+WIDTH = 25
+"""Columns of the levels."""
+PARTS: dict[int, tuple[int, ...]] = {
+    1: (10, 11, 12, *range(15, WIDTH)),
+    2: tuple(range(17, WIDTH)),
+    3: tuple(range(17, WIDTH)),
+}
+"""Level -> the columns of its parts that have blocks and a way to the exit."""
+
+
+def part_of_level(
+    level: Annotated[Literal[1, 2, 3], Rule(harder="later")] = 1,
+    columns: Annotated[int | None, Rule(2, WIDTH - 1, "larger")] = None,
+    **rules: Any,
+) -> BlockDude:
+    """Return one of BURLAP's levels, or the part that has these columns from the exit on.
+
+    Where the agent's column is not among them, it begins in the last one, on top of what is there.
+    """
+    whole = BlockDude(level, **rules)
+    if columns is None:
+        return whole
+    (agent,) = (line.find(what) for line in whole.level for what in "<>" if what in line)
+    inside = agent < columns
+    begins = None if inside else columns - 1
+    return whole.crop(columns=(0, columns), agent=begins, start=whole.start)
+
+
+def _block_mapping(target: FamilyMember, source: FamilyMember) -> ComponentsByName:
+    """Return how a level reads another: by name, blocks in their order from the exit on."""
+    blocks, others = (
+        [name for name in member.task.states.names if name.startswith("block")]
+        for member in (target, source)
+    )
+    if len(others) > len(blocks):
+        raise TaskError(
+            f"a level reads levels with at most its {len(blocks)} blocks: got {source}, which has "
+            f"{len(others)}"
+        )
+    pairs = zip(others, blocks, strict=False)
+    return ComponentsByName(renaming={other: name for other, name in pairs if other != name})
+
+
+def _has_a_way(parameters: dict[str, Any]) -> str | None:
+    """Return what is wrong with a part from which there is no way to the exit."""
+    known = PARTS[parameters["level"]]
+    if parameters["columns"] is None or parameters["columns"] in known:
+        return None
+    return (
+        f"columns of level {parameters['level']} of block_dude must be one of "
+        f"{', '.join(map(str, known))}, as others have no block or no way to the exit"
+    )
+
+
+block_dude_family = family_of(
+    BlockDude, part_of_level, mapping=_block_mapping, constraint=_has_a_way
+)
+"""BURLAP's levels of :class:`BlockDude`, or their `columns` around the exit, 2 or more.
+
+Members map by name, blocks in their order from the exit on.
+"""

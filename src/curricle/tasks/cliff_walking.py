@@ -8,29 +8,23 @@ start; the episode goes on. On slippery ground a move goes where it was meant to
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
-from curricle.array_types import BoolArray, IntArray
-from curricle.checks import instance
-from curricle.errors import TaskError
-from curricle.frozen_arrays import frozen
+from curricle.array_types import BoolArray
 from curricle.tasks.domain import (
     Cell,
     CellDomain,
-    cell_space,
-    check_sizes,
-    check_starts,
-    landing_or_staying,
-    read_start,
-    tables_of,
+    Discount,
+    MapStart,
+    TimeLimit,
+    family_of,
+    slipping,
 )
-from curricle.tasks.frozen_lake import slipping
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import Space
+from curricle.tasks.family import ComponentsByName, Rule
+from curricle.tasks.mdp import FiniteMDP
 
 ROWS, COLUMNS = 4, 12
 """Of Gymnasium's cliff."""
@@ -70,86 +64,60 @@ class CliffWalking(CellDomain):
     'row=0 column=8'
     """
 
-    rows: int = ROWS
-    columns: int = COLUMNS
-    slippery: bool = False
+    rows: Annotated[int, Rule(2, LARGEST_SIDE, "larger")] = ROWS
+    columns: Annotated[int, Rule(3, LARGEST_SIDE, "larger")] = COLUMNS
+    slippery: Annotated[bool, Rule(harder="larger")] = False
     step_reward: float = -1.0
     cliff_reward: float = -100.0
-    start: Any = "map"
-    discount: float = 0.99
-    time_limit: int | None = None
+    start: MapStart = "map"
+    discount: Discount = 0.99
+    time_limit: TimeLimit = None
 
-    def __post_init__(self) -> None:
-        check_sizes(self, rows=(2, LARGEST_SIDE), columns=(3, LARGEST_SIDE))
-        instance("slippery", self.slippery, bool, TaskError)
-        check_numbers(self, ("step_reward", "cliff_reward"))
-        check_horizon(self)
-        read_start(self, example="[(2, 11)]")
-        self._start_states()
-
-    # -- spaces --------------------------------------------------------------------------------
+    OBJECTS: ClassVar = {"C": "pit", "G": "goal"}  # pits that end no episode
+    ENDS = "G"
 
     @property
     def origin(self) -> Cell:
         """Row and column of the top-left cell."""
         return ROWS - self.rows, COLUMNS - self.columns
 
+    @property
+    def _corner(self) -> Cell:
+        return self.origin
+
     @cached_property
-    def states(self) -> Space:
-        """One state for each cell, the cliff's too, where nobody ever stands."""
-        return cell_space(self.rows, self.columns, self.origin)
+    def _grid(self) -> npt.NDArray[np.str_]:
+        grid = np.full((self.rows, self.columns), ".")
+        grid[-1] = ["S", *"C" * (self.columns - 2), "G"]
+        return grid
 
     @property
     def goal_states(self) -> BoolArray:
         """Which states are the goal, (S,) bool."""
-        return np.asarray(np.arange(self.states.size) == self.states.size - 1)
+        return self._holds("G")
 
     @property
-    def _cliff(self) -> BoolArray:
-        """Which cells are the cliff, (S,) bool."""
-        row, column = np.divmod(np.arange(self.rows * self.columns), self.columns)
-        return np.asarray((row == self.rows - 1) & (column > 0) & (column < self.columns - 1))
-
-    @cached_property
-    def layout(self) -> GridLayout:
-        """Where the states lie, for pictures; the cliff is drawn as pits, which end no episode."""
-        cells = frozen(np.stack(list(self.states.decode().values()), axis=1))
-        pits = [("pit", row, column, False) for row, column in cells[self._cliff].tolist()]
-        return GridLayout(
-            cells=cells,
-            components=("row", "column"),
-            shape=(self.rows, self.columns),
-            origin=self.origin,
-            objects=(*pits, ("goal", *cells[-1].tolist(), True)),
-        )
-
-    # -- tables --------------------------------------------------------------------------------
+    def _standing(self) -> BoolArray:
+        return ~self._holds("CG")
 
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The walk as tables: on slippery ground O = to the one side, ahead, to the other side."""
-        to = landing_or_staying(self.states)
+        to = self._landing()
         after = slipping(to) if self.slippery else to[:, :, None]
-        fallen = self._cliff[after]
-        return tables_of(
-            self,
+        fallen = self._holds("C")[after]
+        return self._tables(
             1 / after.shape[2],
-            np.where(fallen, self._first, after),
+            np.where(fallen, self._holds("S").argmax(), after),
             np.where(fallen, self.cliff_reward, self.step_reward),
             terminal=self.goal_states,
             starting=self._start_states(),
         )
 
-    @property
-    def _first(self) -> int:
-        """The state at the bottom left."""
-        return (self.rows - 1) * self.columns
 
-    def _start_states(self) -> IntArray:
-        standing = ~(self._cliff | self.goal_states)
-        if isinstance(self.start, str):
-            return np.array([self._first]) if self.start == "map" else np.flatnonzero(standing)
-        row, column = np.array(self.start).T
-        states = self.states.encode(row=row, column=column)
-        rule = "a start must be a cell beside the cliff and the goal"
-        return check_starts(states, standing, self.start, rule)
+cliff_walking_family = family_of(CliffWalking, mapping=ComponentsByName("clip"))
+"""Walks along a cliff (:class:`CliffWalking`).
+
+Members map cell by cell, counted from the goal; cells farther off than the source has are read at
+its edge.
+"""

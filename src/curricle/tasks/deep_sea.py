@@ -18,19 +18,19 @@ it, as with ``randomize_actions=False`` there, 1 is right everywhere and the mov
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
+import numpy.typing as npt
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.array_types import IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.domain import Domain, cell_space, check_sizes, read_start, tables_of
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import Component, Space
+from curricle.tasks.domain import Cell, Discount, GridDomain, TimeLimit, family_of
+from curricle.tasks.family import FamilyMember, Parameter, Rule
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.spaces import Component, Decoded, Space
 
 LARGEST_SIZE = 1000
 """Rows of a sea at most: half a million states."""
@@ -38,7 +38,7 @@ LARGEST_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True)
-class DeepSea(Domain):
+class DeepSea(GridDomain):
     """A dive of `size` steps to the left or right; only always right finds the treasure.
 
     Parameters
@@ -79,34 +79,21 @@ class DeepSea(Domain):
     0.99
     """
 
-    size: int = 10
+    size: Annotated[int, Rule(1, LARGEST_SIZE, "larger")] = 10
     move_cost: float = 0.01
     treasure: float = 1.0
-    slip: float = 0.0
+    slip: Annotated[float, Rule(0, 1, "larger")] = 0.0
     noise: float = 0.0
-    mapping_seed: int | None = None
-    start: Any = "surface"
-    origin: int = 0
-    discount: float = 0.99
-    time_limit: int | None = None
+    mapping_seed: Annotated[int | None, Rule(0, LARGEST_SEED)] = None
+    start: Annotated[Any, Rule(values=("surface", "uniform"))] = "surface"
+    origin: Annotated[int, Rule(0, LARGEST_SIZE, varies=False)] = 0
+    discount: Discount = 0.99
+    time_limit: TimeLimit = None
 
-    def __post_init__(self) -> None:
-        check_sizes(self, size=(1, LARGEST_SIZE), origin=(0, LARGEST_SIZE))
-        check_numbers(self, ("move_cost", "treasure", "noise"), ("slip",))
-        if self.mapping_seed is not None:
-            check_sizes(self, mapping_seed=(0, LARGEST_SEED))
-        check_horizon(self)
-        read_start(self, ("surface", "uniform"), "[(2, 1)]")
-        if not isinstance(self.start, str):
-            top, end = self.origin, self.origin + self.size
-            for row, column in self.start:
-                if not top <= column <= row < end:
-                    raise TaskError(
-                        f"a dive starts in a row {top}..{end - 1}, in a column {top}..row: got "
-                        f"({row}, {column})"
-                    )
-
-    # -- variants ------------------------------------------------------------------------------
+    ACTIONS = ("left", "right")
+    OBJECTS: ClassVar = {"T": "treasure"}  # in the last row of water; it ends no episode
+    ENDS = "_"
+    LISTED = True
 
     def bottom(self, rows: int, *, start: Any = "uniform") -> Self:
         """Return the lowest rows of the sea, with as many of the last columns; moves cost as there.
@@ -127,40 +114,29 @@ class DeepSea(Domain):
             start=start,
         )
 
-    # -- spaces --------------------------------------------------------------------------------
-
     @cached_property
-    def states(self) -> Space:
+    def _grid(self) -> npt.NDArray[np.str_]:
         """The cells that a dive from the top left can reach, and those of the ground below."""
         n = self.size
-        row, column = np.indices((n + 1, n)).reshape(2, -1)
-        reached = (column <= row) | (row == n)
-        cells = np.stack([row, column], axis=1)[reached] + self.origin
-        return cell_space(n + 1, n, (self.origin, self.origin), cells)
+        grid = np.where(np.tri(n + 1, n, dtype=bool), ".", "#")
+        grid[n - 1, n - 1], grid[n] = "T", "_"
+        return grid
+
+    @property
+    def _corner(self) -> Cell:
+        return self.origin, self.origin
 
     @cached_property
     def actions(self) -> Space:
         """Left and right; without names where the cells differ in which is which."""
         if self.mapping_seed is not None:
             return Space([Component("action", 2)])
-        return Space([Component("move", 2, labels=("left", "right"))])
-
-    @cached_property
-    def layout(self) -> GridLayout:
-        """Where the states lie, for pictures; the treasure is in the last row of water."""
-        last = self.origin + self.size - 1
-        return GridLayout(
-            cells=self.states.points,
-            components=("row", "column"),
-            shape=(self.size + 1, self.size),
-            origin=(self.origin, self.origin),
-            objects=(("treasure", last, last, False),),
-        )
+        return super().actions
 
     @cached_property
     def right(self) -> IntArray:
         """The action that moves right in each state, (S,) int64; 1 on the ground."""
-        row, column = self._cells
+        row, column = self._depths
         action, water = np.ones(len(row), dtype=np.int64), row < self.size
         if self.mapping_seed is not None:
             whole_sea = self.origin + self.size
@@ -170,12 +146,10 @@ class DeepSea(Domain):
             action[water] = part[row[water], column[water]]
         return frozen(action)
 
-    # -- tables --------------------------------------------------------------------------------
-
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The sea as tables: a row for each pair, its outcomes (moved, failed) x (plus, minus)."""
-        (row, column), n = self._cells, self.size
+        (row, column), n = self._depths, self.size
         ended = row == n
         moves_right = np.arange(2) == self.right[:, None]
         step = np.where(moves_right, 1, -1)
@@ -186,36 +160,52 @@ class DeepSea(Domain):
             for c in (to, column[:, None])
         )
         fails = np.where(moves_right, self.slip, 0.0)
-        found = moves_right & (column == n - 1)[:, None]
-        paid = self.treasure * found - self.move_cost / n * moves_right
+        finds = moves_right & (column == n - 1)[:, None]
+        paid = self.treasure * finds - self.move_cost / n * moves_right
         noisy = (row == n - 1) & np.isin(column, (0, n - 1))
         noise = np.where(noisy, self.noise, 0.0)[:, None]
         chance, next_state, reward = [1 - fails, fails], [moved, fallen], [paid, paid]
         if self.noise:
-            chance = [one / 2 for one in chance for _ in range(2)]
-            next_state = [one for one in next_state for _ in range(2)]
+            chance = [share / 2 for share in chance for _ in range(2)]
+            next_state = [after for after in next_state for _ in range(2)]
             reward = [paid + noise, paid - noise] * 2
         kept = slice(None) if self.slip else slice(len(chance) // 2)
-        return tables_of(
-            self,
+        return self._tables(
             np.stack(chance[kept], axis=-1),
             np.stack(next_state[kept], axis=-1),
             np.stack(reward[kept], axis=-1),
             terminal=ended,
-            starting=self._starting(ended),
+            starting=self._start_states(),
         )
 
     @property
-    def _cells(self) -> tuple[IntArray, IntArray]:
+    def _depths(self) -> tuple[IntArray, IntArray]:
         """Row and column of each state, counted from the top left of this sea."""
-        row, column = (self.states.points - self.origin).T
+        row, column = (self.cells - self.origin).T
         return row, column
 
-    def _starting(self, ended: BoolArray) -> IntArray:
-        """Return the states that episodes start in."""
-        if self.start == "surface":
-            return np.array([0])
-        if self.start == "uniform":
-            return np.flatnonzero(~ended)
-        row, column = np.array(self.start).T
-        return self.states.encode(row=row, column=column)
+
+def _from_the_ground(target: FamilyMember, source: FamilyMember) -> Any:
+    """Return how a sea reads another: cells counted from the ground, right moves as right ones.
+
+    Columns are counted from the right, where the treasure is. What lies farther off than the source
+    has is unmapped.
+    """
+    down = target["size"] - source["size"]
+    whole, other = target.task, source.task
+
+    def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
+        (action,) = actions.values()
+        read = {name: value - down for name, value in states.items()}
+        state, known = whole.states.encode(**states), other.states.encode(**read)
+        right = other.right[np.maximum(known, 0)]
+        is_right = action == whole.right[state]
+        return read, {other.actions.names[0]: np.where(is_right, right, 1 - right)}
+
+    return function
+
+
+deep_sea_family = family_of(
+    DeepSea, None, Parameter("noise", low=0, harder="larger"), mapping=_from_the_ground
+)
+"""Deep seas (:class:`DeepSea`); members map cell by cell, counted from the ground and the right."""

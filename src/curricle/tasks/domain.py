@@ -1,190 +1,132 @@
-"""What the domains that come with the library share: tables, variants and text maps."""
+"""What the domains that come with the library share: a domain is one declaration.
 
-from collections.abc import Mapping
-from dataclasses import replace
-from functools import cached_property
-from typing import Any, Self
+A domain is a frozen dataclass. The annotations of its fields (:class:`Rule`) say which values they
+take and which of these are harder; :class:`Domain` checks a task by them, and :func:`family_of`
+makes the parameters of its family of them. A :class:`GridDomain` adds the cells that it draws, a
+:class:`MapDomain` the text map that draws them.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from functools import cache, cached_property
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, IntArray
-from curricle.checks import indices, number, whole_number
+from curricle.checks import indices
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, frozen
+from curricle.tasks.family import Parameter, Rule, TaskFamily, complete_parameters, rules_of
+from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import LARGEST_REWARD, check_horizon
 from curricle.tasks.spaces import MISSING, Component, Space, whole
 from curricle.text_tables import counted
 
-# -- maps drawn in text ----------------------------------------------------------------------------
-
+Discount = Annotated[float, Rule(0, 1)]
+TimeLimit = Annotated[int | None, Rule(1)]
+MapStart = Annotated[Any, Rule(values=("map", "uniform"))]
+"""A word, or cells as (row, column)."""
 MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 """Name -> rows and columns that a move goes."""
 Cell = tuple[int, int]
 """Row and column."""
-MARK = "\ufeff"  # the byte order mark, with which some editors begin a file
-
-
-def read_map(given: Any, characters: str) -> tuple[str, ...]:
-    """Return the lines of a map, given as text or as a list of lines; TaskError if it is none."""
-    if not isinstance(given, str | list | tuple) or not all(isinstance(one, str) for one in given):
-        raise TaskError(f"a map must be text or a list of lines: got {given!r}")
-    if isinstance(given, str):
-        given = [line.strip() for line in given.lstrip(MARK).strip().splitlines()]
-    lines = tuple(line.lstrip(MARK) for line in given)
-    for row, line in enumerate(lines):
-        if len(line) != len(lines[0]):
-            raise TaskError(
-                f"all lines of a map must be equally long: line {row} has "
-                f"{counted(len(line), 'character')}, line 0 has {len(lines[0])}"
-            )
-        for column, character in enumerate(line):
-            if character not in characters:
-                raise TaskError(
-                    f"a map is drawn with {' '.join(characters)}: row {row}, column {column} has "
-                    f"{character!r}"
-                )
-    return lines
-
-
-def read_origin(given: Any) -> Cell:
-    """Return the row and column of a map's top-left cell; TaskError if they are none."""
-    origin = whole(given, "the origin's row and column")
-    if origin.shape != (2,):
-        raise TaskError(f"origin must be a row and a column: got {given!r}")
-    return int(origin[0]), int(origin[1])
-
-
-def cut(lines: tuple[str, ...], origin: Cell, rows: Any, columns: Any) -> list[str]:
-    """Return the lines of the part of a map in half-open ranges of its rows and columns."""
-    check_part("rows", rows, origin[0], len(lines))
-    check_part("columns", columns, origin[1], len(lines[0]))
-    part = lines[rows[0] - origin[0] : rows[1] - origin[0]]
-    return [line[columns[0] - origin[1] : columns[1] - origin[1]] for line in part]
-
-
-def check_part(name: str, given: Any, first: int, size: int) -> None:
-    """Raise TaskError unless `given` is a half-open range of the rows or columns of a map."""
-    if whole(given, f"a crop's {name}").shape != (2,):
-        raise TaskError(f"a crop's {name} must be a first and an end: got {given!r}")
-    low, high = given
-    if not first <= low < high <= first + size:
-        raise TaskError(
-            f"a crop must lie within the map's {name} {first}..{first + size}: got {low}..{high}"
-        )
-
-
-def cell_space(
-    rows: int, columns: int, origin: Cell = (0, 0), cells: IntArray | None = None
-) -> Space:
-    """Return the space of a grid's cells: all of them, or only these, (n, 2)."""
-    row, column = origin
-    return Space([Component("row", rows, row), Component("column", columns, column)], cells)
-
-
-def landing(cells: Space, moves: Mapping[str, Cell] = MOVES) -> IntArray:
-    """Return the cell that each move leads to from each, (n, moves) int64; MISSING where none is.
-
-    `cells` has the components ``row`` and ``column``.
-    """
-    where = cells.decode()
-    steps = np.array(list(moves.values()))
-    after = np.stack([where["row"], where["column"]], axis=1)[:, None, :] + steps
-    return frozen(cells.encode(row=after[:, :, 0], column=after[:, :, 1]))
-
-
-def landing_or_staying(cells: Space, moves: Mapping[str, Cell] = MOVES) -> IntArray:
-    """Return what :func:`landing` does, and the cell itself where a move leads to none."""
-    to = landing(cells, moves)
-    return np.where(to == MISSING, np.arange(len(to))[:, None], to)
-
-
-# -- what domains are made of ----------------------------------------------------------------------
-
-
-def tables_of(
-    task: Any,
-    probability: Any,
-    next_state: Any,
-    reward: Any,
-    *,
-    terminal: BoolArray,
-    starting: IntArray,
-    outcome_row: IntArray | None = None,
-) -> FiniteMDP:
-    """Return the tables of a task whose episodes start in the states `starting`, equally likely.
-
-    Outcomes are (Y, O) as in :class:`FiniteMDP`. Without `outcome_row` every pair has a row of its
-    own, and they are (S, A, O) or broadcast to it.
-    """
-    if outcome_row is None:
-        outcomes = np.broadcast_arrays(probability, next_state, reward)
-        *pairs, width = outcomes[0].shape
-        outcome_row = np.arange(np.prod(pairs)).reshape(pairs)
-        probability, next_state, reward = (table.reshape(-1, width) for table in outcomes)
-    start = np.zeros(len(terminal))
-    start[starting] = 1 / len(starting)
-    return FiniteMDP(
-        states=task.states,
-        actions=task.actions,
-        outcome_row=outcome_row,
-        probability=probability,
-        next_state=next_state,
-        reward=reward,
-        terminal=terminal,
-        start=start,
-        discount=task.discount,
-        time_limit=task.time_limit,
-    )
-
-
-def check_sizes(task: Any, **limits: tuple[int, int]) -> None:
-    """Check whole numbers of a frozen task, name -> least and most, and make them ints."""
-    for name, (least, most) in limits.items():
-        value = whole_number(name, getattr(task, name), least, TaskError)
-        number(name, value, TaskError, least, most)
-        object.__setattr__(task, name, value)
-
-
-def read_start(
-    task: Any, valid: tuple[str, ...] = ("map", "uniform"), example: str = "[(9, 0)]"
-) -> None:
-    """Check the start of a frozen task, which is a valid word or cells, and sort its cells."""
-    words = ", ".join(map(repr, valid))
-    if isinstance(task.start, str):
-        if task.start not in valid:
-            raise TaskError(f"start must be {words} or cells: got {task.start!r}")
-        return
-    try:
-        cells = np.array(list(task.start))
-    except (TypeError, ValueError):
-        cells = np.empty(0)
-    if cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
-        raise TaskError(f"start must be {words} or cells such as {example}: got {task.start!r}")
-    listed = tuple(sorted({(int(row), int(column)) for row, column in cells}))
-    object.__setattr__(task, "start", listed)
-
-
-def check_starts(states: IntArray, allowed: BoolArray, cells: Any, rule: str) -> IntArray:
-    """Return the states of start cells; TaskError where one is no state or not `allowed`."""
-    bad = np.flatnonzero((states == MISSING) | ~allowed[states])
-    if bad.size:
-        raise TaskError(f"{rule}: got {tuple(map(int, cells[bad[0]]))}")
-    return states
-
-
-def numbered_names(kind: str, count: int) -> tuple[str, ...]:
-    """Return ``key`` if there is one, else ``key_1``, ``key_2``, ..."""
-    return (kind,) if count == 1 else tuple(f"{kind}_{i + 1}" for i in range(count))
 
 
 class Domain(Frozen):
-    """A task that is a frozen dataclass of its rules, one of them its `start`."""
+    """A task that is a frozen dataclass of its rules, which `_check` checks beyond annotations."""
+
+    ACTIONS: ClassVar[tuple[str, ...]] = tuple(MOVES)
+    states: Any
+    discount: float
+    time_limit: int | None
+
+    def __post_init__(self) -> None:
+        domain: Any = type(self)
+        for field in _checked_fields(domain):
+            value = field.checked(getattr(self, field.name))
+            object.__setattr__(self, field.name, value)
+        check_horizon(self)
+        self._check()
+
+    def _check(self) -> None:
+        """Raise TaskError where rules do not fit each other."""
 
     @cached_property
     def actions(self) -> Space:
-        """The moves north, east, south and west."""
-        return Space([Component("move", len(MOVES), labels=tuple(MOVES))])
+        """The actions by name, one component."""
+        return Space([Component("move", len(self.ACTIONS), labels=self.ACTIONS)])
+
+    def _tables(
+        self,
+        probability: Any,
+        next_state: Any,
+        reward: Any,
+        *,
+        terminal: BoolArray,
+        starting: IntArray,
+        outcome_row: IntArray | None = None,
+    ) -> FiniteMDP:
+        """Return the tables; episodes start in the states `starting`, equally likely.
+
+        Outcomes are (Y, O) as in :class:`FiniteMDP`. Without `outcome_row` every pair has a row
+        alone, and they are (S, A, O) or broadcast to it.
+        """
+        start = np.zeros(len(terminal))
+        start[starting] = 1 / len(starting)
+        rest: Any = {"states": self.states, "actions": self.actions, "terminal": terminal}
+        rest |= {"start": start, "discount": self.discount, "time_limit": self.time_limit}
+        outcomes = probability, next_state, reward
+        if outcome_row is None:
+            return FiniteMDP.one_row_a_pair(*np.broadcast_arrays(*outcomes), **rest)
+        tables = dict(zip(("probability", "next_state", "reward"), outcomes, strict=True))
+        return FiniteMDP(outcome_row=outcome_row, **tables, **rest)
+
+
+@cache
+def _checked_fields(domain: Any) -> tuple[Parameter, ...]:
+    """Return the fields that annotations check; kinds of several types check themselves."""
+    checked, known = list[Parameter](), rules_of(domain)
+    for field in fields(domain):
+        kind, (low, high, *_), optional = known[field.name]
+        if field.name in ("discount", "time_limit"):  # check_horizon has their limits
+            continue
+        if kind is float and (low, high) == (None, None):
+            low, high = -LARGEST_REWARD, LARGEST_REWARD
+        if kind in (int, float, bool):
+            checked.append(Parameter(field.name, kind, low, high, optional=optional))
+        elif get_origin(kind) is Literal:
+            checked.append(Parameter(field.name, values=get_args(kind)))
+    return tuple(checked)
+
+
+def family_of(
+    domain: type[Domain],
+    factory: Callable[..., Any] | None = None,
+    *declared: Parameter,
+    mapping: Any = None,
+    constraint: Callable[[dict[str, Any]], str | None] | None = None,
+) -> TaskFamily:
+    """Return the family of a domain, named after it.
+
+    Its parameters are those of the `factory`, by default the domain itself, and the domain's other
+    fields, which a factory takes as keywords; `declared` ones come before what annotations say.
+    """
+    name = re.sub(r"(?<=.)(?=[A-Z])", "_", domain.__name__).lower()
+    if factory is not None:
+        taken = {parameter.name for parameter in complete_parameters((), factory, name)}
+        others = complete_parameters(declared, domain, name)
+        declared = tuple(parameter for parameter in others if parameter.name not in taken)
+    return TaskFamily(name, factory or domain, declared, mapping, constraint)
+
+
+class DomainWithStart(Domain):
+    """A domain one of whose rules is its `start`."""
+
+    start: Any
 
     def with_start(self, start: Any) -> Self:
         """Return the same task with another start, which is what the class takes as `start`.
@@ -200,10 +142,162 @@ class Domain(Frozen):
         return moved
 
 
-class CellDomain(Domain):
-    """A domain with one state for each cell, whose number is that of the cell."""
+# -- domains of cells ------------------------------------------------------------------------------
 
-    layout: Any
+
+class GridDomain(DomainWithStart):
+    """A domain whose agent is in a cell of a grid; by default its states are the cells.
+
+    `_grid` draws what lies in each cell: ``#`` is a wall. Episodes start in an ``S`` (`start` is
+    ``"map"``), in any cell that ends none (``"uniform"``), in the first such (another word), or in
+    the cells that are listed.
+    """
+
+    OBJECTS: ClassVar[Mapping[str, str]] = {}
+    """Character -> what it is in pictures."""
+    ENDS: ClassVar[str] = ""
+    """Characters of the cells that end an episode when they are entered."""
+    LISTED: ClassVar[bool] = False
+    """Whether the space of cells lists them even where none is a wall."""
+
+    def _check(self) -> None:
+        self._read_start()
+        self._start_states()
+
+    @property
+    def _grid(self) -> npt.NDArray[np.str_]:
+        """What lies in each cell, (rows, columns) characters."""
+        raise NotImplementedError
+
+    @property
+    def _corner(self) -> Cell:
+        """Row and column of the top-left cell."""
+        raise NotImplementedError
+
+    @property
+    def _ending(self) -> str:
+        return self.ENDS
+
+    @cached_property
+    def cells(self) -> IntArray:
+        """Row and column of each cell that is not a wall, (n, 2), in reading order."""
+        return frozen(np.argwhere(self._grid != "#") + np.array(self._corner))
+
+    @cached_property
+    def _cell_space(self) -> Space:
+        rows, columns = self._grid.shape
+        listed = self.LISTED or len(self.cells) < rows * columns
+        return cell_space(rows, columns, self._corner, self.cells if listed else None)
+
+    @cached_property
+    def _contents(self) -> npt.NDArray[np.str_]:
+        """The character of each cell that is not a wall, (n,)."""
+        grid = self._grid
+        return np.asarray(grid[grid != "#"])
+
+    def _holds(self, characters: str) -> BoolArray:
+        """Return which cells are drawn as one of some characters, (n,) bool."""
+        return np.isin(self._contents, list(characters))
+
+    def _at(self, character: str) -> IntArray:
+        """Return row and column of each cell drawn as a character, (n, 2), in reading order."""
+        return frozen(np.argwhere(self._grid == character) + np.array(self._corner))
+
+    @cached_property
+    def objects(self) -> tuple[tuple[str, int, int], ...]:
+        """Every object as (class, row, column), in reading order."""
+        return tuple(
+            (self.OBJECTS[character], row, column)
+            for character, (row, column) in zip(self._contents, self.cells.tolist(), strict=True)
+            if character in self.OBJECTS
+        )
+
+    @cached_property
+    def states(self) -> Space:
+        """One state for each cell that is not a wall."""
+        return self._cell_space
+
+    @property
+    def _state_cells(self) -> IntArray:
+        """Row and column of the agent in each state, (S, 2)."""
+        return self.cells
+
+    @property
+    def _ends(self) -> BoolArray:
+        """Which states end an episode, (S,) bool."""
+        return self._holds(self._ending)
+
+    @property
+    def _standing(self) -> BoolArray:
+        """In which states an episode may start, (S,) bool."""
+        return ~self._ends
+
+    @cached_property
+    def layout(self) -> GridLayout:
+        """Where the states lie, for pictures."""
+        ending = {self.OBJECTS.get(character) for character in self._ending}
+        return GridLayout(
+            cells=self._state_cells,
+            components=self._where,
+            shape=self._grid.shape,
+            origin=self._corner,
+            objects=tuple((*drawn, drawn[0] in ending) for drawn in self.objects),
+        )
+
+    @property
+    def _where(self) -> tuple[str, ...]:
+        """The components of a state that say where the agent is."""
+        return "row", "column"
+
+    def _read_start(self) -> None:
+        """Check the start, which is a word of its annotation or cells, and sort its cells."""
+        valid = rules_of(type(self))["start"][1].values or ()
+        words = ", ".join(map(repr, valid))
+        if isinstance(self.start, str):
+            if self.start not in valid:
+                raise TaskError(f"start must be {words} or cells: got {self.start!r}")
+            return
+        try:
+            cells = np.array(list(self.start))
+        except (TypeError, ValueError):
+            cells = np.empty(0)
+        if cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
+            raise TaskError(f"start must be {words} or cells such as [(2, 1)]: got {self.start!r}")
+        listed = tuple(sorted({(int(row), int(column)) for row, column in cells}))
+        object.__setattr__(self, "start", listed)
+
+    def _start_states(self) -> IntArray:
+        """Return the states in which episodes start; TaskError where there are none."""
+        standing = self._standing
+        if isinstance(self.start, str) and self.start != "map":
+            if not standing.any():
+                raise TaskError(f"start={self.start!r} needs a state that does not end the episode")
+            states = np.flatnonzero(standing)
+            return states if self.start == "uniform" else states[:1]
+        cells = self._at("S") if self.start == "map" else np.array(self.start)
+        if not len(cells):
+            raise TaskError("start='map' needs an S on the map: there is none")
+        states = self._states_of(*cells.T)
+        bad = np.flatnonzero((states == MISSING) | ~standing[states])
+        if bad.size:
+            raise TaskError(
+                "an episode starts in a free cell that does not end it: got "
+                f"{tuple(map(int, cells[bad[0]]))}"
+            )
+        return states
+
+    def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
+        """Return the states in which episodes start in cells, `MISSING` where there is none."""
+        return self._cell_space.encode(row=row, column=column)
+
+    def _landing(self, moves: Mapping[str, Cell] = MOVES) -> IntArray:
+        """Return the cell that each move leads to from each, itself where it leads to none."""
+        to = landing(self._cell_space, moves)
+        return np.where(to == MISSING, np.arange(len(to))[:, None], to)
+
+
+class CellDomain(GridDomain):
+    """A domain with one state for each cell, whose number is that of the cell."""
 
     def start_in(self, states: npt.ArrayLike) -> Self:
         """Return the same task with starts in these states, by number, equally likely.
@@ -214,20 +308,22 @@ class CellDomain(Domain):
         >>> GridWorld("S..T").start_in([1, 2]).start
         ((0, 1), (0, 2))
         """
-        cells = self.layout.cells
+        cells = self.cells
         chosen = cells[indices("start states", states, len(cells), TaskError)]
         return self.with_start([(int(row), int(column)) for row, column in chosen])
 
 
-class MapDomain(Domain):
+class MapDomain(GridDomain):
     """A domain drawn as a text map, on which ``#`` is a wall."""
 
+    CHARACTERS: ClassVar[str]
+    """What a map is drawn with."""
     map: Any
     origin: Cell
 
-    def _read_map(self, drawn: Any, characters: str, needed: str, rule: str) -> None:
+    def _read_map(self, drawn: Any, needed: str, rule: str) -> None:
         """Check the map, which has one of the characters `needed`, and its origin."""
-        lines = read_map(drawn, characters)
+        lines = read_map(drawn, self.CHARACTERS)
         if not any(character in line for line in lines for character in needed):
             raise TaskError(f"{rule}: there is none")
         object.__setattr__(self, "map", lines)
@@ -252,33 +348,105 @@ class MapDomain(Domain):
         return cropped
 
     @cached_property
-    def cells(self) -> IntArray:
-        """Row and column of each cell that is not a wall, (n, 2), in reading order."""
-        return frozen(np.argwhere(self._grid != "#") + self.origin)
-
-    @cached_property
-    def _cell_space(self) -> Space:
-        rows, columns = self._grid.shape
-        walled = len(self.cells) < rows * columns
-        return cell_space(rows, columns, self.origin, self.cells if walled else None)
-
-    def _objects(self, names: Mapping[str, str]) -> list[tuple[str, int, int]]:
-        """Return name, row and column of what is drawn with these characters, in reading order."""
-        return [
-            (names[character], row, column)
-            for character, (row, column) in zip(self._contents, self.cells.tolist(), strict=True)
-            if character in names
-        ]
-
-    def _at(self, character: str) -> IntArray:
-        """Return row and column of each cell drawn with a character, (n, 2), in reading order."""
-        return frozen(np.argwhere(self._grid == character) + self.origin)
-
-    @cached_property
     def _grid(self) -> npt.NDArray[np.str_]:
         return np.array([list(line) for line in self.map])
 
-    @cached_property
-    def _contents(self) -> npt.NDArray[np.str_]:
-        """The map's character for each cell that is not a wall, (n,)."""
-        return np.asarray(self._grid[self._grid != "#"])
+    @property
+    def _corner(self) -> Cell:
+        return self.origin
+
+
+def cell_space(
+    rows: int, columns: int, corner: Cell = (0, 0), cells: IntArray | None = None
+) -> Space:
+    """Return the space of a grid's cells: all of them, or only these, (n, 2)."""
+    row, column = corner
+    return Space([Component("row", rows, row), Component("column", columns, column)], cells)
+
+
+def landing(cells: Space, moves: Mapping[str, Cell] = MOVES) -> IntArray:
+    """Return the cell that each move leads to from each, (n, moves) int64; MISSING where none is.
+
+    `cells` has the components ``row`` and ``column``.
+    """
+    where = cells.decode()
+    steps = np.array(list(moves.values()))
+    after = np.stack([where["row"], where["column"]], axis=1)[:, None, :] + steps
+    return frozen(cells.encode(row=after[:, :, 0], column=after[:, :, 1]))
+
+
+def slipping(to: IntArray) -> IntArray:
+    """Return where slipping moves may land, (S, A, 3); each move is a quarter turn from the next.
+
+    The outcomes of a move are those of the one before it, of itself and of the one after it.
+    """
+    return np.stack([np.roll(to, 1, axis=1), to, np.roll(to, -1, axis=1)], axis=2)
+
+
+def numbered_names(kind: str, count: int) -> tuple[str, ...]:
+    """Return ``key`` if there is one, else ``key_1``, ``key_2``, ..."""
+    return (kind,) if count == 1 else tuple(f"{kind}_{i + 1}" for i in range(count))
+
+
+def in_proportion(values: IntArray, marks: list[int], others: list[int]) -> IntArray:
+    """Return values so that each of some marks becomes the other, in proportion between them.
+
+    Of two marks in one place the first counts.
+    """
+    rising, first = np.unique(marks, return_index=True)
+    read = np.interp(values, rising, np.array(others)[first])
+    return np.asarray(np.rint(read), dtype=np.int64)
+
+
+# -- maps drawn in text ----------------------------------------------------------------------------
+
+MARK = "\ufeff"  # the byte order mark, with which some editors begin a file
+
+
+def read_map(drawn: Any, characters: str) -> tuple[str, ...]:
+    """Return the lines of a map, given as text or as a list of lines; TaskError if it is none."""
+    if not isinstance(drawn, str | list | tuple) or not all(isinstance(x, str) for x in drawn):
+        raise TaskError(f"a map must be text or a list of lines: got {drawn!r}")
+    if isinstance(drawn, str):
+        drawn = [line.strip() for line in drawn.lstrip(MARK).strip().splitlines()]
+    lines = tuple(line.lstrip(MARK) for line in drawn)
+    for row, line in enumerate(lines):
+        if len(line) != len(lines[0]):
+            raise TaskError(
+                f"all lines of a map must be equally long: line {row} has "
+                f"{counted(len(line), 'character')}, line 0 has {len(lines[0])}"
+            )
+        for column, character in enumerate(line):
+            if character not in characters:
+                raise TaskError(
+                    f"a map is drawn with {' '.join(characters)}: row {row}, column {column} has "
+                    f"{character!r}"
+                )
+    return lines
+
+
+def read_origin(origin: Any) -> Cell:
+    """Return the row and column of a map's top-left cell; TaskError if they are none."""
+    cell = whole(origin, "the origin's row and column")
+    if cell.shape != (2,):
+        raise TaskError(f"origin must be a row and a column: got {origin!r}")
+    return int(cell[0]), int(cell[1])
+
+
+def cut(lines: tuple[str, ...], origin: Cell, rows: Any, columns: Any) -> list[str]:
+    """Return the lines of the part of a map in half-open ranges of its rows and columns."""
+    check_part("rows", rows, origin[0], len(lines))
+    check_part("columns", columns, origin[1], len(lines[0]))
+    part = lines[rows[0] - origin[0] : rows[1] - origin[0]]
+    return [line[columns[0] - origin[1] : columns[1] - origin[1]] for line in part]
+
+
+def check_part(name: str, part: Any, first: int, size: int) -> None:
+    """Raise TaskError unless `part` is a half-open range of the rows or columns of a map."""
+    if whole(part, f"a crop's {name}").shape != (2,):
+        raise TaskError(f"a crop's {name} must be a first and an end: got {part!r}")
+    low, high = part
+    if not first <= low < high <= first + size:
+        raise TaskError(
+            f"a crop must lie within the map's {name} {first}..{first + size}: got {low}..{high}"
+        )

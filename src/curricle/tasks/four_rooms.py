@@ -27,36 +27,32 @@ and south there in the west and one row further south in the east, a hallway in 
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
+import numpy.typing as npt
 
-from curricle.array_types import BoolArray, IntArray
 from curricle.errors import TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import (
     MOVES,
     Cell,
-    Domain,
-    cell_space,
+    Discount,
+    GridDomain,
+    TimeLimit,
     check_part,
-    check_sizes,
-    check_starts,
-    landing_or_staying,
-    read_start,
-    tables_of,
+    family_of,
+    in_proportion,
 )
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import MISSING, Space, whole
+from curricle.tasks.family import FamilyMember, Rule
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.spaces import MISSING, Decoded, whole
 
 SMALLEST_SIZE, LARGEST_SIZE = 7, 1000
 """Cells per side, walls included."""
 
 
 @dataclass(frozen=True)
-class FourRooms(Domain):
+class FourRooms(GridDomain):
     """Four rooms joined by hallways; entering the goal ends the episode.
 
     Parameters
@@ -92,29 +88,29 @@ class FourRooms(Domain):
     21
     """
 
-    size: int = 13
-    slip: float = 1 / 3
-    goal: Any = "east"
+    size: Annotated[int, Rule(SMALLEST_SIZE, LARGEST_SIZE, "larger")] = 13
+    slip: Annotated[float, Rule(0, 1, "larger")] = 1 / 3
+    goal: Annotated[Any, Rule(values=tuple(MOVES))] = "east"
     step_reward: float = 0.0
     goal_reward: float = 1.0
-    start: Any = "corner"
+    start: Annotated[Any, Rule(values=("corner", "uniform"))] = "corner"
     rows: tuple[int, int] | None = None
     columns: tuple[int, int] | None = None
-    discount: float = 0.9
-    time_limit: int | None = 500
+    discount: Discount = 0.9
+    time_limit: TimeLimit = 500
 
-    def __post_init__(self) -> None:
-        check_sizes(self, size=(SMALLEST_SIZE, LARGEST_SIZE))
-        check_numbers(self, ("step_reward", "goal_reward"), ("slip",))
+    OBJECTS: ClassVar = {"G": "goal"}
+    ENDS = "G"
+    LISTED = True
+
+    def _check(self) -> None:
         for name in ("rows", "columns"):
             part = getattr(self, name)
             if part is not None:
                 check_part(name, part, 0, self.size)
                 object.__setattr__(self, name, (int(part[0]), int(part[1])))
-        check_horizon(self)
         self._check_goal()
-        read_start(self, ("corner", "uniform"), "[(1, 1)]")
-        self._start_states()
+        super()._check()
 
     def _check_goal(self) -> None:
         """Check the goal and make one that is a cell two ints."""
@@ -131,10 +127,8 @@ class FourRooms(Domain):
                 raise TaskError(f"goal must be a hallway, or a row and a column: got {self.goal!r}")
             object.__setattr__(self, "goal", (int(cell[0]), int(cell[1])))
         row, column = self.goal_cell
-        if self.states.encode(row=row, column=column) == MISSING:
+        if self._cell_space.encode(row=row, column=column) == MISSING:
             raise TaskError(f"the goal needs a free cell of the rooms: got ({row}, {column})")
-
-    # -- variants ------------------------------------------------------------------------------
 
     def crop(
         self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
@@ -152,8 +146,6 @@ class FourRooms(Domain):
         check_part("rows", rows, top, bottom - top)
         check_part("columns", columns, left, right - left)
         return replace(self, rows=rows, columns=columns, goal=self.goal_cell, start=start)
-
-    # -- spaces --------------------------------------------------------------------------------
 
     @property
     def hallways(self) -> dict[str, Cell]:
@@ -178,75 +170,72 @@ class FourRooms(Domain):
         cell: Cell = self.hallways[self.goal] if isinstance(self.goal, str) else self.goal
         return cell
 
-    @cached_property
-    def states(self) -> Space:
-        """One state for each cell that is not a wall."""
-        (top, bottom), (left, right) = self._part
-        free = np.argwhere(self._free[top:bottom, left:right]) + np.array([top, left])
-        if not len(free):
-            raise TaskError(
-                f"a crop needs a free cell: rows {top}..{bottom} and columns {left}..{right} have "
-                "none"
-            )
-        return cell_space(bottom - top, right - left, (top, left), free)
-
-    @cached_property
-    def layout(self) -> GridLayout:
-        """Where the states lie, for pictures."""
-        (top, bottom), (left, right) = self._part
-        return GridLayout(
-            cells=self.states.points,
-            components=("row", "column"),
-            shape=(bottom - top, right - left),
-            origin=(top, left),
-            objects=(("goal", *self.goal_cell, True),),
-        )
-
     @property
     def _part(self) -> tuple[tuple[int, int], tuple[int, int]]:
         """The rows and columns that the task has, half-open."""
         return self.rows or (0, self.size), self.columns or (0, self.size)
 
     @property
-    def _free(self) -> BoolArray:
-        """Which cells of the whole plan are no walls, (size, size) bool."""
-        half = self.size // 2
-        free = np.ones((self.size, self.size), bool)
-        free[[0, -1]] = free[:, [0, -1]] = free[:, half] = False
-        free[half, :half] = free[half + 1, half:] = False
-        for row, column in self.hallways.values():
-            free[row, column] = True
-        return free
+    def _corner(self) -> Cell:
+        (top, _), (left, _) = self._part
+        return top, left
 
-    # -- tables --------------------------------------------------------------------------------
+    @cached_property
+    def _grid(self) -> npt.NDArray[np.str_]:
+        half, (top, bottom), (left, right) = self.size // 2, *self._part
+        plan = np.full((self.size, self.size), ".")
+        plan[[0, -1]] = plan[:, [0, -1]] = plan[:, half] = "#"
+        plan[half, :half] = plan[half + 1, half:] = "#"
+        for row, column in self.hallways.values():
+            plan[row, column] = "."
+        row, column = self.goal_cell
+        if 0 <= row < self.size and 0 <= column < self.size and plan[row, column] == ".":
+            plan[row, column] = "G"
+        part = plan[top:bottom, left:right]
+        if (part == "#").all():
+            raise TaskError(
+                f"a crop needs a free cell: rows {top}..{bottom} and columns {left}..{right} have "
+                "none"
+            )
+        return part
 
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The rooms as tables: a row for each pair, O = the four ways that a move may go."""
-        to = landing_or_staying(self.states)[:, None, :]
-        return tables_of(
-            self,
+        to = self._landing()[:, None, :]
+        return self._tables(
             np.where(np.eye(4, dtype=bool), 1 - self.slip, self.slip / 3),
             to,
-            np.where(to == self._goal_state, self.goal_reward, self.step_reward),
-            terminal=np.arange(self.states.size) == self._goal_state,
+            np.where(self._ends[to], self.goal_reward, self.step_reward),
+            terminal=self._ends,
             starting=self._start_states(),
         )
 
-    @property
-    def _goal_state(self) -> int:
-        row, column = self.goal_cell
-        return int(self.states.encode(row=row, column=column))
 
-    def _start_states(self) -> IntArray:
-        """Return the states in which episodes start; TaskError where there are none."""
-        others = frozen(np.delete(np.arange(self.states.size), self._goal_state))
-        if isinstance(self.start, str):
-            if not len(others):
-                raise TaskError("a start needs a cell that is not the goal: there is none")
-            return others if self.start == "uniform" else others[:1]
-        row, column = np.array(self.start).T
-        states = self.states.encode(row=row, column=column)
-        allowed = np.arange(self.states.size) != self._goal_state
-        rule = "an episode starts in a free cell that is not the goal"
-        return check_starts(states, allowed, self.start, rule)
+def _hallways_as_hallways(target: FamilyMember, source: FamilyMember) -> Any:
+    """Return how four rooms read others: hallways as hallways, the cells of rooms in proportion."""
+    marks, others = (_marks(member["size"]) for member in (target, source))
+
+    def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
+        row, column = states["row"], states["column"]
+        west, east = (in_proportion(row, marks[side], others[side]) for side in ("west", "east"))
+        rows = np.where(column < target["size"] // 2, west, east)
+        columns = in_proportion(column, marks["columns"], others["columns"])
+        return {"row": rows, "column": columns}, actions
+
+    return function
+
+
+def _marks(size: int) -> dict[str, list[int]]:
+    """Return the rows, in the west and the east, and the columns of hallways, walls and corners."""
+    half, sixth, first = size // 2, (size - 1) // 6, size // 4
+    last = size - 1 - sixth
+    return {
+        "west": [first, last, half, half - 1, half + 1, 1, size - 2],
+        "east": [first, last, half + 1, half, half + 2, 1, size - 2],
+        "columns": [sixth, half + half // 2, half, half - 1, half + 1, 1, size - 2],
+    }
+
+
+four_rooms_family = family_of(FourRooms, mapping=_hallways_as_hallways)
+"""Four rooms (:class:`FourRooms`); members map hallways as such, other cells in proportion."""

@@ -9,37 +9,29 @@ holes.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from gymnasium.envs.toy_text.frozen_lake import MAPS, generate_random_map
 
-from curricle.array_types import BoolArray, IntArray
-from curricle.checks import instance, number, whole_number
+from curricle.array_types import BoolArray
+from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
     Cell,
     CellDomain,
+    Discount,
     MapDomain,
-    check_starts,
-    landing_or_staying,
-    read_start,
-    tables_of,
+    MapStart,
+    TimeLimit,
+    family_of,
+    slipping,
 )
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import Component, Space
+from curricle.tasks.family import Rule
+from curricle.tasks.mdp import FiniteMDP
 
-MAPS: dict[str, tuple[str, ...]] = {
-    "4x4": ("SFFF", "FHFH", "FFFH", "HFFG"),
-    "8x8": (
-        *("SFFFFFFF", "FFFFFFFF", "FFFHFFFF", "FFFFFHFF"),
-        *("FFFHFFFF", "FHHFFFHF", "FHFFHFHF", "FFFHFFFG"),
-    ),
-}
-"""Gymnasium's maps: S start, F frozen, H hole, G goal."""
 MOVES = {"west": (0, -1), "south": (1, 0), "east": (0, 1), "north": (-1, 0)}
-CHARACTERS = "SFHG"
+"""In Gymnasium's order."""
 LARGEST_LAKE = 100
 LEAST_FROZEN = 0.6  # large lakes with a way to the goal are too rare below
 
@@ -50,9 +42,9 @@ class FrozenLake(MapDomain, CellDomain):
 
     Parameters
     ----------
-    map : {"4x4", "8x8"}, str or sequence of str
-        One of Gymnasium's maps, or one line a row, north first: ``S`` start, ``F`` frozen, ``H``
-        hole and ``G`` goal.
+    map : str or sequence of str
+        The name of one of Gymnasium's maps, or one line a row, north first: ``S`` start, ``F``
+        frozen, ``H`` hole and ``G`` goal.
     slippery : bool
         Whether moves may go to either side.
     success_rate : float
@@ -81,66 +73,40 @@ class FrozenLake(MapDomain, CellDomain):
     """
 
     map: Any = "4x4"
-    slippery: bool = True
-    success_rate: float = 1 / 3
+    slippery: Annotated[bool, Rule(harder="larger")] = True
+    success_rate: Annotated[float, Rule(0, 1, "smaller")] = 1 / 3
     goal_reward: float = 1.0
     hole_reward: float = 0.0
     step_reward: float = 0.0
-    start: Any = "map"
+    start: MapStart = "map"
     origin: Cell = (0, 0)
-    discount: float = 0.99
-    time_limit: int | None = 100
+    discount: Discount = 0.99
+    time_limit: TimeLimit = 100
 
-    def __post_init__(self) -> None:
+    ACTIONS = tuple(MOVES)
+    CHARACTERS = "SFHG"
+    OBJECTS: ClassVar = {"G": "goal", "H": "pit"}
+    ENDS = "GH"
+
+    def _check(self) -> None:
         drawn = MAPS.get(self.map, self.map) if isinstance(self.map, str) else self.map
-        self._read_map(drawn, CHARACTERS, "G", "a lake needs a goal G")
-        instance("slippery", self.slippery, bool, TaskError)
-        check_numbers(self, ("goal_reward", "hole_reward", "step_reward"), ("success_rate",))
-        check_horizon(self)
-        read_start(self)
-        self._start_states()
-
-    # -- spaces --------------------------------------------------------------------------------
-
-    @cached_property
-    def states(self) -> Space:
-        """One state for each cell, holes and goal too."""
-        return self._cell_space
-
-    @cached_property
-    def actions(self) -> Space:
-        """The moves west, south, east and north, in Gymnasium's order."""
-        return Space([Component("move", 4, labels=tuple(MOVES))])
+        self._read_map(drawn, "G", "a lake needs a goal G")
+        super()._check()
 
     @property
     def goal_states(self) -> BoolArray:
         """Which states are the goal, (S,) bool."""
-        return np.asarray(self._contents == "G")
-
-    @cached_property
-    def layout(self) -> GridLayout:
-        """Where the states lie, for pictures."""
-        drawn = self._objects({"G": "goal", "H": "pit"})
-        return GridLayout(
-            cells=self.cells,
-            components=("row", "column"),
-            shape=self._grid.shape,
-            origin=self.origin,
-            objects=tuple((*one, True) for one in drawn),
-        )
-
-    # -- tables --------------------------------------------------------------------------------
+        return self._holds("G")
 
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The lake as tables: on slippery ice O = to the one side, ahead, to the other side."""
         entered = np.where(self.goal_states, self.goal_reward, self.step_reward)
-        entered = np.where(self._contents == "H", self.hole_reward, entered)
-        to = landing_or_staying(self.states, MOVES)
+        entered = np.where(self._holds("H"), self.hole_reward, entered)
+        to = self._landing(MOVES)
         sides = (1 - self.success_rate) / 2
         after = slipping(to) if self.slippery else to[:, :, None]
-        return tables_of(
-            self,
+        return self._tables(
             [sides, self.success_rate, sides] if self.slippery else [1.0],
             after,
             entered[after],
@@ -148,30 +114,12 @@ class FrozenLake(MapDomain, CellDomain):
             starting=self._start_states(),
         )
 
-    @property
-    def _ends(self) -> BoolArray:
-        return np.isin(self._contents, ["G", "H"])
-
-    def _start_states(self) -> IntArray:
-        if isinstance(self.start, str):
-            characters = ["S"] if self.start == "map" else ["S", "F"]
-            starting = np.flatnonzero(np.isin(self._contents, characters))
-            if not starting.size:
-                raise TaskError(f"start={self.start!r} needs {' or '.join(characters)} on the map")
-            return starting
-        row, column = np.array(self.start).T
-        states = self.states.encode(row=row, column=column)
-        rule = "a start must be a cell of ice on the map"
-        return check_starts(states, ~self._ends, self.start, rule)
-
 
 def random_lake(size: int = 8, frozen_share: float = 0.8, seed: int = 0) -> tuple[str, ...]:
     """Return the map of a random lake that has a way to the goal, as Gymnasium draws it.
 
     It is ``gymnasium.envs.toy_text.frozen_lake.generate_random_map(size, frozen_share, seed)``.
     """
-    from gymnasium.envs.toy_text.frozen_lake import generate_random_map
-
     size = whole_number("size of a lake", size, 2, TaskError)
     number("size of a lake", size, TaskError, 2, LARGEST_LAKE)
     number("frozen_share of a lake", frozen_share, TaskError, LEAST_FROZEN, 1)
@@ -179,9 +127,39 @@ def random_lake(size: int = 8, frozen_share: float = 0.8, seed: int = 0) -> tupl
     return tuple(generate_random_map(size=size, p=frozen_share, seed=seed))
 
 
-def slipping(to: IntArray) -> IntArray:
-    """Return where slipping moves may land, (S, A, 3); each move is a quarter turn from the next.
+def part_of_lake(
+    map: Literal["4x4", "8x8", "random"] = "4x4",
+    part: Annotated[int | None, Rule(2, LARGEST_LAKE - 1, "larger")] = None,
+    size: Annotated[int, Rule(2, LARGEST_LAKE, "larger")] = 8,
+    frozen_share: Annotated[float, Rule(LEAST_FROZEN, 1, "smaller")] = 0.8,
+    seed: Annotated[int, Rule(0)] = 0,
+    **rules: Any,
+) -> FrozenLake:
+    """Return one of Gymnasium's frozen lakes, or the `part` around the goal, that many rows square.
 
-    The outcomes of a move are those of the one before it, of itself and of the one after it.
+    A part keeps the lake's coordinates and starts on any cell of ice.
     """
-    return np.stack([np.roll(to, 1, axis=1), to, np.roll(to, -1, axis=1)], axis=2)
+    lake = FrozenLake(random_lake(size, frozen_share, seed) if map == "random" else map, **rules)
+    if part is None:
+        return lake
+    whole = len(lake.map)
+    return lake.crop(rows=(whole - part, whole), columns=(whole - part, whole))
+
+
+def _parts_of_maps(parameters: dict[str, Any]) -> str | None:
+    """Return what is wrong with the size of a map or of its part."""
+    drawn = MAPS.get(parameters["map"])
+    if drawn is not None and parameters["size"] != 8:
+        return "size of frozen_lake is of random lakes: leave it out with other maps"
+    whole = parameters["size"] if drawn is None else len(drawn)
+    if parameters["part"] is not None and parameters["part"] >= whole:
+        return f"part of frozen_lake must be less than the lake's {whole} rows"
+    return None
+
+
+frozen_lake_family = family_of(FrozenLake, part_of_lake, constraint=_parts_of_maps)
+"""Frozen lakes: a `map` of Gymnasium, or a random one, or its `part` around the goal.
+
+`part` is its rows and columns, 2 or more; `size`, `frozen_share` and `seed` are of random lakes.
+Members map cell by cell, by the lake's coordinates.
+"""

@@ -9,7 +9,7 @@ import numpy as np
 from curricle.array_types import IntArray
 from curricle.checks import one_of
 from curricle.errors import TaskError
-from curricle.tasks.task import generative_model
+from curricle.tasks.mdp import generative_model
 
 LETTERS = {"treasure": "T", "fire": "F", "pit": "P", "goal": "G", "key": "K", "lock": "L"}
 LETTERS |= {"exit": "E"}

@@ -16,8 +16,8 @@ from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
 from curricle.tasks.live import is_live, reset_state
+from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.spaces import MISSING, Component, Space, action_name
-from curricle.tasks.task import generative_model, has_tables, tables
 
 At = Mapping[str, Any]
 """Component name -> its value, a number, a label, or for a cell (row, column)."""

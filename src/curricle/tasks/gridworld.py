@@ -1,29 +1,38 @@
-"""Grid worlds with fire, pits and treasure, drawn as text (paper, section on the maze; F1-F3).
+"""Grid worlds with fire, pits and treasure, drawn as text or at random (paper, on the maze; F1-F3).
 
 The agent moves one cell north, east, south or west. A move off the grid or into a wall leaves it
 where it is. The reward depends on the cell entered; an agent that stays enters its cell again.
 """
 
-from collections import Counter
-from collections.abc import Iterable
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, Literal
+from itertools import count
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import instance, number, one_of
+from curricle.array_types import FloatArray, IntArray
+from curricle.checks import instance, number, one_of, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.domain import Cell, CellDomain, MapDomain, landing, read_start, tables_of
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import LARGEST_REWARD
+from curricle.tasks.domain import (
+    Cell,
+    CellDomain,
+    Discount,
+    MapDomain,
+    MapStart,
+    TimeLimit,
+    landing,
+)
+from curricle.tasks.family import Rule, TaskFamily
+from curricle.tasks.kernel import STRIDE, splitmix64, stream_start, uniform
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import LARGEST_REWARD
 from curricle.tasks.spaces import MISSING, Component, Space
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
-CHARACTERS = "STFP#."
 
 
 @dataclass(frozen=True)
@@ -108,17 +117,18 @@ class GridWorld(MapDomain, CellDomain):
     rewards: Rewards = Rewards()
     combine: Literal["sum", "worst"] = "sum"
     ends: Any = ("pit", "treasure")
-    start: Any = "map"
+    start: MapStart = "map"
     representation: Literal["absolute", "relative"] = "absolute"
     origin: Cell = (0, 0)
-    discount: float = 0.99
-    time_limit: int | None = 200
+    discount: Discount = 0.99
+    time_limit: TimeLimit = 200
 
-    def __post_init__(self) -> None:
-        self._read_map(self.map, CHARACTERS, "T", "a map needs a treasure T")
+    CHARACTERS = "STFP#."
+    OBJECTS: ClassVar = OBJECTS
+
+    def _check(self) -> None:
+        self._read_map(self.map, "T", "a map needs a treasure T")
         instance("rewards", self.rewards, Rewards, TaskError)
-        one_of("combine", self.combine, ("sum", "worst"), TaskError)
-        one_of("representation", self.representation, ("absolute", "relative"), TaskError)
         ends = (self.ends,) if isinstance(self.ends, str) else self.ends
         if not isinstance(ends, Iterable):
             raise TaskError(f"ends must be names of objects: got {ends!r}")
@@ -126,36 +136,17 @@ class GridWorld(MapDomain, CellDomain):
         for name in ends:
             one_of("each of ends", name, OBJECTS.values(), TaskError)
         object.__setattr__(self, "ends", tuple(sorted(set(ends))))
-        check_horizon(self)
-        read_start(self)
-        self._start_states()
+        super()._check()
 
-    # -- spaces --------------------------------------------------------------------------------
-
-    @cached_property
-    def objects(self) -> tuple[tuple[str, int, int], ...]:
-        """Every object as (class, row, column), in reading order."""
-        return tuple(self._objects(OBJECTS))
-
-    @cached_property
-    def layout(self) -> GridLayout:
-        """Where the states lie, for pictures."""
-        return GridLayout(
-            cells=self.cells,
-            components=self.states.names,
-            shape=self._grid.shape,
-            origin=self.origin,
-            objects=tuple((*one, one[0] in self.ends) for one in self.objects),
-        )
+    @property
+    def _ending(self) -> str:
+        return "".join(character for character, name in OBJECTS.items() if name in self.ends)
 
     @cached_property
     def states(self) -> Space:
         """One state for each cell that is not a wall."""
-        if self.representation == "relative":
-            return self._relative_states()
-        return self._cell_space
-
-    def _relative_states(self) -> Space:
+        if self.representation == "absolute":
+            return self._cell_space
         height, width = self._grid.shape
         axes, points, counts = [], [], Counter[str]()
         for name, row, column in self.objects:
@@ -166,10 +157,9 @@ class GridWorld(MapDomain, CellDomain):
             points += [row - self.cells[:, 0], column - self.cells[:, 1]]
         return Space(axes, np.stack(points, axis=1))
 
-    @cached_property
-    def _landing(self) -> IntArray:
-        """The state that each move leads to, (S, 4); MISSING off the grid and in walls."""
-        return landing(self._cell_space)
+    @property
+    def _where(self) -> tuple[str, ...]:
+        return self.states.names
 
     def state(self, row: int, column: int) -> int:
         """Return the number of the state in which the agent is at (row, column).
@@ -188,36 +178,29 @@ class GridWorld(MapDomain, CellDomain):
         """Return the states of these cells, `MISSING` off the map and for walls."""
         return self._cell_space.encode(row=row, column=column)
 
-    # -- tables --------------------------------------------------------------------------------
-
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The maze as tables: each cell has an outcome row for entering it and one for bumping."""
-        entered = np.arange(len(self.cells))
+        to, entered = landing(self._cell_space), np.arange(len(self.cells))
         bumps = len(entered) + entered[:, None]
-        return tables_of(
-            self,
+        return self._tables(
             np.ones((2 * len(entered), 1)),
             np.tile(entered, 2)[:, None],
-            np.append(self._rewards(bumped=False), self._rewards(bumped=True))[:, None],
-            terminal=self._holds(*self.ends),
+            np.append(self._rewards(to, bumped=False), self._rewards(to, bumped=True))[:, None],
+            terminal=self._ends,
             starting=self._start_states(),
-            outcome_row=np.where(self._landing == MISSING, bumps, self._landing),
+            outcome_row=np.where(to == MISSING, bumps, to),
         )
 
-    def _holds(self, *names: str) -> BoolArray:
-        """Return which cells hold one of the named objects, (S,) bool."""
-        return np.isin(self._contents, [c for c, name in OBJECTS.items() if name in names])
-
-    def _rewards(self, bumped: bool) -> FloatArray:
+    def _rewards(self, to: IntArray, bumped: bool) -> FloatArray:
         """Return the reward of entering each cell, or of bumping there, (S,) float64."""
-        pays, fire = self.rewards, self._holds("fire")
-        near_fire = (fire[self._landing] & (self._landing != MISSING)).any(axis=1)
+        pays, fire = self.rewards, self._holds("F")
+        near_fire = (fire[to] & (to != MISSING)).any(axis=1)
         terms = [
-            np.where(self._holds("treasure"), pays.treasure, np.nan),
+            np.where(self._holds("T"), pays.treasure, np.nan),
             np.where(fire, pays.fire, np.nan),
             np.where(near_fire, pays.near_fire, np.nan),
-            np.where(self._holds("pit"), pays.pit, np.nan),
+            np.where(self._holds("P"), pays.pit, np.nan),
             np.full(len(fire), pays.bump if bumped and pays.bump else np.nan),
         ]
         if self.combine == "sum":
@@ -225,15 +208,183 @@ class GridWorld(MapDomain, CellDomain):
         worst = np.fmin.reduce(terms)
         return np.where(np.isnan(worst), pays.step, worst)
 
-    def _start_states(self) -> IntArray:
-        if self.start == "map":
-            found = np.flatnonzero(self._contents == "S")
-            if not found.size:
-                raise TaskError("start='map' needs an S on the map: there is none")
-            return found
-        if self.start == "uniform":
-            free = np.flatnonzero(~self._holds(*self.ends))
-            if not free.size:
-                raise TaskError("start='uniform' needs a cell that does not end the episode")
-            return free
-        return np.array([self.state(*cell) for cell in self.start])
+
+# -- random mazes, which are always solvable; a small maze is a part of a larger one ---------------
+
+LARGEST_MAZE = 200
+Corner = Literal["north-west", "north-east", "south-west", "south-east"]
+CORNERS = get_args(Corner)
+Share = Annotated[float, Rule(0, 1, "larger")]
+
+
+def random_maze(
+    size: Annotated[int, Rule(2, LARGEST_MAZE, "larger")] = 6,
+    walls: Share = 0.2,
+    pits: Share = 0.05,
+    fires: Share = 0.0,
+    seed: Annotated[int, Rule(0)] = 0,
+    *,
+    corner: Corner = "north-east",
+    start: Literal["far", "uniform"] = "far",
+    step: float = -1.0,
+    treasure: float = 200.0,
+    fire: float = -500.0,
+    near_fire: float = -250.0,
+    pit: float = -2500.0,
+    discount: Discount = 0.99,
+    time_limit: TimeLimit = 200,
+) -> GridWorld:
+    r"""Return a random maze: a square with the treasure in a corner, walls, pits and fires.
+
+    It grows from the treasure outwards, one row and one column at a time. Each of their cells gets
+    an object with the given chances; then objects are taken away at random until every free cell
+    of them has a way to the treasure that enters neither pit nor fire. So every maze is solvable
+    from every free cell, and **a smaller maze with the same seed is the part of a larger one around
+    the treasure**, as the paper's source tasks are parts of their target. The treasure has the
+    coordinates (0, 0) in all of them.
+
+    Parameters
+    ----------
+    size : int
+        Cells per side, 2 to 200.
+    walls, pits, fires : float
+        Chances that a cell becomes one, together at most 1; fewer remain where they are many.
+    seed : int
+        At least 0. Mazes with different seeds are independent.
+    corner : {"north-west", "north-east", "south-west", "south-east"}
+        Where the treasure lies.
+    start : {"far", "uniform"}
+        Episodes start in the free cell from which the way is the longest, or in any cell that does
+        not end the episode.
+    step, treasure, fire, near_fire, pit : float
+        As in :class:`Rewards`.
+    discount, time_limit
+        As in :class:`GridWorld`.
+
+    Raises
+    ------
+    TaskError
+        When a value is out of range, or the chances sum to more than 1.
+
+    Examples
+    --------
+    >>> maze = random_maze(size=5, seed=3)
+    >>> print("\n".join(maze.map))
+    .#..T
+    .....
+    .#.#.
+    ...##
+    S....
+    >>> random_maze(size=4, seed=3, start="uniform").map == maze.crop(
+    ...     rows=(0, 4), columns=(-3, 1)).map
+    True
+    """
+    size = whole_number("size of a maze", size, 2, TaskError)
+    number("size of a maze", size, TaskError, 2, LARGEST_MAZE)
+    seed = whole_number("seed of a maze", seed, 0, TaskError)
+    chances = {"walls": walls, "pits": pits, "fires": fires}
+    for name, chance in chances.items():
+        number(f"{name} of a maze", chance, TaskError, 0, 1)
+    if refused := _chances_sum(chances):
+        raise TaskError(f"{refused}: got {walls}, {pits} and {fires}")
+    one_of("corner of a maze", corner, CORNERS, TaskError)
+    one_of("start of a maze", start, ("far", "uniform"), TaskError)
+    cells = {(0, 0): "T"}
+    for n in range(1, size):
+        _grow(cells, n, {"#": walls, "P": pits, "F": fires}, seed)
+    far = _farthest(cells)
+    if start == "far":
+        cells[far] = "S"
+    vertical, horizontal = corner.split("-")
+    return GridWorld(
+        _lines(cells, down=vertical == "north", right=horizontal == "west"),
+        rewards=Rewards(step=step, treasure=treasure, fire=fire, near_fire=near_fire, pit=pit),
+        start="map" if start == "far" else "uniform",
+        origin=(
+            0 if vertical == "north" else 1 - size,
+            0 if horizontal == "west" else 1 - size,
+        ),
+        discount=discount,
+        time_limit=time_limit,
+    )
+
+
+def _grow(cells: dict[Cell, str], n: int, chances: dict[str, float], seed: int) -> None:
+    """Add the cells at distance n, the larger of the distances in rows and columns.
+
+    Each of them borders on one at distance n - 1, of which at least one is free and has a way to
+    the treasure. So if all objects were taken away, all would have one.
+    """
+    shell = [(n, column) for column in range(n)] + [(row, n) for row in range(n + 1)]
+    draws = _draws(seed, n)
+    for cell in shell:
+        drawn, cells[cell] = next(draws), "."
+        for character, chance in chances.items():
+            if drawn < chance:
+                cells[cell] = character
+                break
+            drawn -= chance
+    objects = sorted((next(draws), cell) for cell in shell if cells[cell] != ".")
+    while not _joined(cells, shell, n):
+        cells[objects.pop()[1]] = "."
+
+
+def _joined(cells: dict[Cell, str], shell: list[Cell], n: int) -> bool:
+    """Return whether cells of the shell are free, and all of them have a way to the treasure."""
+    free = {cell for cell in shell if cells[cell] == "."}
+    first = [
+        cell
+        for cell in free
+        if any(max(near) < n and cells.get(near, "#") in ".T" for near in _beside(cell))
+    ]
+    joined = _distances(first, free)
+    return bool(free) and joined.keys() == free
+
+
+def _lines(cells: dict[Cell, str], *, down: bool, right: bool) -> list[str]:
+    """Return the map; it reaches from the treasure down or up, and to the right or to the left."""
+    size = max(cells)[0] + 1
+    lines = ["".join(cells[row, column] for column in range(size)) for row in range(size)]
+    lines = lines if right else [line[::-1] for line in lines]
+    return lines if down else lines[::-1]
+
+
+def _farthest(cells: dict[Cell, str]) -> Cell:
+    """Return the free cell whose way to the treasure is the longest."""
+    free = {cell for cell, character in cells.items() if character == "."}
+    distance = _distances([(0, 0)], free)
+    return max(distance, key=lambda cell: (distance[cell], cell))
+
+
+def _distances(first: list[Cell], free: set[Cell]) -> dict[Cell, int]:
+    """Return the steps from the first cells to each free one that has a way from there."""
+    waiting, distance = deque(first), dict.fromkeys(first, 0)
+    while waiting:
+        cell = waiting.popleft()
+        for near in _beside(cell):
+            if near in free and near not in distance:
+                distance[near] = distance[cell] + 1
+                waiting.append(near)
+    return distance
+
+
+def _beside(cell: Cell) -> Iterator[Cell]:
+    """Yield the cells that share an edge with one, off the map too."""
+    row, column = cell
+    yield from ((row - 1, column), (row, column + 1), (row + 1, column), (row, column - 1))
+
+
+def _draws(seed: int, n: int) -> Iterator[float]:
+    """Yield uniform numbers of the stream of the shell n."""
+    for state in count(stream_start(seed, f"maze/{n}"), int(STRIDE)):
+        yield float(uniform(splitmix64(state % 2**64)))
+
+
+def _chances_sum(parameters: dict[str, Any]) -> str | None:
+    """Return what is wrong where the chances of objects sum to more than 1."""
+    total = sum(parameters[name] for name in ("walls", "pits", "fires"))
+    return None if total <= 1 else "walls, pits and fires of a maze must sum to at most 1"
+
+
+maze_family = TaskFamily("maze", random_maze, constraint=_chances_sum)
+"""Random mazes (:func:`random_maze`); members map cell by cell, counted from the treasure."""

@@ -13,37 +13,33 @@ For source tasks a map may lack one of them: without locks the episode ends when
 and a lock without keys on the map is opened by an agent that holds none.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
 from curricle.array_types import BoolArray, IntArray
-from curricle.checks import instance, number, whole_number
+from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import (
     MOVES,
     Cell,
+    Discount,
     MapDomain,
-    check_starts,
+    MapStart,
+    TimeLimit,
     cut,
-    landing_or_staying,
+    family_of,
+    in_proportion,
     numbered_names,
-    read_start,
-    tables_of,
 )
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import MISSING, Component, Space, whole
+from curricle.tasks.family import FamilyMember, Rule
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.spaces import MISSING, Component, Decoded, Space, whole
 
-OBJECTS = {"K": "key", "L": "lock", "P": "pit"}
-CHARACTERS = "SKLP#."
-ACTIONS = (*MOVES, "pick up", "unlock")
 SMALLEST_ROOM, LARGEST_ROOM = 4, 1000
 LARGEST_SPACE = 5_000_000
 """States at most; keys and locks double them."""
@@ -106,27 +102,47 @@ class KeyLockPit(MapDomain):
     lock_reward: float = 1000.0
     pit_reward: float = -200.0
     step_reward: float = -10.0
-    start: Any = "map"
-    keys_held: bool = False
+    start: MapStart = "map"
+    keys_held: Annotated[bool, Rule(harder="smaller")] = False
     origin: Cell = (0, 0)
-    discount: float = 0.99
-    time_limit: int | None = 200
+    discount: Discount = 0.99
+    time_limit: TimeLimit = 200
 
-    def __post_init__(self) -> None:
-        self._read_map(self.map, CHARACTERS, "KL", "a map needs a key K or a lock L")
-        check_numbers(self, ("key_reward", "lock_reward", "pit_reward", "step_reward"))
-        instance("keys_held", self.keys_held, bool, TaskError)
-        check_horizon(self)
+    ACTIONS = (*MOVES, "pick up", "unlock")
+    CHARACTERS = "SKLP#."
+    OBJECTS: ClassVar = {"K": "key", "L": "lock", "P": "pit"}
+    ENDS = "P"
+
+    def _check(self) -> None:
+        self._read_map(self.map, "KL", "a map needs a key K or a lock L")
         if not isinstance(self.needs, str) or self.needs != "all":
             object.__setattr__(self, "needs", self._read_needs())
-        read_start(self)
         things = len(self._keys) + len(self._locks)
         if 2**things * len(self.cells) > LARGEST_SPACE:
             raise TaskError(
                 f"a map may have at most {LARGEST_SPACE:,} states: {len(self.cells):,} cells and "
                 f"{things} keys and locks make up to 2^{things} times as many"
             )
-        self._start_states()
+        super()._check()
+
+    def _read_needs(self) -> tuple[tuple[int, ...], ...]:
+        """Return the keys of each lock, sorted; TaskError if they make no sense."""
+        keys, locks = len(self._keys), len(self._locks)
+        needs: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else [None]
+        if len(needs) != locks or not all(isinstance(needed, list | tuple) for needed in needs):
+            raise TaskError(
+                f"needs must be 'all' or a list of keys for each of the {locks} locks: got "
+                f"{self.needs!r}"
+            )
+        checked = list[tuple[int, ...]]()
+        for needed in needs:
+            numbers = whole(list(needed), "the keys of a lock")
+            if numbers.ndim != 1 or ((numbers < 1) | (numbers > keys)).any():
+                raise TaskError(
+                    f"the keys of a lock must be numbers from 1 to {keys}: got {needed!r}"
+                )
+            checked.append(tuple(sorted(set(numbers.tolist()))))
+        return tuple(checked)
 
     @classmethod
     def room(cls, size: int = 8, **rules: Any) -> Self:
@@ -147,8 +163,6 @@ class KeyLockPit(MapDomain):
         side = whole_number("size", size, SMALLEST_ROOM, TaskError)
         side = int(number("size", side, TaskError, SMALLEST_ROOM, LARGEST_ROOM))
         return cls(map=_room(side), **rules)
-
-    # -- variants ------------------------------------------------------------------------------
 
     def crop(
         self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
@@ -181,8 +195,6 @@ class KeyLockPit(MapDomain):
             )
         return replace(self, map=part, needs=needs, start=start, origin=(rows[0], columns[0]))
 
-    # -- spaces --------------------------------------------------------------------------------
-
     @cached_property
     def states(self) -> Space:
         """The agent's cell, which keys it holds and which locks are open.
@@ -200,27 +212,9 @@ class KeyLockPit(MapDomain):
         ]
         return Space(axes, np.concatenate(points))
 
-    @cached_property
-    def actions(self) -> Space:
-        """The four moves, picking up a key and opening a lock."""
-        return Space([Component("move", len(ACTIONS), labels=ACTIONS)])
-
-    @cached_property
-    def layout(self) -> GridLayout:
-        """Where the states lie, for pictures."""
-        objects = [
-            (name, row, column, name == "pit")
-            for character, name in OBJECTS.items()
-            for row, column in self._at(character).tolist()
-        ]
-        return GridLayout(
-            cells=frozen(self.states.points[:, :2].copy()),
-            components=("row", "column"),
-            shape=self._grid.shape,
-            origin=self.origin,
-            objects=tuple(objects),
-            walls=self._at("#"),
-        )
+    @property
+    def _state_cells(self) -> IntArray:
+        return frozen(self.states.points[:, :2].copy())
 
     @cached_property
     def _keys(self) -> IntArray:
@@ -258,15 +252,13 @@ class KeyLockPit(MapDomain):
             )
         )
 
-    # -- tables --------------------------------------------------------------------------------
-
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The task as tables: a row for entering each state by a move, one for using its object."""
         states, n_states = self.states, self.states.size
         values, here = states.decode(), np.arange(n_states)
         cell = self._cell_space.encode(row=values["row"], column=values["column"])
-        after = landing_or_staying(self._cell_space)[cell]
+        after = self._landing()[cell]
         others = {name: values[name][:, None] for name in states.names[2:]}
         row, column = self.cells[after].transpose(2, 0, 1)
         entered = states.encode(row=row, column=column, **others)
@@ -275,39 +267,30 @@ class KeyLockPit(MapDomain):
         picked, opened = self._use(used, paid)
         use = [np.where(does, n_states + here, here)[:, None] for does in (picked, opened)]
         move_reward = np.where(self._fallen, self.pit_reward, self.step_reward)
-        return tables_of(
-            self,
+        return self._tables(
             np.ones((2 * n_states, 1)),
             np.concatenate([here, used])[:, None],
             np.concatenate([move_reward, paid])[:, None],
-            terminal=self._ended,
+            terminal=self._ends,
             starting=self._start_states(),
             outcome_row=np.concatenate([entered, *use], axis=1),
         )
 
     def _use(self, used: IntArray, paid: Any) -> tuple[BoolArray, BoolArray]:
-        """Write where using the object of a cell leads, and what it pays; return where it is done.
-
-        The first array says where a key is picked up, the second where a lock is opened, (S,).
-        """
-        values = self.states.decode()
-        picked, opened = np.zeros(len(used), bool), np.zeros(len(used), bool)
-
-        def use(name: str, cell: IntArray, keys: Iterable[int], pays: float) -> BoolArray:
-            here = (values["row"] == cell[0]) & (values["column"] == cell[1])
-            can: BoolArray = here & (values[name] == 0)
-            for key in keys:
-                can &= values[self._key_names[key]] == 1
+        """Write where using a cell's object leads and what it pays; return who picks, who opens."""
+        values, held = self.states.decode(), self.states.points[:, 2:] == 1
+        does = np.zeros((2, len(used)), bool)
+        pays = [self.key_reward] * len(self._keys) + [self.lock_reward] * len(self._locks)
+        needs = [set[int]()] * len(self._keys) + self._keys_of
+        for i, (row, column) in enumerate([*self._keys, *self._locks]):
+            can = (values["row"] == row) & (values["column"] == column) & ~held[:, i]
+            can &= held[:, sorted(needs[i])].all(axis=1)
+            name = self.states.names[2 + i]
             changed = {**values, name: np.ones_like(values[name])}
             used[can] = self.states.encode(**{n: v[can] for n, v in changed.items()})
-            paid[can] = pays
-            return can
-
-        for name, cell in zip(self._key_names, self._keys, strict=True):
-            picked |= use(name, cell, (), self.key_reward)
-        for name, cell, keys in zip(self._lock_names, self._locks, self._keys_of, strict=True):
-            opened |= use(name, cell, keys, self.lock_reward)
-        return picked, opened
+            paid[can] = pays[i]
+            does[int(i >= len(self._keys))] |= can
+        return does[0], does[1]
 
     @property
     def _fallen(self) -> BoolArray:
@@ -316,47 +299,47 @@ class KeyLockPit(MapDomain):
         return np.asarray(self._grid[row, column] == "P")
 
     @property
-    def _ended(self) -> BoolArray:
+    def _ends(self) -> BoolArray:
         """In a pit, or with all locks open (all keys held where there is no lock), (S,) bool."""
         first = 2 + (len(self._keys) if len(self._locks) else 0)
         return np.asarray(self._fallen | self.states.points[:, first:].all(axis=1))
 
-    def _start_states(self) -> IntArray:
-        """Return the states in which episodes start; TaskError where there are none."""
-        keys = len(self._keys)
-        held = self.states.points[:, 2 : 2 + keys]
-        going_on = ~self._ended
-        if self.keys_held:
-            going_on &= held.all(axis=1)
-        if self.start == "uniform":
-            found = np.flatnonzero(going_on)
-            if not found.size:
-                raise TaskError("start='uniform' needs a state that does not end the episode")
-            return found
-        cells = self._at("S")
-        if self.start != "map":
-            cells = np.array(self.start)
-        elif not len(cells):
-            raise TaskError("start='map' needs an S on the map: there is none")
+    @property
+    def _standing(self) -> BoolArray:
+        held = self.states.points[:, 2 : 2 + len(self._keys)].all(axis=1)
+        return ~self._ends & held if self.keys_held else ~self._ends
+
+    def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
         status = dict.fromkeys(self._key_names, int(self.keys_held))
         status |= dict.fromkeys(self._lock_names, 0)
-        states = self.states.encode(row=cells[:, 0], column=cells[:, 1], **status)
-        rule = "an episode starts in a free cell of the map and does not end there"
-        return check_starts(states, going_on, cells, rule)
+        return self.states.encode(row=row, column=column, **status)
 
-    def _read_needs(self) -> tuple[tuple[int, ...], ...]:
-        """Return the keys of each lock, sorted; TaskError if they make no sense."""
-        keys, locks = len(self._keys), len(self._locks)
-        given: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else [None]
-        if len(given) != locks or not all(isinstance(one, list | tuple) for one in given):
-            raise TaskError(
-                f"needs must be 'all' or a list of keys for each of the {locks} locks: got "
-                f"{self.needs!r}"
-            )
-        found = list[tuple[int, ...]]()
-        for one in given:
-            listed = whole(list(one), "the keys of a lock")
-            if listed.ndim != 1 or ((listed < 1) | (listed > keys)).any():
-                raise TaskError(f"the keys of a lock must be numbers from 1 to {keys}: got {one!r}")
-            found.append(tuple(sorted(set(listed.tolist()))))
-        return tuple(found)
+
+def _square_room(
+    size: Annotated[int, Rule(SMALLEST_ROOM, LARGEST_ROOM, "larger")] = 8, **rules: Any
+) -> KeyLockPit:
+    """Return the square room of :meth:`KeyLockPit.room`."""
+    return KeyLockPit.room(size, **rules)
+
+
+def _keys_as_keys(target: FamilyMember, source: FamilyMember) -> Any:
+    """Return how a room reads another: key, pits and lock as such, other cells in proportion."""
+
+    def marks(size: int) -> tuple[list[int], list[int]]:
+        pits = size // 2
+        return [0, 1, 2, size - 1], [0, 1, pits - 1, pits, pits + 1, size - 1]
+
+    rows, columns = zip(marks(target["size"]), marks(source["size"]), strict=True)
+
+    def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
+        row = in_proportion(states["row"], *rows)
+        return {**states, "row": row, "column": in_proportion(states["column"], *columns)}, actions
+
+    return function
+
+
+key_lock_pit_family = family_of(KeyLockPit, _square_room, mapping=_keys_as_keys)
+"""Square rooms with a key, a lock and pits (:meth:`KeyLockPit.room`).
+
+Members map key, pits and lock as such, other cells in proportion.
+"""

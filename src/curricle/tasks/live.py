@@ -1,4 +1,9 @@
-"""Live tasks: every step is taken in an environment."""
+"""Live tasks: every step is taken in an environment.
+
+Compiled loops call a Python object by its address and read the outcome of an action, so that every
+learner and every shaping works on a live task unchanged. Seeds run on one thread, units of work in
+processes.
+"""
 
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
@@ -14,19 +19,21 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from curricle.errors import TaskError
-from curricle.tasks import computed
-from curricle.tasks.computed import ComputedMDP
-from curricle.tasks.draws import splitmix64
-from curricle.tasks.generative_models import (
+from curricle.tasks.kernel import inlined, splitmix64
+from curricle.tasks.mdp import number_of
+from curricle.tasks.models import (
+    LARGEST_REWARD,
+    REWARD_RULE,
+    ComputedMDP,
+    check_parts,
+    described,
     evaluation_models,
     failures,
     first_states,
+    opened,
     transitions,
     truncations,
 )
-from curricle.tasks.mdp import check_parts, described
-from curricle.tasks.outcomes import LARGEST_REWARD, REWARD_RULE, number_of
-from curricle.tasks.overloads import inlined
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
 
 RESET = -1
@@ -234,7 +241,7 @@ def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
     """
     if is_live(task):
         return _Opened(task, start)
-    return computed.opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
+    return opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
 
 
 class _Opened:
@@ -315,8 +322,9 @@ def _observed(begun: Any) -> Any:
     return observation
 
 
-def _wrong_parts(what: str, found: Any) -> str:
-    return f"a {what} of an environment must return ({', '.join(RETURNED[what])}): got {found!r}"
+def _wrong_parts(what: str, returned: Any) -> str:
+    parts = ", ".join(RETURNED[what])
+    return f"a {what} of an environment must return ({parts}): got {returned!r}"
 
 
 def numbering(task: LiveMDP) -> Callable[[Any], int]:
@@ -324,16 +332,16 @@ def numbering(task: LiveMDP) -> Callable[[Any], int]:
     encode, encode_one, size = task.encode, task.states.encode_one, task.states.size
 
     def number(observation: Any) -> int:
-        found = observation if encode is None else encode(observation)
+        encoded = observation if encode is None else encode(observation)
         try:
-            state = encode_one(found) if isinstance(found, tuple) else index(found)
+            state = encode_one(encoded) if isinstance(encoded, tuple) else index(encoded)
         except TypeError:
             state = MISSING
         if 0 <= state < size:
             return state
         raise TaskError(
             f"an observation must encode to a state, a number in 0..{size - 1} or the values of "
-            f"{', '.join(task.states.names)}: {observation!r} gives {found!r}"
+            f"{', '.join(task.states.names)}: {observation!r} gives {encoded!r}"
         )
 
     return number

@@ -1,4 +1,4 @@
-"""Finite Markov decision processes as frozen tables.
+"""Finite Markov decision processes as frozen tables, and what learning and planning need of a task.
 
 Pairs (s, a) with the same outcome distribution share a *row*: ``outcome_row[s, a]`` is one of Y
 rows, and each row lists up to O outcomes with probability, successor and reward. This keeps domains
@@ -8,107 +8,30 @@ O = moves of the prey); an arbitrary MDP has Y = S A.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import instance, number, numbers, whole_number
+from curricle.checks import brief, instance, numbers
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted, frozen
-from curricle.tasks.generative_models import (
+from curricle.tasks.models import (
+    LARGEST_REWARD,
+    REWARD_RULE,
     DeterministicTables,
     Tables,
+    check_horizon,
     cumulated,
+    described,
     learning_model,
 )
-from curricle.tasks.outcomes import (
-    PROBABILITY_TOLERANCE,
-    check_rows,
-    normalised,
-    outcome_lists,
-    outcome_tables,
-    terminal_states,
-)
 from curricle.tasks.spaces import Component, Space, whole_by_type
-from curricle.text_tables import counted
 
-
-def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntArray]:
-    """Return where the edges of a graph of S states and Y outcome rows begin and end.
-
-    A state leads to the rows of its `allowed` actions, none where it is terminal, and a row, whose
-    node is S plus its number, to the states of its outcomes.
-    """
-    pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
-    if allowed is not None:
-        pairs &= allowed
-    state, _ = np.nonzero(pairs)
-    row, outcome = np.nonzero(mdp.probability > 0)
-    n_states = len(mdp.terminal)
-    source = np.concatenate([state, n_states + row])
-    return source, np.concatenate([n_states + mdp.outcome_row[pairs], mdp.next_state[row, outcome]])
-
-
-def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
-    """Return which states the `allowed` actions can reach from the start, (S,) bool."""
-    # Imported here: every task is checked by this module, and the import takes a third of a second.
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import breadth_first_order
-
-    # One more node leads to all first states.
-    root, first = len(mdp.terminal) + len(mdp.probability), np.flatnonzero(mdp.start > 0)
-    source, target = edges_of(mdp, allowed)
-    source, target = np.append(source, np.full(len(first), root)), np.append(target, first)
-    edges = np.ones(len(source), np.bool_), (source, target)
-    graph = csr_array(edges, shape=(root + 1, root + 1))
-    met = np.zeros(root + 1, dtype=bool)
-    met[breadth_first_order(graph, root, return_predecessors=False)] = True
-    return met[: len(mdp.terminal)]
-
-
-def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
-    """Return the states from which `allowed` actions can avoid all terminal states for ever.
-
-    This is the largest set of states each of which has an allowed action whose every outcome stays
-    in the set. It is empty exactly if every allowed policy is proper, which is to end with
-    probability 1 (Bertsekas, Tsitsiklis 1991).
-    """
-    staying = ~mdp.terminal
-    impossible = mdp.probability == 0
-    while True:
-        row_stays = (staying[mdp.next_state] | impossible).all(axis=1)
-        pair_stays = row_stays[mdp.outcome_row]
-        if allowed is not None:
-            pair_stays &= allowed
-        remains = staying & pair_stays.any(axis=1)
-        if (remains == staying).all():
-            return np.flatnonzero(staying)
-        staying = remains
-
-
-def steps_to(mdp: Any, goal: BoolArray, among: BoolArray | None = None) -> FloatArray:
-    """Return the fewest steps with which each of some states may reach `goal`, (S,); or infinity.
-
-    Both are (S,) bool; `among` is all states by default, and no way leads through others.
-    """
-    among = np.ones(len(goal), bool) if among is None else among
-    steps = np.where(goal & among, 0.0, np.inf)
-    while True:
-        after = np.where(mdp.probability > 0, steps[mdp.next_state], np.inf).min(axis=1)
-        nearer = np.minimum(steps, 1 + after[mdp.outcome_row].min(axis=1))
-        nearer[~among] = np.inf
-        if (nearer == steps).all():
-            return steps
-        steps = nearer
-
-
-# -- tables ----------------------------------------------------------------------------------------
-
-
-LONGEST = 10**12
-"""Steps that a time limit may have at most."""
+PROBABILITY_TOLERANCE = 1e-8
+SINGLE_PRECISION = 1e-6
+"""How far from 1 probabilities of float32 may sum; then they are divided by their sum."""
 NO_LIMIT = np.int64(2**62)
 """Steps that stand for no limit in compiled loops."""
 
@@ -173,8 +96,6 @@ class FiniteMDP(Frozen):
         self._check_start()
         self._check_discount()
 
-    # -- constructors --------------------------------------------------------------------------
-
     @classmethod
     def from_dense(
         cls,
@@ -223,7 +144,7 @@ class FiniteMDP(Frozen):
         width = max(1, int((flat_p != 0).sum(axis=1).max(initial=0)))
         # The nonzero outcomes of each pair, first to last: a stable sort puts them in front.
         successor = np.argsort(flat_p == 0, axis=1, kind="stable")[:, :width]
-        return cls._one_row_a_pair(
+        return cls.one_row_a_pair(
             np.take_along_axis(flat_p, successor, axis=1).reshape(n_states, n_actions, width),
             successor,
             np.take_along_axis(flat_r, successor, axis=1),
@@ -270,7 +191,7 @@ class FiniteMDP(Frozen):
         begins = start_distribution(start, len(lists))
         if terminal is None:
             terminal = terminal_states(lists, np.flatnonzero(begins).tolist())
-        return cls._one_row_a_pair(
+        return cls.one_row_a_pair(
             *outcome_tables(lists),
             terminal=np.asarray(terminal),
             start=begins,
@@ -281,17 +202,17 @@ class FiniteMDP(Frozen):
         )
 
     @classmethod
-    def _one_row_a_pair(
+    def one_row_a_pair(
         cls,
-        probability: FloatArray,
-        next_state: npt.NDArray[Any],
-        reward: FloatArray,
+        probability: Any,
+        next_state: Any,
+        reward: Any,
         *,
         states: Space | None,
         actions: Space | None,
         **rest: Any,
     ) -> Self:
-        """Build the MDP in which every pair has an outcome row of its own, (S, A, O) tables."""
+        """Return the MDP in which every pair has an outcome row alone; tables are (S, A, O)."""
         n_states, n_actions, width = probability.shape
         return cls(
             states=states or Space([Component("state", n_states)]),
@@ -303,8 +224,6 @@ class FiniteMDP(Frozen):
             **rest,
         )
 
-    # -- validation ----------------------------------------------------------------------------
-
     def _check_ranges(self) -> None:
         """Check indices as they were given, before they are narrowed to 32 bits."""
         instance("states", self.states, Space, TaskError)
@@ -315,10 +234,10 @@ class FiniteMDP(Frozen):
             ("outcome_row", "outcome_row", len(self.probability)),
             ("next_state", "next states", self.states.size),
         ):
-            given = whole_by_type(getattr(self, name), what)
-            if given.size and (given.min() < 0 or given.max() >= size):
+            numbers = whole_by_type(getattr(self, name), what)
+            if numbers.size and (numbers.min() < 0 or numbers.max() >= size):
                 raise TaskError(
-                    f"{what} must lie in 0..{size - 1}: got {given.min()}..{given.max()}"
+                    f"{what} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
                 )
 
     def _adopt_arrays(self) -> None:
@@ -365,8 +284,6 @@ class FiniteMDP(Frozen):
                     f"there from state {endless[0]}"
                 )
 
-    # -- derived -------------------------------------------------------------------------------
-
     @property
     def mdp(self) -> Self:
         """The task itself, so that a FiniteMDP is a :class:`Task`."""
@@ -398,14 +315,6 @@ class FiniteMDP(Frozen):
         return described(self, f"{int(self.terminal.sum())} terminal")
 
 
-def described(task: Any, *parts: str) -> str:
-    """Return a task as text: its kind, its sizes, further parts and its horizon."""
-    sizes = counted(task.states.size, "state"), counted(task.actions.size, "action")
-    limit = "no time limit" if task.time_limit is None else f"time limit {task.time_limit}"
-    known = ", ".join((*sizes, *parts, f"discount {task.discount:g}", limit))
-    return f"{type(task).__name__}({known})"
-
-
 def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     """Return a frozen array of this type; TaskError where it is none, or flags are not 0 and 1."""
     try:
@@ -420,37 +329,294 @@ def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     return array
 
 
-def check_parts(task: Any, kind: str, *functions: str) -> None:
-    """Check the spaces, functions and horizon of a task without tables, `kind` of which it is."""
-    instance("states", task.states, Space, TaskError)
-    instance("actions", task.actions, Space, TaskError)
-    for name in functions:
-        if not callable(getattr(task, name)):
-            raise TaskError(f"{name} must be a function: got {getattr(task, name)!r}")
-    check_horizon(task)
-    if task.discount == 1 and task.time_limit is None:
-        raise TaskError(f"a {kind} task with discount 1 needs a time limit: none set")
-
-
-def check_horizon(task: Any) -> None:
-    """Check a frozen task's discount and time limit, and make them a float and an int."""
-    discount = number("discount", task.discount, TaskError, low=0, high=1)
-    object.__setattr__(task, "discount", discount)
-    if task.time_limit is not None:
-        limit = whole_number("time_limit in steps", task.time_limit, 1, TaskError)
-        number("time_limit in steps", limit, TaskError, high=LONGEST)
-        object.__setattr__(task, "time_limit", limit)
-
-
 def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:
     """Return the (S,) start distribution for a start state or a distribution."""
-    given = np.asarray(start)
-    if given.ndim == 0 and np.issubdtype(given.dtype, np.integer):
-        if not 0 <= given < n_states:
-            raise TaskError(f"the start state must lie in 0..{n_states - 1}: got {given}")
-        distribution = np.zeros(n_states)
-        distribution[given] = 1.0
-        return distribution
-    if given.shape != (n_states,):
-        raise TaskError(f"start must be a state or have shape ({n_states},): got {given.shape}")
-    return given.astype(np.float64)
+    begins = np.asarray(start)
+    if begins.ndim == 0 and np.issubdtype(begins.dtype, np.integer):
+        if not 0 <= begins < n_states:
+            raise TaskError(f"the start state must lie in 0..{n_states - 1}: got {begins}")
+        return np.asarray(np.arange(n_states) == begins, dtype=np.float64)
+    if begins.shape != (n_states,):
+        raise TaskError(f"start must be a state or have shape ({n_states},): got {begins.shape}")
+    return begins.astype(np.float64)
+
+
+# -- outcome lists, the form of the tables of Gymnasium's toy-text tasks ---------------------------
+
+
+def outcome_lists(outcomes: Any) -> list[list[Any]]:
+    """Return the outcomes that :meth:`FiniteMDP.from_outcomes` takes as lists, [state][action]."""
+    try:
+        lists = [
+            [list(outcomes[s][a]) for a in range(len(outcomes[s]))] for s in range(len(outcomes))
+        ]
+    except (TypeError, IndexError):
+        raise TaskError(
+            f"outcomes must be lists, outcomes[state][action]: got {brief(outcomes)}"
+        ) from None
+    except KeyError as missing:
+        raise TaskError(
+            f"states and actions of outcome dicts must be numbered from 0: {missing} is missing"
+        ) from None
+    if not lists or not lists[0]:
+        raise TaskError(
+            "outcomes need at least one state, and one action in each (without outcomes if it is "
+            f"terminal): got {'no action in state 0' if lists else 'no state'}"
+        )
+    for s, row in enumerate(lists):
+        if len(row) != len(lists[0]):
+            raise TaskError(
+                f"every state must list the same number of actions: state {s} lists {len(row)}, "
+                f"state 0 lists {len(lists[0])}"
+            )
+    return lists
+
+
+def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return probabilities, successors and rewards of outcome lists, (S, A, O) each."""
+    shape = len(lists), len(lists[0]), max(1, max(len(pair) for row in lists for pair in row))
+    p, successor, r = np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(shape)
+    for s, row in enumerate(lists):
+        for a, pair in enumerate(row):
+            for o, outcome in enumerate(pair):
+                try:
+                    p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
+                    fits = len(outcome) in (3, 4) and outcome[1] == successor[s, a, o]
+                except (TypeError, ValueError, OverflowError):
+                    fits = False
+                if not fits:
+                    raise TaskError(
+                        "an outcome must be (probability, next state, reward) and may have a "
+                        f"terminated flag: state {s}, action {a} has {brief(outcome)}"
+                    )
+    return p, successor, r
+
+
+def terminal_states(lists: list[list[Any]], first: list[int]) -> BoolArray:
+    """Collect the ``terminated`` flags of outcome lists into one flag a state.
+
+    Only states that can be reached from the `first` count: tables such as Taxi's also list
+    impossible states, whose flags contradict the others.
+    """
+    flags, met, starts = dict[int, bool](), list(first), set(first)
+    for s in met:  # which grows meanwhile
+        for a, pair in enumerate(lists[s]):
+            for outcome in pair:
+                if len(outcome) < 4:
+                    raise TaskError(
+                        "outcomes need a terminated flag where no terminal array is given: state "
+                        f"{s}, action {a} has {outcome}"
+                    )
+                probability, reached, _, ended = outcome[:4]
+                if probability == 0:
+                    continue
+                if not ended and reached not in flags and reached not in starts:
+                    met.append(reached)
+                if flags.setdefault(reached, bool(ended)) != bool(ended):
+                    raise TaskError(
+                        "entering a state must end the episode always or never: state "
+                        f"{reached} does both, the second time from state {s}, action {a}"
+                    )
+    return np.array([flags.get(s, False) for s in range(len(lists))])
+
+
+def number_of(reward: Any) -> float:
+    """Return a reward, alone or in an array, as a float; NaN where it is no number."""
+    try:
+        plain = reward.item() if isinstance(reward, np.ndarray) else reward
+        return np.nan if isinstance(plain, str | bytes) else float(plain)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
+
+
+def normalised(rows: FloatArray) -> FloatArray:
+    """Return rows that sum to 1 within the rounding of float32 divided by their sums."""
+    sums = rows.sum(axis=-1, keepdims=True)
+    error = abs(sums - 1)
+    rounded = (error > PROBABILITY_TOLERANCE) & (error <= SINGLE_PRECISION)
+    return rows / np.where(rounded, sums, 1.0) if rounded.any() else rows
+
+
+def check_rows(
+    probability: FloatArray,
+    reward: FloatArray,
+    outcome_row: npt.NDArray[np.integer[Any]],
+    terminal: BoolArray,
+) -> None:
+    """Raise TaskError naming the first pair whose outcome row breaks a rule.
+
+    The arguments are tables of a :class:`FiniteMDP`. Rows that only terminal states use may hold
+    anything.
+    """
+    sums = probability.sum(axis=1)
+    small = (reward >= -LARGEST_REWARD) & (reward <= LARGEST_REWARD)
+    rules = (
+        ("transition probabilities must sum to 1", abs(sums - 1) <= PROBABILITY_TOLERANCE, sums),
+        ("transition probabilities must not be negative", probability >= 0, probability),
+        (REWARD_RULE, small, reward),
+    )
+    for rule, holds, values in rules:
+        if holds.all():
+            continue
+        used = np.zeros(len(probability), dtype=bool)
+        used[outcome_row[~terminal]] = True
+        bad = np.flatnonzero(used & ~holds.reshape(len(used), -1).all(axis=1))
+        if bad.size:
+            state, action = np.argwhere((outcome_row == bad[0]) & ~terminal[:, None])[0]
+            value = values[bad[0]]
+            has = f"sums to {value:.10g}" if values is sums else f"has {value.tolist()}"
+            raise TaskError(f"{rule}: state {state}, action {action} {has}")
+
+
+# -- tasks -----------------------------------------------------------------------------------------
+
+
+class Task(Protocol):
+    """A task to learn, solve and map: it has spaces and converts to tables."""
+
+    @property
+    def states(self) -> Space:
+        """The state space, S points."""
+
+    @property
+    def actions(self) -> Space:
+        """The action space, A points."""
+
+    @property
+    def mdp(self) -> FiniteMDP:
+        """The task as tables."""
+
+
+class GenerativeModel(Protocol):
+    """What learning needs of a task: spaces, horizon, and a generative model for compiled loops.
+
+    `terminal`, (S,) bool, is None where it is unknown.
+    """
+
+    @property
+    def states(self) -> Space: ...  # noqa: D102
+    @property
+    def actions(self) -> Space: ...  # noqa: D102
+    @property
+    def discount(self) -> float: ...  # noqa: D102
+    @property
+    def time_limit(self) -> int | None: ...  # noqa: D102
+    @property
+    def terminal(self) -> BoolArray | None: ...  # noqa: D102
+    @property
+    def model(self) -> Any: ...  # noqa: D102
+
+
+def generative_model(task: Any) -> GenerativeModel:
+    """Return a task that has a generative model as it is, the tables of any other."""
+    generative: GenerativeModel = (
+        task if isinstance(getattr(task, "model", None), tuple) else tables(task)
+    )
+    return generative
+
+
+def has_tables(task: Any) -> bool:
+    """Return whether a task can be converted to tables (if they fit)."""
+    return hasattr(type(task), "mdp") or "mdp" in getattr(task, "__dict__", {})
+
+
+def tables(task: Any) -> FiniteMDP:
+    """Return the tables of a task, or raise TaskError if it is none."""
+    mdp = getattr(task, "mdp", None)
+    if not isinstance(mdp, FiniteMDP):
+        if isinstance(getattr(task, "model", None), tuple):
+            raise TaskError(f"a task given by functions or played live has no tables: {task!r}")
+        raise TaskError(
+            f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}{_advice(task)}"
+        )
+    return mdp
+
+
+def _advice(task: Any) -> str:
+    """Return what was probably meant by what is no task with tables, as the end of a sentence."""
+    if isinstance(task, type):
+        return "; give a task of this class, not the class" if hasattr(task, "mdp") else ""
+    if hasattr(task, "task"):
+        return ", whose task is its .task"
+    if isinstance(task, str) or (hasattr(task, "reset") and hasattr(task, "step")):
+        return "; from_gymnasium makes a task of an environment or of its id"
+    if hasattr(type(task), "observations") and hasattr(type(task), "environment"):
+        return "; what is seen through observations is learnt by a network, a deep.DeepLearner"
+    return ""
+
+
+def same_task(one: Task, other: Task) -> bool:
+    """Return whether two tasks are the same: one object, or equal values."""
+    return one is other or one == other
+
+
+# -- the graph of a task's transitions -------------------------------------------------------------
+
+
+def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntArray]:
+    """Return where the edges of a graph of S states and Y outcome rows begin and end.
+
+    A state leads to the rows of its `allowed` actions, none where it is terminal, and a row, whose
+    node is S plus its number, to the states of its outcomes.
+    """
+    pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
+    if allowed is not None:
+        pairs &= allowed
+    state, _ = np.nonzero(pairs)
+    row, outcome = np.nonzero(mdp.probability > 0)
+    n_states = len(mdp.terminal)
+    source = np.concatenate([state, n_states + row])
+    return source, np.concatenate([n_states + mdp.outcome_row[pairs], mdp.next_state[row, outcome]])
+
+
+def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
+    """Return which states the `allowed` actions can reach from the start, (S,) bool."""
+    # Imported here: every task needs this module, and the import takes a third of a second.
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import breadth_first_order
+
+    # One more node leads to all first states.
+    root, first = len(mdp.terminal) + len(mdp.probability), np.flatnonzero(mdp.start > 0)
+    source, target = edges_of(mdp, allowed)
+    source, target = np.append(source, np.full(len(first), root)), np.append(target, first)
+    edges = np.ones(len(source), np.bool_), (source, target)
+    graph = csr_array(edges, shape=(root + 1, root + 1))
+    met = np.zeros(root + 1, dtype=bool)
+    met[breadth_first_order(graph, root, return_predecessors=False)] = True
+    return met[: len(mdp.terminal)]
+
+
+def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
+    """Return the states from which `allowed` actions can avoid all terminal states for ever.
+
+    This is the largest set of states each of which has an allowed action whose every outcome stays
+    in the set. It is empty exactly if every allowed policy is proper, which is to end with
+    probability 1 (Bertsekas, Tsitsiklis 1991).
+    """
+    staying = ~mdp.terminal
+    impossible = mdp.probability == 0
+    while True:
+        row_stays = (staying[mdp.next_state] | impossible).all(axis=1)
+        pair_stays = row_stays[mdp.outcome_row]
+        if allowed is not None:
+            pair_stays &= allowed
+        remains = staying & pair_stays.any(axis=1)
+        if (remains == staying).all():
+            return np.flatnonzero(staying)
+        staying = remains
+
+
+def steps_to(mdp: Any, goal: BoolArray, among: BoolArray | None = None) -> FloatArray:
+    """Return the fewest steps with which each of some states may reach `goal`, (S,); or infinity.
+
+    Both are (S,) bool; `among` is all states by default, and no way leads through others.
+    """
+    among = np.ones(len(goal), bool) if among is None else among
+    steps = np.where(goal & among, 0.0, np.inf)
+    while True:
+        after = np.where(mdp.probability > 0, steps[mdp.next_state], np.inf).min(axis=1)
+        nearer = np.minimum(steps, 1 + after[mdp.outcome_row].min(axis=1))
+        nearer[~among] = np.inf
+        if (nearer == steps).all():
+            return steps
+        steps = nearer

@@ -54,7 +54,7 @@ class EnvironmentMaker:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EnvironmentMaker):
             return NotImplemented
-        mine, yours = ((one.what, one.arguments, one.encode) for one in (self, other))
+        mine, yours = ((maker.what, maker.arguments, maker.encode) for maker in (self, other))
         return _alike(mine, yours)
 
     def __str__(self) -> str:
@@ -174,8 +174,9 @@ class ObservationTask:
 def made_by(make: Any) -> str:
     """Return what makes an environment in words, the same in every process."""
     if isinstance(make, partial):
-        given = [*map(repr, make.args), *(f"{name}={v!r}" for name, v in make.keywords.items())]
-        return f"{made_by(make.func)}({', '.join(given)})"
+        arguments = [*map(repr, make.args)]
+        arguments += [f"{name}={value!r}" for name, value in make.keywords.items()]
+        return f"{made_by(make.func)}({', '.join(arguments)})"
     return str(getattr(make, "__name__", make))
 
 

@@ -1,24 +1,29 @@
 """Predator pursuit on a grid (paper, F4; E7): predators chase a prey; all move at once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import check_memory, instance, numbers, one_of
+from curricle.checks import check_memory, numbers
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, adopted, frozen
-from curricle.tasks.domain import check_sizes, numbered_names
-from curricle.tasks.draws import splitmix64, uniform
-from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey
-from curricle.tasks.generative_models import cumulated, first_states, transitions
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_numbers, normalised
-from curricle.tasks.simd import inverse_of, quotient
+from curricle.frozen_arrays import adopted, frozen
+from curricle.tasks.domain import Discount, Domain, TimeLimit, family_of, numbered_names
+from curricle.tasks.family import ComponentsByName, FamilyMember, Rule
+from curricle.tasks.kernel import inverse_of, quotient, splitmix64, uniform
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, normalised
+from curricle.tasks.models import (
+    FactoredModel,
+    cumulated,
+    first_states,
+    joint_landing,
+    predators_on_prey,
+    transitions,
+)
 from curricle.tasks.spaces import Component, Decoded, Space
 
 MOVES = {"stay": (0, 0), "north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
@@ -31,11 +36,14 @@ LARGEST_MODEL = 2**50
 LARGEST_SPACE = 50_000_000
 """States above which a task is not solved by its factored model (two numbers a state: 0.8 GB)."""
 
-Capture = Literal["all", "any", "as_published"] | int
+Capture = Annotated[
+    Literal["all", "any", "as_published"] | int,
+    Rule(values=("any", "all", "as_published", *range(1, MOST_PREDATORS + 1))),
+]
 
 
 @dataclass(frozen=True)
-class Pursuit(Frozen):
+class Pursuit(Domain):
     """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
 
     A state is the cell of the prey and of each predator, who are ordered and may share a cell. An
@@ -77,23 +85,18 @@ class Pursuit(Frozen):
     ('prey', 'predator')
     """
 
-    size: int = 4
-    predators: int = 2
+    size: Annotated[int, Rule(2, LARGEST_SIZE, "larger")] = 4
+    predators: Annotated[int, Rule(1, MOST_PREDATORS, "larger")] = 2
     moves: Literal[4, 5] = 5
     torus: bool = False
     capture: Capture = "all"
     prey: Any = "uniform"
     step_reward: float = -1.0
     capture_reward: float = 0.0
-    discount: float = 0.99
-    time_limit: int | None = 200
+    discount: Discount = 0.99
+    time_limit: TimeLimit = 200
 
-    def __post_init__(self) -> None:
-        check_sizes(self, size=(2, LARGEST_SIZE), predators=(1, MOST_PREDATORS))
-        one_of("moves", self.moves, (4, 5), TaskError)
-        instance("torus", self.torus, bool, TaskError)
-        check_numbers(self, ("step_reward", "capture_reward"))
-        check_horizon(self)
+    def _check(self) -> None:
         whole = isinstance(self.capture, int) and not isinstance(self.capture, bool)
         named = isinstance(self.capture, str) and self.capture in ("all", "any", "as_published")
         if not named and not (whole and 1 <= self.capture <= self.predators):  # type: ignore[operator]
@@ -168,8 +171,8 @@ class Pursuit(Frozen):
             padded_moves(chances, 1.0),
             frozen(single.astype(np.int32).ravel()),
             np.uint64(self.cells**self.predators),
-            np.uint64(self._enough_to_end),
-            np.uint64(self._enough_to_catch),
+            np.uint64(self._needed[0]),
+            np.uint64(self._needed[1]),
             float(self.step_reward),
             float(self.capture_reward),
         )
@@ -255,24 +258,21 @@ class Pursuit(Frozen):
         )
 
     @property
-    def _enough_to_end(self) -> int:
-        if isinstance(self.capture, int):
-            return self.capture
-        return self.predators if self.capture == "all" else 1
-
-    @property
-    def _enough_to_catch(self) -> int:
-        return self.predators if self.capture == "as_published" else self._enough_to_end
+    def _needed(self) -> tuple[int, int]:
+        """How many predators on the prey's cell end the episode, and earn the capture reward."""
+        count = self.predators if self.capture == "all" else 1
+        ends = self.capture if isinstance(self.capture, int) else count
+        return ends, self.predators if self.capture == "as_published" else ends
 
     @property
     def _ends(self) -> BoolArray:
         """Whether the episode ends with 0, 1, ... predators on the prey's cell, (k + 1,)."""
-        return np.arange(self.predators + 1) >= self._enough_to_end
+        return np.arange(self.predators + 1) >= self._needed[0]
 
     @property
     def _rewards(self) -> FloatArray:
         """The reward of a step after which 0, 1, ... predators are on the prey's cell, (k + 1,)."""
-        caught = np.arange(self.predators + 1) >= self._enough_to_catch
+        caught = np.arange(self.predators + 1) >= self._needed[1]
         return np.where(caught, float(self.capture_reward), float(self.step_reward))
 
     def _prey_policy(self) -> FloatArray:
@@ -375,3 +375,94 @@ def _step(model, state, action, bits):
         state, weight = rest, weight * cells
     reward = model.capture_reward if together >= model.to_catch else model.step_reward
     return next_state, reward, together >= model.to_end
+
+
+# -- the family ------------------------------------------------------------------------------------
+
+
+def _pursuit_mappings(target: FamilyMember, source: FamilyMember) -> list[Any]:
+    """Return how a pursuit reads a smaller one, or one with fewer predators.
+
+    There is one mapping for each group of predators that stands for the source's: each predator
+    and those after it, in a circle (paper E7: f_1 and f_2 of two predators from one). Between
+    grids of equal size cells correspond by label. On another size the distances between the prey
+    and the predators of the group stay the same where they fit: a window of the source's size is
+    laid over all of them, and is the nearer to an edge the nearer they are to it. Distances that do
+    not fit become the largest that do.
+    """
+    if source["predators"] > target["predators"]:
+        raise TaskError(
+            f"a pursuit reads pursuits with at most its {target['predators']} predators: got "
+            f"{source}"
+        )
+    groups = list(_groups(target.task.predator_names, source.task.predator_names))
+    if target["size"] == source["size"]:
+        return [ComponentsByName(renaming=group) for group in groups]
+    return [_on_another_size(target, source, group) for group in groups]
+
+
+def _groups(names: tuple[str, ...], others: tuple[str, ...]) -> Iterator[dict[str, str]]:
+    """Yield renamings of the source's predators, so that all of the target's are read equally."""
+    for first in range(len(names) if len(names) > len(others) else 1):
+        yield {name: names[(first + i) % len(names)] for i, name in enumerate(others)}
+
+
+def _on_another_size(
+    target: FamilyMember, source: FamilyMember, group: dict[str, str]
+) -> Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]:
+    """Return the function from the target's decoded states and actions to the source's."""
+    size, smaller = target["size"], source["size"]
+    five, other_five = target["moves"] == 5, source["moves"] == 5
+
+    def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
+        bodies = ["prey", *group.values()]
+        cells = np.stack(np.broadcast_arrays(*[states[name] for name in bodies]))
+        place = _around_prey if source["torus"] else _window
+        rows, columns = (
+            place(axis, size, smaller, target["torus"]) for axis in np.divmod(cells, size)
+        )
+        read = rows * smaller + columns
+        # Moves are numbered without staying where nobody stays: 0 is then north.
+        moves = {name: actions[predator] - five + other_five for name, predator in group.items()}
+        return dict(zip(["prey", *group], read, strict=True)), moves
+
+    return function
+
+
+def _window(axis: IntArray, size: int, smaller: int, torus: bool) -> IntArray:
+    """Return coordinates in a walled grid of another size, (bodies, ...) as given."""
+    low, high = axis.min(axis=0), axis.max(axis=0)
+    before, after = low, size - 1 - high
+    # The window begins at `first` of 0 .. size - smaller, in proportion to the room on both sides.
+    room = np.maximum(before + after, 1)
+    first = ((size - smaller) * before * 2 + room) // (2 * room)
+    spread = high - low
+    wide = spread > smaller - 1
+    shifted = axis - np.clip(first, high - smaller + 1, low)
+    squeezed = (2 * (axis - low) * (smaller - 1) + spread) // np.maximum(2 * spread, 1)
+    return np.asarray(np.where(wide, squeezed, shifted))
+
+
+def _around_prey(axis: IntArray, size: int, smaller: int, torus: bool) -> IntArray:
+    """Return coordinates on a torus of another size: the prey's cell, and distances from it."""
+    prey, distance = axis[0], axis - axis[0]
+    if torus:
+        distance = (distance + size // 2) % size - size // 2
+    nearest = np.clip(distance, -((smaller - 1) // 2), smaller // 2)
+    return np.asarray((prey + nearest) % smaller)
+
+
+def _enough_predators(parameters: dict[str, Any]) -> str | None:
+    """Return what is wrong where more predators are needed than there are."""
+    needed, there = parameters["capture"], parameters["predators"]
+    if isinstance(needed, int) and needed > there:
+        return f"capture of pursuit must be at most the number of predators, {there}"
+    return None
+
+
+pursuit_family = family_of(Pursuit, mapping=_pursuit_mappings, constraint=_enough_predators)
+"""Pursuits (:class:`Pursuit`).
+
+A member reads one with fewer predators by each group of predators that stands for the source's, and
+a smaller one by the distances between prey and predators.
+"""

@@ -16,25 +16,25 @@ right_reward=1, start=(0,))``, paying the large reward in the last state whateve
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 
-from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import frozen
-from curricle.tasks.domain import Domain, check_sizes, tables_of
+from curricle.tasks.domain import Discount, DomainWithStart, TimeLimit, family_of
+from curricle.tasks.family import FamilyMember, Rule
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, check_numbers
-from curricle.tasks.spaces import Component, Space, whole
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
+from curricle.tasks.spaces import Component, Decoded, Space, whole
 
 LARGEST_SIZE = 1_000_000
 """Positions of a river at most."""
+LARGEST_OF_FAMILY = 10_000
 
 
 @dataclass(frozen=True)
-class RiverSwim(Domain):
+class RiverSwim(DomainWithStart):
     """A swimmer in a river: left with the current is sure, right against it is not.
 
     Parameters
@@ -73,33 +73,41 @@ class RiverSwim(Domain):
     0.0
     """
 
-    size: int = 6
-    forward: float = 0.3
-    back: float = 0.1
-    leave_bank: float = 0.3
-    stay_at_end: float = 0.3
+    size: Annotated[int, Rule(2, LARGEST_SIZE, "larger")] = 6
+    forward: Annotated[float, Rule(0, 1, "smaller")] = 0.3
+    back: Annotated[float, Rule(0, 1, "larger")] = 0.1
+    leave_bank: Annotated[float, Rule(0, 1, "smaller")] = 0.3
+    stay_at_end: Annotated[float, Rule(0, 1, "smaller")] = 0.3
     left_reward: float = 5.0
     right_reward: float = 10_000.0
     start: Any = (1, 2)
-    origin: int = 0
-    discount: float = 0.95
-    time_limit: int | None = 200
+    origin: Annotated[int, Rule(1 - LARGEST_SIZE, 2**31, varies=False)] = 0
+    discount: Discount = 0.95
+    time_limit: TimeLimit = 200
 
-    def __post_init__(self) -> None:
-        check_sizes(self, size=(2, LARGEST_SIZE))
-        chances = ("forward", "back", "leave_bank", "stay_at_end")
-        check_numbers(self, ("left_reward", "right_reward"), chances)
+    ACTIONS = ("left", "right")
+
+    def _check(self) -> None:
         if self.forward + self.back > 1 + PROBABILITY_TOLERANCE:
             raise TaskError(
                 f"forward and back must be at most 1 together: got {self.forward:g} and "
                 f"{self.back:g}"
             )
-        origin = whole_number("origin", self.origin, 1 - LARGEST_SIZE, TaskError)
-        object.__setattr__(self, "origin", int(number("origin", origin, TaskError, high=2**31)))
-        check_horizon(self)
-        object.__setattr__(self, "start", self._read_start())
+        if self.start != "uniform":
+            object.__setattr__(self, "start", self._positions())
 
-    # -- variants ------------------------------------------------------------------------------
+    def _positions(self) -> tuple[int, ...]:
+        """Return the positions of the start, sorted."""
+        listed = isinstance(self.start, Iterable) and not isinstance(self.start, str)
+        positions = whole([*self.start] if listed else [], "the positions of start")
+        end = self.origin + self.size
+        inside = (positions >= self.origin) & (positions < end)
+        if positions.ndim != 1 or not positions.size or not inside.all():
+            raise TaskError(
+                f"start must be 'uniform' or positions in {self.origin}..{end - 1}: got "
+                f"{self.start!r}"
+            )
+        return tuple(sorted(set(positions.tolist())))
 
     def crop(self, *, positions: tuple[int, int], start: Any = "uniform") -> Self:
         """Return the part of the river in a half-open range of its positions.
@@ -111,14 +119,14 @@ class RiverSwim(Domain):
         TaskError
             When the part exceeds the river or has fewer than 2 positions.
         """
-        given = whole(positions, "a crop's positions")
+        part = whole(positions, "a crop's positions")
         end = self.origin + self.size
-        if given.shape != (2,) or not self.origin <= given[0] < given[1] - 1 < end:
+        if part.shape != (2,) or not self.origin <= part[0] < part[1] - 1 < end:
             raise TaskError(
                 f"a crop must have 2 or more of the river's positions {self.origin}..{end}: got "
                 f"{positions!r}"
             )
-        first, last = int(given[0]), int(given[1])
+        first, last = part.tolist()
         return replace(
             self,
             size=last - first,
@@ -128,17 +136,10 @@ class RiverSwim(Domain):
             start=start,
         )
 
-    # -- spaces --------------------------------------------------------------------------------
-
     @cached_property
     def states(self) -> Space:
         """The swimmer's position."""
         return Space([Component("position", self.size, low=self.origin)])
-
-    @cached_property
-    def actions(self) -> Space:
-        """Swimming left and right."""
-        return Space([Component("move", 2, labels=("left", "right"))])
 
     @cached_property
     def layout(self) -> GridLayout:
@@ -150,8 +151,6 @@ class RiverSwim(Domain):
             shape=(1, self.size),
             origin=(0, self.origin),
         )
-
-    # -- tables --------------------------------------------------------------------------------
 
     @cached_property
     def mdp(self) -> FiniteMDP:
@@ -166,8 +165,7 @@ class RiverSwim(Domain):
         reward = np.zeros((2 * n, 3))
         reward[0, 0] = self.left_reward
         reward[-1, 1] = self.right_reward
-        return tables_of(
-            self,
+        return self._tables(
             np.concatenate([left, right]),
             np.tile(to, (2, 1)),
             reward,
@@ -176,17 +174,28 @@ class RiverSwim(Domain):
             outcome_row=np.stack([here, n + here], axis=1),
         )
 
-    def _read_start(self) -> Any:
-        """Return the start as ``"uniform"`` or sorted positions."""
-        if isinstance(self.start, str) and self.start == "uniform":
-            return self.start
-        listed = list(self.start) if isinstance(self.start, Iterable) else []
-        given = whole([] if isinstance(self.start, str) else listed, "the positions of start")
-        end = self.origin + self.size
-        inside = (given >= self.origin) & (given < end)
-        if given.ndim != 1 or not given.size or not inside.all():
-            raise TaskError(
-                f"start must be 'uniform' or positions in {self.origin}..{end - 1}: got "
-                f"{self.start!r}"
-            )
-        return tuple(sorted(set(given.tolist())))
+
+def _river(size: Annotated[int, Rule(2, LARGEST_OF_FAMILY, "larger")] = 6, **rules: Any) -> Any:
+    """Return a river whose episodes start at its second or third position, where it has them."""
+    return RiverSwim(size, start=(1, 2) if size > 2 else (1,), **rules)
+
+
+def _from_the_right_bank(target: FamilyMember, source: FamilyMember) -> Any:
+    """Return how a river reads another: counted from the right bank, and not past the left one."""
+    shift = target["size"] - source["size"]
+
+    def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
+        return {"position": np.maximum(states["position"] - shift, 0)}, actions
+
+    return function
+
+
+def _chances_of_a_river(parameters: dict[str, Any]) -> str | None:
+    total = parameters["forward"] + parameters["back"]
+    return None if total <= 1 else "forward and back of river_swim must be at most 1 together"
+
+
+river_swim_family = family_of(
+    RiverSwim, _river, mapping=_from_the_right_bank, constraint=_chances_of_a_river
+)
+"""Rivers (:class:`RiverSwim`); members map by position, counted from the right bank."""

@@ -23,11 +23,11 @@ from curricle.tasks.domain import MOVES
 from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
 from curricle.tasks.grid_view import GridView, stacked
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space, parts_of
 from curricle.tasks.start_states import TaskWithStart
-from curricle.tasks.task import generative_model
 
 FINER = 4
 """Figures are drawn this many times larger and then reduced, which smooths their edges."""

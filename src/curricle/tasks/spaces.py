@@ -149,10 +149,10 @@ class Space(Frozen):
     points: Any = None
 
     def __post_init__(self) -> None:
-        given = self.components
-        if not isinstance(given, Sequence) or not all(isinstance(c, Component) for c in given):
-            raise TaskError(f"components must be a list of Component: got {given!r}")
-        object.__setattr__(self, "components", tuple(given))
+        axes = self.components
+        if not isinstance(axes, Sequence) or not all(isinstance(c, Component) for c in axes):
+            raise TaskError(f"components must be a list of Component: got {axes!r}")
+        object.__setattr__(self, "components", tuple(axes))
         names = [c.name for c in self.components]
         if not names or len(set(names)) != len(names):
             raise TaskError(f"components need different names, at least one: got {names}")
@@ -280,11 +280,11 @@ class Space(Frozen):
                 f"encode needs exactly the components {', '.join(self.names)}: got "
                 f"{', '.join(values) or 'none'}"
             )
-        given = [whole(values[name], f"component {name!r}") for name in self.names]
+        arrays = [whole(values[name], f"component {name!r}") for name in self.names]
         try:
-            columns = np.broadcast_arrays(*given)
+            columns = np.broadcast_arrays(*arrays)
         except ValueError:
-            shapes = ", ".join(str(column.shape) for column in given)
+            shapes = ", ".join(str(array.shape) for array in arrays)
             raise TaskError(f"components' shapes must broadcast together: got {shapes}") from None
         if self.points is not None:
             return self._look_up(np.stack(columns, axis=-1))
@@ -326,8 +326,8 @@ class Space(Frozen):
         records, numbers = self._sorted
         wanted = _records(rows.reshape(-1, len(self.names)))
         nearest = np.minimum(np.searchsorted(records, wanted), len(records) - 1)
-        found = np.where(records[nearest] == wanted, numbers[nearest], MISSING)
-        return found.reshape(rows.shape[:-1])
+        points = np.where(records[nearest] == wanted, numbers[nearest], MISSING)
+        return points.reshape(rows.shape[:-1])
 
     def label(self, index: int) -> str:
         """Return the point as text, ``name=value`` for each component."""

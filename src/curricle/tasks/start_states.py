@@ -16,9 +16,8 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen, adopted
-from curricle.tasks.mdp import FiniteMDP, edges_of, reachable_states
+from curricle.tasks.mdp import FiniteMDP, edges_of, reachable_states, tables
 from curricle.tasks.spaces import MISSING, Component, Space
-from curricle.tasks.task import tables
 from curricle.text_tables import counted
 
 Goal = npt.ArrayLike | Mapping[str, Any] | None
@@ -197,22 +196,22 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
     source, target = edges_of(mdp)
     backwards = np.ones(len(source), np.bool_), (target, source)
     graph = csr_array(backwards, shape=(nodes, nodes))
-    found = dijkstra(graph, indices=np.flatnonzero(wanted), unweighted=True, min_only=True)
-    far = found[: len(mdp.terminal)] / 2  # a step is an edge to a row and one from it
+    edges = dijkstra(graph, indices=np.flatnonzero(wanted), unweighted=True, min_only=True)
+    far = edges[: len(mdp.terminal)] / 2  # a step is an edge to a row and one from it
     return np.where(np.isfinite(far), far, -1).astype(np.int64)
 
 
 def goal_states(task: Any, goal: Goal = None) -> BoolArray:
     """Return which states are the goal, (S,) bool; the parameters are those of goal_distance."""
     mdp = tables(task)
-    found = _entered_best(mdp) if goal is None else _given_goal(mdp, goal)
-    if not found.any():
+    states = _entered_best(mdp) if goal is None else _named_goal(mdp, goal)
+    if not states.any():
         raise TaskError(
             "a goal needs at least one state: none is terminal and can be entered; give the goal"
             if goal is None
             else f"a goal needs at least one state: got {goal!r}"
         )
-    return found
+    return states
 
 
 def _entered_best(mdp: FiniteMDP) -> BoolArray:
@@ -220,46 +219,45 @@ def _entered_best(mdp: FiniteMDP) -> BoolArray:
     used = np.zeros(len(mdp.probability), dtype=bool)
     used[mdp.outcome_row[~mdp.terminal]] = True
     ends = used[:, None] & (mdp.probability > 0) & mdp.terminal[mdp.next_state]
-    found = np.zeros(len(mdp.terminal), dtype=bool)
-    if ends.any():
-        best = mdp.reward[ends].max()
-        found[mdp.next_state[ends & (mdp.reward == best)]] = True
-    return found
+    best = mdp.reward[ends].max(initial=-np.inf)
+    return _flags(len(mdp.terminal), mdp.next_state[ends & (mdp.reward == best)])
 
 
-def _given_goal(mdp: FiniteMDP, goal: Any) -> BoolArray:
+def _flags(n_states: int, states: Any) -> BoolArray:
+    flags = np.zeros(n_states, dtype=bool)
+    flags[states] = True
+    return flags
+
+
+def _named_goal(mdp: FiniteMDP, goal: Any) -> BoolArray:
     n_states = len(mdp.terminal)
     if isinstance(goal, Mapping):
-        found = np.ones(n_states, dtype=bool)
-        values = mdp.states.decode()
-        for name, given in goal.items():
+        states, values = np.ones(n_states, dtype=bool), mdp.states.decode()
+        for name, wanted in goal.items():
             component = mdp.states.component(name)
-            several = isinstance(given, Iterable) and not isinstance(given, str)
-            wanted = [_value(component, value) for value in (given if several else [given])]
-            found &= np.isin(values[name], wanted)
-        return found
+            several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
+            listed = [_value(component, value) for value in (wanted if several else [wanted])]
+            states &= np.isin(values[name], listed)
+        return states
     array = np.asarray(goal)
     if array.dtype == np.bool_:
         if array.shape != (n_states,):
             raise TaskError(f"a goal of flags must have shape ({n_states},): got {array.shape}")
         return array
-    found = np.zeros(n_states, dtype=bool)
-    found[indices("the states of a goal", goal, n_states, TaskError)] = True
-    return found
+    return _flags(n_states, indices("the states of a goal", goal, n_states, TaskError))
 
 
-def _value(component: Component, given: Any) -> int:
+def _value(component: Component, wanted: Any) -> int:
     """Return the value of a component that a number or a label names."""
-    if isinstance(given, str) and component.labels is not None and given in component.labels:
-        return component.low + component.labels.index(given)
-    if isinstance(given, str):
-        known = ", ".join(component.labels or ()) or "numbers"
-        raise TaskError(f"{component.name} of a goal must be one of {known}: got {given!r}")
-    value = whole_number(f"{component.name} of a goal", given, component.low, TaskError)
+    labels, name = component.labels or (), f"{component.name} of a goal"
+    if isinstance(wanted, str):
+        if wanted not in labels:
+            known = ", ".join(labels) or "numbers"
+            raise TaskError(f"{name} must be one of {known}: got {wanted!r}")
+        return component.low + labels.index(wanted)
+    value = whole_number(name, wanted, component.low, TaskError)
     if value > component.high:
-        raise TaskError(
-            f"{component.name} of a goal must lie in {component.low}..{component.high}: got {value}"
-        )
+        raise TaskError(f"{name} must lie in {component.low}..{component.high}: got {value}")
     return value
 
 
@@ -274,36 +272,34 @@ def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
                 "start must be 'uniform', 'reachable', a GoalDistance, states or probabilities: "
                 f"got {start!r}"
             )
-        found = ~mdp.terminal
-        found &= reachable_states(mdp) if start == "reachable" else True
-        if not found.any():
+        going_on = ~mdp.terminal
+        going_on &= reachable_states(mdp) if start == "reachable" else True
+        if not going_on.any():
             raise TaskError(f"start={start!r} needs a state that does not end the episode")
-        return _equally(found)
+        return _equally(going_on)
     array = np.asarray(start)
     if array.dtype.kind in "iu":
         states = np.atleast_1d(indices("start states", start, n_states, TaskError))
         if not states.size or states.ndim > 1:
             raise TaskError(f"start must name at least one state: got {start!r}")
-        found = np.zeros(n_states, dtype=bool)
-        found[states] = True
-        return _equally(found)
-    given = numbers("start", start, TaskError)
-    if given.shape != (n_states,):
-        raise TaskError(f"start probabilities must have shape ({n_states},): got {given.shape}")
-    return given
+        return _equally(_flags(n_states, states))
+    chances = numbers("start", start, TaskError)
+    if chances.shape != (n_states,):
+        raise TaskError(f"start probabilities must have shape ({n_states},): got {chances.shape}")
+    return chances
 
 
 def _ring(mdp: FiniteMDP, ring: GoalDistance) -> BoolArray:
     far = goal_distance(mdp, ring.goal)
     possible = reachable_states(mdp) & ~mdp.terminal
-    found = (far >= ring.low) & (far <= (ring.high or 0)) & possible
-    if not found.any():
+    states = (far >= ring.low) & (far <= (ring.high or 0)) & possible
+    if not states.any():
         most = far[possible].max(initial=MISSING)
         reached = f"the farthest lies {most} steps off" if most > 0 else "there is no way to it"
         raise TaskError(
             f"no state to start in lies {ring.low}..{ring.high} steps from the goal: {reached}"
         )
-    return found
+    return states
 
 
 def _equally(states: BoolArray) -> FloatArray:

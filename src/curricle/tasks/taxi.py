@@ -10,18 +10,17 @@ mind once, are left out: its own table does not have them either.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.checks import instance
-from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
-from curricle.tasks.domain import cell_space, check_sizes, landing_or_staying, tables_of
+from curricle.frozen_arrays import frozen
+from curricle.tasks.domain import Discount, Domain, TimeLimit, cell_space, family_of, landing
+from curricle.tasks.family import ComponentsByName, Rule
 from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP, check_horizon
-from curricle.tasks.outcomes import check_numbers
-from curricle.tasks.spaces import Component, Space
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.spaces import MISSING, Component, Space
 
 STANDS = ("red", "green", "yellow", "blue")
 MOVES = {"south": (1, 0), "north": (-1, 0), "east": (0, 1), "west": (0, -1)}
@@ -36,7 +35,7 @@ LARGEST_TOWN = 50
 
 
 @dataclass(frozen=True)
-class Taxi(Frozen):
+class Taxi(Domain):
     """A taxi in a town of `size` x `size` cells; Gymnasium's has 5 x 5 and 4 stands.
 
     Parameters
@@ -68,22 +67,15 @@ class Taxi(Frozen):
     54
     """
 
-    size: int = 5
-    stands: int = 4
-    walls: bool = True
-    rainy: bool = False
-    success_rate: float = 0.8
-    discount: float = 0.99
-    time_limit: int | None = 200
+    size: Annotated[int, Rule(3, LARGEST_TOWN, "larger")] = 5
+    stands: Annotated[int, Rule(2, len(STANDS), "larger")] = 4
+    walls: Annotated[bool, Rule(harder="larger")] = True
+    rainy: Annotated[bool, Rule(harder="larger")] = False
+    success_rate: Annotated[float, Rule(0, 1, "smaller")] = 0.8
+    discount: Discount = 0.99
+    time_limit: TimeLimit = 200
 
-    def __post_init__(self) -> None:
-        check_sizes(self, size=(3, LARGEST_TOWN), stands=(2, len(STANDS)))
-        for name in ("walls", "rainy"):
-            instance(name, getattr(self, name), bool, TaskError)
-        check_numbers(self, (), ("success_rate",))
-        check_horizon(self)
-
-    # -- spaces --------------------------------------------------------------------------------
+    ACTIONS = (*MOVES, "pick up", "drop off")  # in Gymnasium's order
 
     @cached_property
     def states(self) -> Space:
@@ -97,11 +89,6 @@ class Taxi(Frozen):
                 Component("destination", self.stands, labels=names),
             ]
         )
-
-    @cached_property
-    def actions(self) -> Space:
-        """Four moves, picking up and dropping off, in Gymnasium's order."""
-        return Space([Component("move", 6, labels=(*MOVES, "pick up", "drop off"))])
 
     @property
     def stand_cells(self) -> IntArray:
@@ -127,13 +114,12 @@ class Taxi(Frozen):
             walls[n - long :, [0, n - 3]] = True
         return walls
 
-    # -- tables --------------------------------------------------------------------------------
-
     @cached_property
     def landing(self) -> IntArray:
         """The cell that each move leads to from each cell, (size^2, 4) int64."""
         here = np.arange(self.size**2)[:, None]
-        to = landing_or_staying(cell_space(self.size, self.size), MOVES)
+        to = landing(cell_space(self.size, self.size), MOVES)
+        to = np.where(to == MISSING, here, to)
         sideways = np.array([right != 0 for _, right in MOVES.values()])
         # A wall stands to the east of the more western of the two cells.
         blocked = sideways & self.wall_cells.ravel()[np.minimum(here, to)]
@@ -145,65 +131,44 @@ class Taxi(Frozen):
         values, stands = self.states.decode(), self.stand_cells
         cell = values["row"] * self.size + values["column"]
         passenger, destination = values["passenger"], values["destination"]
-        moved = self._state(
-            self._driven[cell], passenger[:, None, None], destination[:, None, None]
-        )
-        picked, picked_reward = self._picked_up(cell, passenger, destination)
-        dropped, dropped_reward = self._dropped_off(cell, passenger, destination)
-        used = np.broadcast_to(
-            np.stack([picked, dropped], axis=1)[:, :, None], (len(cell), 2, moved.shape[2])
-        )
-        reward = [np.full(len(cell), -1.0)] * 4 + [picked_reward, dropped_reward]
-        begins = (passenger < self.stands) & (passenger != destination)
-        return tables_of(
-            self,
-            self._probability,
-            np.concatenate([moved, used], axis=1),
-            np.stack(reward, axis=1)[:, :, None],
+        waits, here = passenger < self.stands, cell[:, None] == stands
+        picks = waits & (stands[np.minimum(passenger, self.stands - 1)] == cell)
+        drops = ~waits & here.any(axis=1)
+        left = np.where(drops, here.argmax(axis=1), passenger)
+        arrives = drops & (left == destination)
+        driven, chances = self._driving
+        others = passenger[:, None, None], destination[:, None, None]
+        moved = self._state(driven[cell], *others)
+        picked = self._state(cell, np.where(picks, self.stands, passenger), destination)
+        used = np.stack([picked, self._state(cell, left, destination)], axis=1)[:, :, None]
+        reward = np.full((len(cell), 6, 1), -1.0)
+        reward[~picks, 4] = reward[~drops, 5] = -10.0
+        reward[arrives, 5] = 20.0
+        return self._tables(
+            chances,
+            np.concatenate([moved, np.repeat(used, moved.shape[2], axis=2)], axis=1),
+            reward,
             terminal=(passenger == destination) & (cell == stands[destination]),
-            starting=np.flatnonzero(begins),
+            starting=np.flatnonzero(waits & (passenger != destination)),
         )
-
-    def _picked_up(
-        self, cell: IntArray, passenger: IntArray, destination: IntArray
-    ) -> tuple[IntArray, FloatArray]:
-        """Return the state after picking up, and the reward, (S,) each."""
-        there = self.stand_cells[np.minimum(passenger, self.stands - 1)] == cell
-        works = (passenger < self.stands) & there
-        taken = np.where(works, self.stands, passenger)
-        return self._state(cell, taken, destination), np.where(works, -1.0, -10.0)
-
-    def _dropped_off(
-        self, cell: IntArray, passenger: IntArray, destination: IntArray
-    ) -> tuple[IntArray, FloatArray]:
-        """Return the state after dropping off, and the reward, (S,) each."""
-        at = cell[:, None] == self.stand_cells
-        works = (passenger == self.stands) & at.any(axis=1)
-        left = np.where(works, at.argmax(axis=1), passenger)
-        arrived = works & (left == destination)
-        reward = np.where(arrived, 20.0, np.where(works, -1.0, -10.0))
-        return self._state(cell, left, destination), reward
 
     def _state(self, cell: IntArray, passenger: IntArray, destination: IntArray) -> IntArray:
         return (cell * (self.stands + 1) + passenger) * self.stands + destination
 
     @property
-    def _driven(self) -> IntArray:
-        """The cells that a move may lead to, (size^2, 4, O); all the same where it is blocked."""
+    def _driving(self) -> tuple[IntArray, FloatArray]:
+        """The cells that a move may lead to, (size^2, 4, O), and the chances of actions, (6, O)."""
         if not self.rainy:
-            return self.landing[:, :, None]
+            return self.landing[:, :, None], np.ones((6, 1))
         names, here = list(MOVES), np.arange(self.size**2)[:, None]
-        moved = self.landing != here
-        sides = [
-            self.landing[:, [names.index(SIDES[name][side]) for name in names]] for side in (0, 1)
-        ]
-        return np.stack([self.landing, *(np.where(moved, one, here) for one in sides)], axis=2)
-
-    @property
-    def _probability(self) -> FloatArray:
-        """The chances of the outcomes of each action, (A, O)."""
-        if not self.rainy:
-            return np.ones((6, 1))
+        outcomes, moved = [self.landing], self.landing != here  # where it is blocked all stay
+        for side in (0, 1):
+            turned = self.landing[:, [names.index(SIDES[name][side]) for name in names]]
+            outcomes.append(np.where(moved, turned, here))
         sides = (1 - self.success_rate) / 2
-        drives = np.tile([self.success_rate, sides, sides], (4, 1))
-        return np.concatenate([drives, np.tile([1.0, 0.0, 0.0], (2, 1))])
+        chances = [[self.success_rate, sides, sides]] * 4 + [[1.0, 0.0, 0.0]] * 2
+        return np.stack(outcomes, axis=2), np.array(chances)
+
+
+taxi_family = family_of(Taxi, mapping=ComponentsByName("scale"))
+"""Taxis (:class:`Taxi`); members map by name, rows and columns in proportion."""

@@ -12,8 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, FloatTable, IntArray
-from curricle.tasks.draws import uniform
-from curricle.tasks.generative_models import (
+from curricle.tasks.kernel import inlined, uniform
+from curricle.tasks.live import answer
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import (
     Tables,
     evaluation_models,
     failures,
@@ -21,9 +23,6 @@ from curricle.tasks.generative_models import (
     table_model,
     transitions,
 )
-from curricle.tasks.live import answer
-from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.overloads import inlined
 
 
 class SharedTables(NamedTuple):

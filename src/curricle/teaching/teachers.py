@@ -13,7 +13,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.display import brief_repr
 from curricle.errors import SettingError
-from curricle.tasks.draws import ALL, STRIDE, splitmix64, uniform
+from curricle.tasks.kernel import ALL, STRIDE, splitmix64, uniform
 
 SUM_TOLERANCE = 1e-9
 """By which probabilities may miss 1; they are divided by their sum."""

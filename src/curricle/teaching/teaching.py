@@ -30,12 +30,11 @@ from curricle.learning.training import given_or_default, stopping_kernel, train_
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
 from curricle.statistics.curves import Curve
-from curricle.tasks.draws import ALL, stream_start, uniform
+from curricle.tasks.kernel import ALL, stream_start, uniform
 from curricle.tasks.live import BROKEN_DOWN, Answer
-from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.mdp import FiniteMDP, Task, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.start_states import Goal, goal_states
-from curricle.tasks.task import Task, tables
 from curricle.teaching.taught_model import EpisodeRecord, SharedTables, TaughtModel
 from curricle.teaching.teachers import Episode, TaskSampler, Teacher, Uniform, check_teacher
 from curricle.text_tables import counted

@@ -21,8 +21,8 @@ from curricle.display import brief_repr
 from curricle.errors import MappingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.progress import SILENT, Bars, Progress, shown
-from curricle.tasks.loop_cache import compiled_once
-from curricle.tasks.task import Task, tables
+from curricle.tasks.kernel import compiled_once
+from curricle.tasks.mdp import Task, tables
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.partition_refinement import Blocks, Model, merged_outcomes, refined
 from curricle.transfer.task_pair import Proposal, TaskPair, apart

@@ -18,7 +18,7 @@ from curricle.errors import CalibrationError, PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
 from curricle.learning.record import WarmUp
-from curricle.tasks.task import generative_model
+from curricle.tasks.mdp import generative_model
 from curricle.text_tables import counted
 from curricle.transfer.edges import CALIBRATION_EPISODES, Calibrate
 from curricle.transfer.observation_rollouts import greedy_observation_rollouts

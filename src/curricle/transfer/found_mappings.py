@@ -11,8 +11,8 @@ from curricle.checks import brief, whole_number
 from curricle.display import block, brief_repr, printed, shortened, table
 from curricle.errors import CurriculumError, MappingError, SettingError, TaskError
 from curricle.progress import SILENT, Bars, Progress, check_progress, shown
+from curricle.tasks.mdp import Task, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.task import Task, has_tables, same_task
 from curricle.text_tables import counted
 from curricle.transfer.bisimulation import by_homomorphism, by_lax_bisimulation
 from curricle.transfer.common_part import by_common_part

@@ -7,9 +7,9 @@ import numpy as np
 
 from curricle.array_types import IntArray
 from curricle.errors import MappingError
+from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.tasks.spaces import Component, Space
-from curricle.tasks.task import Task, generative_model
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
 from curricle.transfer.observation_mapping import ObservationMapping
 

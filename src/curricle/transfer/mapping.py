@@ -15,8 +15,8 @@ from curricle.display import block, table
 from curricle.errors import MappingError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.mdp import Task, generative_model, same_task
 from curricle.tasks.spaces import MISSING, Decoded
-from curricle.tasks.task import Task, generative_model, same_task
 from curricle.text_tables import counted
 
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]

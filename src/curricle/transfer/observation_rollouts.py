@@ -14,7 +14,7 @@ from curricle.frozen_arrays import frozen
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
-from curricle.tasks.draws import splitmix64, stream_start
+from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
 from curricle.transfer.potentials import ObservationPotential
 

@@ -22,10 +22,10 @@ from curricle.learning.value_lookup import (
     TOTAL,
     ValueLookup,
 )
+from curricle.tasks.kernel import inverse_of
+from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import ObservationTask
-from curricle.tasks.simd import inverse_of
 from curricle.tasks.spaces import MISSING
-from curricle.tasks.task import Task, generative_model
 from curricle.transfer.aggregation import (
     UNCHANGED_ALONE,
     Aggregate,

@@ -13,8 +13,7 @@ from curricle.learning.potential_rollouts import (
 )
 from curricle.planning.solution import Solution, right_choices
 from curricle.planning.target import Target
-from curricle.tasks.mdp import reachable_states
-from curricle.tasks.task import Task, tables
+from curricle.tasks.mdp import Task, reachable_states, tables
 from curricle.transfer.observation_rollouts import ObservationTarget, greedy_observation_rollouts
 from curricle.transfer.potentials import ObservationPotential
 

@@ -13,10 +13,16 @@ from curricle.display import brief_repr
 from curricle.errors import SettingError, TaskError
 from curricle.planning.simulator import UniformPolicy, simulate
 from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
-from curricle.tasks.draws import stream_start
+from curricle.tasks.kernel import stream_start
 from curricle.tasks.live import open_model
-from curricle.tasks.mdp import FiniteMDP, reachable_states
-from curricle.tasks.task import Task, generative_model, has_tables, tables
+from curricle.tasks.mdp import (
+    FiniteMDP,
+    Task,
+    generative_model,
+    has_tables,
+    reachable_states,
+    tables,
+)
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
 

@@ -14,7 +14,7 @@ from curricle.errors import SettingError, TaskError
 from curricle.interop.environment import to_gymnasium
 from curricle.interop.registration import register
 from curricle.planning import rollout
-from curricle.tasks.task import generative_model
+from curricle.tasks.mdp import generative_model
 from tests.refusals import check_values
 
 from .environments import TASKS, WALLED

@@ -8,7 +8,7 @@ import pytest
 from gymnasium import spaces
 
 import curricle as cr
-from curricle.tasks.task import same_task
+from curricle.tasks.mdp import same_task
 from tests.refusals import check_values
 
 from .environments import TWO, Echo, Ring

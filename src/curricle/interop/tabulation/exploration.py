@@ -27,7 +27,7 @@ from curricle.interop.tabulation.states import (
 from curricle.interop.tabulation.tabulated_task import same_observation
 from curricle.interop.toy_text import HARMLESS, acts_as
 from curricle.tasks.live import RETURNED
-from curricle.tasks.outcomes import SINGLE_PRECISION, number_of
+from curricle.tasks.mdp import SINGLE_PRECISION, number_of
 
 MORE_RESETS = 8
 """Resets with other seeds, by which it is seen whether the states that they lead to differ."""

@@ -59,7 +59,7 @@ from curricle.interop.tabulation.tabulated_task import (
 from curricle.interop.toy_text import has_table, names_of
 from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
-from curricle.tasks.outcomes import number_of
+from curricle.tasks.mdp import number_of
 from curricle.tasks.spaces import Space, values_of
 
 STEPS = 1000

@@ -42,7 +42,7 @@ from curricle.study.config.tables import (
     word,
     wrong,
 )
-from curricle.tasks.families.family import FamilyMember
+from curricle.tasks.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer import aggregation, component_mapping, mapping
 from curricle.transfer.component_mapping import member_mappings

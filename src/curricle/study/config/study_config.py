@@ -45,7 +45,7 @@ from curricle.study.config.tables import (
 )
 from curricle.study.config.tasks import TASKS, AnyTask, FamilyTable, FamilyTask, started
 from curricle.study.record import VariantRecord
-from curricle.tasks.families.family import FamilyMember
+from curricle.tasks.family import FamilyMember
 from curricle.text_tables import counted
 
 # -- The tables of a study: as a file writes them, and as they are with all settings filled in -----

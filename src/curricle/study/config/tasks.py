@@ -50,19 +50,19 @@ from curricle.study.config.tables import (
     wrong_at,
 )
 from curricle.tasks.block_dude import BlockDude
+from curricle.tasks.built_in import BUILT_IN
 from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.domain import MOVES
-from curricle.tasks.families.built_in import BUILT_IN
-from curricle.tasks.families.family import FamilyMember, TaskFamily
+from curricle.tasks.family import FamilyMember, TaskFamily
 from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.frozen_lake import FrozenLake
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.key_lock_pit import KeyLockPit
+from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.river_swim import RiverSwim
 from curricle.tasks.start_states import GoalDistance, TaskWithStart, with_start
-from curricle.tasks.task import generative_model
 
 # -- Start states of a task in a study file: a ring around its goal, reachable ones, or visits -----
 

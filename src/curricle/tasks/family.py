@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
-from itertools import product, repeat
+from itertools import product
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from curricle.checks import (
     BEYOND_64_BITS,
@@ -22,8 +22,8 @@ from curricle.checks import (
 )
 from curricle.errors import TaskError
 from curricle.frozen_arrays import Frozen
+from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.task import generative_model
 
 KINDS: tuple[type, ...] = (bool, int, float, str)
 MOST_LISTED = 10_000
@@ -88,10 +88,10 @@ class Parameter:
         if self.kind is not None and not any(self.kind is kind for kind in KINDS):
             raise TaskError(f"the kind {of} must be int, float, bool or str: got {self.kind!r}")
         if self.harder is not None:
-            one_of(f"harder {of}", self.harder, ("larger", "smaller", "later"), TaskError)
+            one_of(f"harder {of}", self.harder, get_args(Harder), TaskError)
         instance(f"optional {of}", self.optional, bool, TaskError)
         if self.values is not None:
-            self._check_values(of)
+            object.__setattr__(self, "values", self._checked_values(of))
         elif self.harder == "later" and self.kind is not None:
             raise TaskError(f"harder='later' {of} needs values in that order: there are none")
         for name in ("low", "high"):
@@ -100,25 +100,23 @@ class Parameter:
         if self.low is not None and self.high is not None and self.low > self.high:
             raise TaskError(f"low {of} must be at most high: got {self.low} and {self.high}")
 
-    def _check_values(self, of: str) -> None:
-        given = self.values
-        if isinstance(given, str) or not hasattr(given, "__iter__"):
-            raise TaskError(f"the values {of} must be a list: got {given!r}")
-        values = tuple(given)
-        plain = [type(value) in KINDS for value in values]
-        if not values or not all(plain) or len(set(map(_key, values))) < len(values):
+    def _checked_values(self, of: str) -> tuple[Any, ...]:
+        if isinstance(self.values, str) or not hasattr(self.values, "__iter__"):
+            raise TaskError(f"the values {of} must be a list: got {self.values!r}")
+        values = tuple(self.values)
+        kinds = {type(value) for value in values}
+        if not values or not kinds <= {*KINDS} or len(set(map(_key, values))) < len(values):
             raise TaskError(
                 f"the values {of} must be different numbers, words or flags, at least one: got "
                 f"{values!r}"
             )
         if (self.kind, self.low, self.high) != (None, None, None):
             raise TaskError(f"the values {of} say all: leave out kind, low and high")
-        numeric = all(type(value) in (int, float, bool) for value in values)
-        if self.harder in ("larger", "smaller") and not numeric:
+        if self.harder in ("larger", "smaller") and str in kinds:
             raise TaskError(
                 f"harder {of} must be 'later', the order of its values, which are words"
             )
-        object.__setattr__(self, "values", values)
+        return values
 
     @property
     def required(self) -> bool:
@@ -131,53 +129,47 @@ class Parameter:
         known: tuple[Any, ...] | None = (False, True) if self.kind is bool else self.values
         return known
 
-    def checked(self, value: Any, family: str) -> Any:
-        """Return a value as the family's members hold it, or raise TaskError."""
-        name = f"{self.name} of {family}"
+    def checked(self, value: Any, family: str = "") -> Any:
+        """Return a value as members of a family hold it, or raise TaskError."""
+        name = f"{self.name} of {family}" if family else self.name
         if value is None and self.optional:
             return None
         if self.values is not None:
             whole = isinstance(value, float) and value.is_integer()
-            for given in (value, int(value)) if whole else (value,):
+            for form in (value, int(value)) if whole else (value,):
                 for known in self.values:
-                    if _key(known) == _key(given):
+                    if _key(known) == _key(form):
                         return known
             raise TaskError(f"{name} must be one of {self.listed()}: got {value!r}")
         if self.kind is bool:
             if not isinstance(value, bool):
                 raise TaskError(f"{name} must be True or False: got {value!r}")
-            return value
-        if self.kind is str:
+        elif self.kind is str:
             text(name, value, TaskError)
-            return value
-        low = -BEYOND_64_BITS + 1 if self.low is None else self.low
-        high = BEYOND_64_BITS if self.high is None else self.high
-        if self.kind is int:
+        elif self.kind is int:
+            low = 1 - BEYOND_64_BITS if self.low is None else int(self.low)
+            high = BEYOND_64_BITS if self.high is None else self.high
             if self.low is None and number(name, value, TaskError) % 1:
                 raise TaskError(f"{name} must be a whole number: got {value!r}")
-            value = whole_number(name, value, int(low), TaskError)
+            value = whole_number(name, value, low, TaskError)
             number(name, value, TaskError, low, high)
-            return value
-        limits = {key: v for key, v in (("low", self.low), ("high", self.high)) if v is not None}
-        return number(name, value, TaskError, **limits)
+        else:
+            limits = {"low": self.low, "high": self.high}.items()
+            value = number(name, value, TaskError, **{k: v for k, v in limits if v is not None})
+        return value
 
     def choices(self, family: str) -> tuple[Any, ...]:
         """Return all values in order; TaskError where they are too many to be listed."""
-        if self._known is not None:
-            found = self._known
-        elif (
-            self.kind is int
-            and self.low is not None
-            and self.high is not None
-            and self.high - self.low < MOST_LISTED
-        ):
-            found = tuple(range(int(self.low), int(self.high) + 1))
-        else:
+        known: Any = self._known
+        low, high = self.low, self.high
+        if self.kind is int and low is not None and high is not None and high - low < MOST_LISTED:
+            known = range(int(low), int(high) + 1)
+        if known is None:
             raise TaskError(
                 f"{self.name} of {family} has too many values to list, {self.listed()}: give those "
                 "that are wanted"
             )
-        return (*found, None) if self.optional else found
+        return (*known, None) if self.optional else tuple(known)
 
     def difficulty(self, value: Any) -> float | None:
         """Return a number that is larger for harder values; None where values are not ordered."""
@@ -186,7 +178,7 @@ class Parameter:
         if value is None:
             return math.inf
         if self.harder == "later":
-            return float([_key(known) for known in self.values].index(_key(value)))
+            return float([*map(_key, self.values)].index(_key(value)))
         return float(value) if self.harder == "larger" else -float(value)
 
     def easier_than(self, value: Any) -> tuple[Any, ...]:
@@ -195,13 +187,13 @@ class Parameter:
         if most is None:
             return ()
         if self._known is not None:
-            return tuple(one for one in self._known if (self.difficulty(one) or 0.0) < most)
-        up = self.harder == "larger"
-        first, last = (self.low, self.high) if up else (self.high, self.low)
-        end = value if value is not None else None if last is None else last + (1 if up else -1)
+            return tuple(known for known in self._known if (self.difficulty(known) or 0.0) < most)
+        step = 1 if self.harder == "larger" else -1
+        first, last = (self.low, self.high)[::step]
+        end = value if value is not None else None if last is None else last + step
         if self.kind is not int or first is None or end is None or abs(end - first) > MOST_LISTED:
             return ()
-        return tuple(range(int(first), int(end), 1 if up else -1))
+        return tuple(range(int(first), int(end), step))
 
     def listed(self) -> str:
         """Return the values in words.
@@ -230,65 +222,92 @@ def _key(value: Any) -> tuple[type, Any]:
     return type(value), value
 
 
+class Rule(NamedTuple):
+    """What an annotation says of a value: ``size: Annotated[int, Rule(2, 9, "larger")] = 4``."""
+
+    low: float | None = None
+    high: float | None = None
+    harder: Harder | None = None
+    values: tuple[Any, ...] | None = None
+    varies: bool = True  # whether members of a family may differ in it
+
+
+def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
+    """Return the type that each parameter is annotated with, its rule, and whether None fits.
+
+    Of a class these are those of its fields. A type of several kinds stays as it is annotated.
+    """
+    known = dict[str, tuple[Any, Rule, bool]]()
+    for name, hint in get_type_hints(function, include_extras=True).items():
+        kind, rule = hint, Rule()
+        if get_origin(hint) is Annotated:
+            kind, *extras = get_args(hint)
+            rule = next((extra for extra in extras if isinstance(extra, Rule)), rule)
+        members = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+        others = [member for member in members if member is not NoneType]
+        optional = len(others) < len(members)
+        known[name] = (others[0] if len(others) == 1 else kind), rule, optional
+    return known
+
+
 def complete_parameters(
     declared: tuple[Parameter, ...], function: Callable[..., Any], family: str
 ) -> tuple[Parameter, ...]:
-    """Return the parameters of a family's function, in its order, declared ones first of all.
+    """Return the parameters of a family's function, in its order, with what annotations say.
 
-    A parameter that is not declared has the kind and default of the signature; without an
-    annotation the default's kind. One whose annotation or default is no kind that a family has
-    keeps its default and is no parameter of the family.
+    What is declared comes first. A parameter that is not declared has the kind and default of the
+    signature; without an annotation the default's kind. A parameter whose annotation or default is
+    no kind that a family has keeps its default and is no parameter of the family.
     """
-    signature, hints = inspect.signature(function).parameters, get_type_hints(function)
-    by_name = {one.name: one for one in declared}
-    free = any(one.kind is inspect.Parameter.VAR_KEYWORD for one in signature.values())
+    signature, rules = inspect.signature(function).parameters, rules_of(function)
+    by_name = {parameter.name: parameter for parameter in declared}
+    variadic = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
+    free = any(entry.kind is variadic[0] for entry in signature.values())
     strange = [name for name in by_name if name not in signature and not free]
     if strange or len(by_name) < len(declared):
         raise TaskError(
             f"the parameters of {family} must be different ones of its function, "
-            f"{', '.join(signature)}: got {', '.join(one.name for one in declared)}"
+            f"{', '.join(signature)}: got {', '.join(parameter.name for parameter in declared)}"
         )
-    found = list[Parameter]()
-    for name, one in signature.items():
-        if one.kind in (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL):
+    parameters = list[Parameter]()
+    for name, entry in signature.items():
+        if entry.kind in variadic:
             continue
-        default = ... if one.default is inspect.Parameter.empty else one.default
-        parameter = _complete(by_name.get(name), name, hints.get(name), default)
-        if parameter is not None:
-            found.append(parameter)
-        elif default is ... or name in by_name:
-            raise TaskError(
-                f"parameter {name!r} of {family} must have a kind: declare it, or annotate it as "
-                "int, float, bool, str or Literal[...]"
-            )
-    found += [one for name, one in by_name.items() if name not in signature]
+        default = ... if entry.default is inspect.Parameter.empty else entry.default
+        unannotated: tuple[Any, Rule, bool] = type(default), Rule(), False
+        kind, rule, optional = rules.get(name, unannotated)
+        parameter = by_name.get(name, Parameter(name))
+        if parameter.default is ...:
+            parameter = replace(parameter, default=default)
+        unknown = parameter.kind is None and parameter.values is None
+        if parameter.default is None or (unknown and optional):
+            parameter = replace(parameter, optional=True)
+        if name not in by_name:
+            low, high, harder, values, _ = rule
+            parameter = replace(parameter, low=low, high=high, harder=harder, values=values)
+        if unknown and parameter.values is None:
+            if kind in KINDS:  # bool, int, float or str
+                parameter = replace(parameter, kind=kind)
+            elif get_origin(kind) is Literal:
+                parameter = replace(parameter, values=get_args(kind))
+            elif default is ... or name in by_name:
+                raise TaskError(
+                    f"parameter {name!r} of {family} must have a kind: declare it, or annotate it "
+                    "as int, float, bool, str or Literal[...]"
+                )
+            else:
+                continue
+        if rule.varies or name in by_name:
+            parameters.append(parameter)
+    parameters += [parameter for name, parameter in by_name.items() if name not in signature]
     return tuple(
-        one
-        if one.required
-        else replace(one, default=one.checked(one.default, f"{family}, its default,"))
-        for one in found
+        parameter
+        if parameter.required
+        else replace(
+            parameter, default=parameter.checked(parameter.default, f"{family}, its default,")
+        )
+        for parameter in parameters
     )
-
-
-def _complete(declared: Parameter | None, name: str, hint: Any, default: Any) -> Parameter | None:
-    """Return a parameter with what its signature says; None where it has no kind."""
-    given = declared or Parameter(name)
-    if given.default is ...:
-        given = replace(given, default=default)
-    if given.default is None and not given.optional:
-        given = replace(given, optional=True)
-    if given.kind is not None or given.values is not None:
-        return given
-    members = [type(default) if hint is None else hint]
-    if get_origin(hint) in (Union, UnionType):
-        members = [one for one in get_args(hint) if one is not NoneType]
-        if NoneType in get_args(hint):
-            given = replace(given, optional=True)
-    if len(members) == 1 and members[0] in KINDS:  # bool, int, float or str
-        return replace(given, kind=members[0])
-    if len(members) == 1 and get_origin(members[0]) is Literal:
-        return replace(given, values=get_args(members[0]))
-    return None
 
 
 # -- mappings as data ------------------------------------------------------------------------------
@@ -324,9 +343,9 @@ class ComponentsByName:
 
     def __post_init__(self) -> None:
         one_of("unequal", self.unequal, ("unmapped", "clip", "scale"), TaskError)
-        given = self.renaming.items() if isinstance(self.renaming, Mapping) else self.renaming
+        named = self.renaming.items() if isinstance(self.renaming, Mapping) else self.renaming
         try:
-            pairs = tuple(sorted((source, target) for source, target in given))
+            pairs = tuple(sorted((source, target) for source, target in named))
         except (TypeError, ValueError):
             pairs = ((None, None),)
         if not all(isinstance(name, str) for pair in pairs for name in pair):
@@ -396,44 +415,39 @@ class TaskFamily(Frozen):
 
     def __post_init__(self) -> None:
         fit_name("a task family", self.name, TaskError)
-        if not callable(self.factory):
-            raise TaskError(f"the factory of {self.name} must be a function: got {self.factory!r}")
         if self.mapping is None:
             object.__setattr__(self, "mapping", ComponentsByName())
-        if not isinstance(self.mapping, ComponentsByName) and not callable(self.mapping):
-            raise TaskError(
-                f"the mapping of {self.name} must be a ComponentsByName or a function of target "
-                f"and source: got {self.mapping!r}"
-            )
-        if self.constraint is not None and not callable(self.constraint):
-            raise TaskError(
-                f"the constraint of {self.name} must be a function: got {self.constraint!r}"
-            )
-        if not isinstance(self.parameters, list | tuple):
-            raise TaskError(
-                f"the parameters of {self.name} must be a list of Parameter: got "
-                f"{self.parameters!r}"
-            )
-        declared = tuple(self.parameters)
-        for one in declared:
-            instance(f"each of the parameters of {self.name}", one, Parameter, TaskError)
-        found = complete_parameters(declared, self.factory, self.name)
-        object.__setattr__(self, "parameters", found)
-
-    # -- members -------------------------------------------------------------------------------
+        for part, rule, fits in (
+            ("factory", "a function", callable(self.factory)),
+            (
+                "mapping",
+                "a ComponentsByName or a function of target and source",
+                isinstance(self.mapping, ComponentsByName) or callable(self.mapping),
+            ),
+            ("constraint", "a function", self.constraint is None or callable(self.constraint)),
+            ("parameters", "a list of Parameter", isinstance(self.parameters, list | tuple)),
+        ):
+            if not fits:
+                value = getattr(self, part)
+                raise TaskError(f"the {part} of {self.name} must be {rule}: got {value!r}")
+        for declared in self.parameters:
+            instance(f"each of the parameters of {self.name}", declared, Parameter, TaskError)
+        parameters = complete_parameters(tuple(self.parameters), self.factory, self.name)
+        object.__setattr__(self, "parameters", parameters)
 
     def __call__(self, /, **values: Any) -> "FamilyMember":
         """Return the member with these parameters; the others have their defaults."""
         for name in values:
             self.parameter(name)
-        for one in self.parameters:
-            if one.required and one.name not in values:
+        checked = list[Any]()
+        for parameter in self.parameters:
+            if parameter.required and parameter.name not in values:
                 raise TaskError(
-                    f"{one.name} of {self.name} must be given: it has no default, and is "
-                    f"{one.listed()}"
+                    f"{parameter.name} of {self.name} must be given: it has no default, and is "
+                    f"{parameter.listed()}"
                 )
-        given = [values.get(one.name, one.default) for one in self.parameters]
-        checked = map(Parameter.checked, self.parameters, given, repeat(self.name))
+            value = values.get(parameter.name, parameter.default)
+            checked.append(parameter.checked(value, self.name))
         member = FamilyMember(self, tuple(checked))
         if refused := member.refusal():
             raise TaskError(f"{refused}: got {member}")
@@ -454,14 +468,16 @@ class TaskFamily(Frozen):
         for name in values:
             self.parameter(name)
         columns = list[tuple[Any, ...]]()
-        for one in self.parameters:
-            if one.name in values:
-                given = values[one.name]
-                several = isinstance(given, Iterable) and not isinstance(given, str)
-                listed = tuple(given) if several else (given,)
-                columns.append(tuple(one.checked(value, self.name) for value in listed))
+        for parameter in self.parameters:
+            if parameter.name in values:
+                wanted = values[parameter.name]
+                several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
+                listed = wanted if several else (wanted,)
+                columns.append(tuple(parameter.checked(value, self.name) for value in listed))
+            elif parameter.required:
+                columns.append(parameter.choices(self.name))
             else:
-                columns.append(one.choices(self.name) if one.required else (one.default,))
+                columns.append((parameter.default,))
         yield from self._allowed(columns)
 
     def easier(self, member: "FamilyMember") -> Iterator["FamilyMember"]:
@@ -478,49 +494,42 @@ class TaskFamily(Frozen):
         instance("the member that others are easier than", member, FamilyMember, TaskError)
         if member.family.factory is not self.factory:
             raise TaskError(f"{self.name} has only members of its own: got {member}")
-        columns = list[tuple[Any, ...]]()
-        for one, value in zip(self.parameters, member.values, strict=True):
-            columns.append((*one.easier_than(value), value))
-        yield from (found for found in self._allowed(columns) if found.values != member.values)
+        pairs = zip(self.parameters, member.values, strict=True)
+        columns = [(*parameter.easier_than(value), value) for parameter, value in pairs]
+        yield from (easier for easier in self._allowed(columns) if easier.values != member.values)
 
     def _allowed(self, columns: list[tuple[Any, ...]]) -> Iterator["FamilyMember"]:
-        for values in product(*columns):
-            member = FamilyMember(self, values)
-            if not member.refusal():
-                yield member
+        members = (FamilyMember(self, values) for values in product(*columns))
+        yield from (member for member in members if not member.refusal())
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of that name; TaskError lists the names otherwise."""
-        known: tuple[Parameter, ...] = self.parameters
-        for one in known:
-            if one.name == name:
-                return one
-        names = [one.name for one in known]
-        close = get_close_matches(str(name), names, n=1)
+        known: dict[str, Parameter] = {known.name: known for known in self.parameters}
+        if name in known:
+            return known[name]
+        close = get_close_matches(str(name), known, n=1)
         meant = f", did you mean {close[0]!r}?" if close else ""
         raise TaskError(
-            f"a parameter of {self.name} must be one of {', '.join(names) or 'none'}: got "
+            f"a parameter of {self.name} must be one of {', '.join(known) or 'none'}: got "
             f"{name!r}{meant}"
         )
 
-    # -- printing and pickling -----------------------------------------------------------------
-
     def __str__(self) -> str:
         lines = [f"{self.name}, a family of tasks"]
-        for one in self.parameters:
-            known = "must be given" if one.required else f"{one.default} by default"
-            order = "" if one.harder is None else f", {one.harder} is harder"
-            lines.append(f"  {one.name}: {one.listed()}; {known}{order}")
+        for known in self.parameters:
+            default = "must be given" if known.required else f"{known.default} by default"
+            order = "" if known.harder is None else f", {known.harder} is harder"
+            lines.append(f"  {known.name}: {known.listed()}; {default}{order}")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
-        return f"TaskFamily({self.name}: {', '.join(one.name for one in self.parameters)})"
+        return f"TaskFamily({self.name}: {', '.join(known.name for known in self.parameters)})"
 
     def __reduce__(self) -> Any:
         """Pickle a decorated function by its name, which now leads to the family."""
         place = getattr(self.factory, "__module__", ""), getattr(self.factory, "__qualname__", "")
-        if _found(*place) == self:
-            return _found, place
+        if _named(*place) == self:
+            return _named, place
         parts = (self.name, self.factory, self.parameters, self.mapping, self.constraint)
         return TaskFamily, parts
 
@@ -553,7 +562,7 @@ class FamilyMember(Frozen):
     @property
     def parameters(self) -> dict[str, Any]:
         """The value of each parameter, by name."""
-        names = [one.name for one in self.family.parameters]
+        names = [parameter.name for parameter in self.family.parameters]
         return dict(zip(names, self.values, strict=True))
 
     def __getitem__(self, name: str) -> Any:
@@ -591,9 +600,9 @@ class FamilyMember(Frozen):
 
     def __repr__(self) -> str:
         shown = [
-            f"{one.name}={value!r}"
-            for one, value in zip(self.family.parameters, self.values, strict=True)
-            if one.required or value != one.default
+            f"{parameter.name}={value!r}"
+            for parameter, value in zip(self.family.parameters, self.values, strict=True)
+            if parameter.required or value != parameter.default
         ]
         return f"{self.family.name}({', '.join(shown)})"
 
@@ -626,11 +635,11 @@ def task_family(
     >>> corridor(length=3).task.states.size
     3
     """
-    for one in parameters:
-        if not isinstance(one, Parameter):
+    for parameter in parameters:
+        if not isinstance(parameter, Parameter):
             raise TaskError(
-                f"task_family must be given Parameters, in parentheses, above a function: got "
-                f"{one!r}"
+                "task_family must be given Parameters, in parentheses, above a function: got "
+                f"{parameter!r}"
             )
 
     def decorate(factory: Callable[..., Any]) -> TaskFamily:
@@ -640,12 +649,12 @@ def task_family(
     return decorate
 
 
-def _found(module: str, name: str) -> Any:
+def _named(module: str, name: str) -> Any:
     """Return what a module has under a dotted name; None if there is nothing."""
     try:
-        found: Any = importlib.import_module(module)
+        value: Any = importlib.import_module(module)
         for part in name.split("."):
-            found = getattr(found, part)
+            value = getattr(value, part)
     except (ImportError, AttributeError, ValueError):
         return None
-    return found
+    return value

@@ -1,1 +1,0 @@
-"""Task families: tasks made by one function from declared parameters, one module a family."""

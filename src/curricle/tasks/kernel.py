@@ -1,0 +1,521 @@
+"""The kernel under compiled loops: parts by type, machine code on disk, random draws, vector code.
+
+A loop is a Python function that Numba compiles. Its parts are *inlined* functions; a part with a
+body for each type of NamedTuple is :class:`Overloaded`, and its body is chosen while the loop is
+compiled. A random stream is a (1,) uint64 counter: drawing adds a constant and mixes the bits of
+the sum (SplitMix64; Steele, Lea, Flood 2014), so that the n-th draw depends only on n and on where
+the stream started.
+"""
+
+import hashlib
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from itertools import chain
+from numbers import Integral
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from llvmlite import ir
+from numba import _dynfunc, config, njit, types  # type: ignore[attr-defined]  # no stub
+from numba.core import cgutils, codegen, compiler, imputils, typed_passes
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.compiler_machinery import register_pass
+from numba.extending import intrinsic, overload
+
+from curricle.checks import number, whole_number
+from curricle.errors import SettingError, TaskError
+
+if config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it when it is imported
+    raise SettingError(
+        "loops must be compiled, as what Python would make of them gives no results: unset "
+        "NUMBA_DISABLE_JIT"
+    )
+
+# -- machine code on disk --------------------------------------------------------------------------
+
+PACKAGES = ("learning", "planning", "tasks", "teaching", "transfer")
+"""Those that have compiled code."""
+MARKS = (b"numba", b"tasks.kernel", b".body(")
+"""One of which is in each file with compiled code: what it imports, or a decorator."""
+
+ENTRY: Any = {"nogil": True, "no_cfunc_wrapper": True}  # no C code calls a loop
+entered_from_python: Any = njit(**ENTRY)
+"""Compiles a function that Python calls, in each process anew."""
+
+
+def compiled_once(function: Callable[..., Any]) -> Any:
+    """Return a function that is compiled when it is first called, and then kept on disk."""
+    compiled = entered_from_python(function)
+    with suppress(RuntimeError):  # no folder can be written to: it is compiled in each process
+        compiled._cache = LoopCache(function)
+    return compiled
+
+
+@cache
+def compiled(loop: Callable[..., Any], users_code: bool) -> Any:
+    """Return a loop compiled; cached on disk unless a user's functions are compiled into it."""
+    return entered_from_python(loop) if users_code else compiled_once(loop)
+
+
+@cache
+def code_digest() -> str:
+    """Return a digest of Curricle's version and of each of its files with compiled code."""
+    # Numba by itself asks only whether the loop's own file has changed. It would go on with machine
+    # code into which an older function of another file was compiled.
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256((root / "__init__.py").read_bytes())
+    for file in chain.from_iterable(sorted((root / name).rglob("*.py")) for name in PACKAGES):
+        content = file.read_bytes()
+        if any(mark in content for mark in MARKS):
+            digest.update(content)
+    return digest.hexdigest()
+
+
+class LoopCache(FunctionCache):
+    """Numba's cache of a function; a file that cannot be written or read is no error."""
+
+    def __init__(self, function: Callable[..., Any]):
+        numbas: Any = super()
+        numbas.__init__(function)
+        index: Any = LoopIndex
+        self._cache_file = index(self._cache_path, self._impl.filename_base, code_digest())
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Write what was compiled for a signature."""
+        numbas: Any = super()
+        with suppress(OSError):  # a full disk: it is compiled again in the next process
+            numbas.save_overload(sig, data)
+
+
+class LoopIndex(IndexDataCacheFile):
+    """The file that says which signatures are kept."""
+
+    def _load_index(self) -> dict[Any, str]:
+        """Return the file of each signature; none where the index is of another version."""
+        numbas: Any = super()
+        try:
+            return dict(numbas._load_index())
+        except Exception:  # of any kind: an old index may name types that are gone
+            return {}
+
+
+# -- parts of loops --------------------------------------------------------------------------------
+
+# Numba optimises every function and makes machine code of it, also where it is only ever inlined.
+# Loops are made of dozens of such parts, and this would take a quarter of the time of compiling
+# them. Parts are kept as intermediate code instead, which is optimised with the loop that takes it
+# in.
+
+
+class _Part(codegen.JITCodeLibrary):
+    """The code of a part, for loops to link: not optimised as a whole, and no machine code."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return 0: there is no machine code."""
+        self._ensure_finalized()
+        return 0
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _PartLowering(typed_passes.NativeLowering):
+    """Writes a function's intermediate code into a part."""
+
+    _name = "part_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        """Lower the function; Python has no entry to it."""
+        cpu = state.targetctx
+        state.library = _Part(cpu.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        state.flags.no_compile = True
+        super().run_pass(state)
+        lowered = state["cr"]
+        of, library = lowered.fndesc, state.library
+        entry = _dynfunc.make_function(
+            of.lookup_module(), of.unique_name, "", 0, lowered.env, (library,)
+        )
+        cpu.insert_user_function(entry, of, [library])
+        state["cr"] = lowered._replace(cfunc=entry)
+        return True
+
+
+class PartCompiler(compiler.CompilerBase):
+    """Numba's pipeline for functions that only compiled loops call."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Return the pipeline."""
+        builder = compiler.DefaultPassBuilder
+        passes = builder.define_nopython_pipeline(self.state)
+        passes.passes = [
+            (_PartLowering if step is typed_passes.NativeLowering else step, text)
+            for step, text in passes.passes
+        ]
+        passes._finalized = False
+        passes.finalize()
+        return [passes]
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+INLINED: Any = {
+    "nogil": True,
+    "forceinline": True,  # a call with arrays costs more than most of these functions do
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "pipeline_class": PartCompiler,  # no machine code of their own either
+    "_nrt": False,  # inlined functions make no arrays; counting references takes 80 ns a step
+}
+"""How a function is compiled into its callers, without an entry from Python."""
+inlined = njit(**INLINED)
+"""Compiles a function for loops. Python must not call it, as that would end the process."""
+
+
+def compiled_as(body: Callable[..., Any]) -> Callable[[Function], Function]:
+    """Return a decorator of a Python function that compiled code calls too, as `body`, inlined."""
+
+    def register(function: Function) -> Function:
+        overload(function, jit_options=INLINED, strict=False)(lambda *_: body)
+        return function
+
+    return register
+
+
+class Overloaded:
+    """A function for compiled code with a body for each type of NamedTuple that it takes.
+
+    The type of the first argument chooses the body while the caller is compiled, at no cost at run
+    time. The ``function`` declares the signature; it is never run. Bodies that seldom run are
+    called instead of inlined (`outlined`); types without a body have that of `otherwise`.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        *,
+        outlined: bool = False,
+        otherwise: Callable[..., Any] | None = None,
+    ):
+        self.function = function
+        self._bodies: dict[type, Callable[..., Any]] = {}
+
+        def choose(first: Any, *_: Any) -> Callable[..., Any] | None:
+            return self._bodies.get(getattr(first, "instance_class", type(None)), otherwise)
+
+        options: Any = {**INLINED, "forceinline": not outlined}
+        overload(function, jit_options=options, strict=False)(choose)
+
+    def body(self, kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+        """Return the decorator that makes a plain function the body for one type."""
+
+        def register(function: Callable[..., Any]) -> Callable[..., Any]:
+            self._bodies[kind] = function
+            return function
+
+        return register
+
+
+# -- random draws ----------------------------------------------------------------------------------
+
+STRIDE = np.uint64(0x9E3779B97F4A7C15)
+"""What a draw adds to the counter."""
+LOW = np.uint64(0xFFFFFFFF)
+HALF = np.uint64(32)
+ALL = 2**64 - 1
+
+
+def _mixed(number):
+    z = number
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@compiled_as(_mixed)
+def splitmix64(number: int) -> int:
+    """Return a 64-bit number whose bits all depend on all bits of `number`, one to one.
+
+    In compiled code as in plain Python, like :func:`uniform`, :func:`integers`, :func:`bernoulli`.
+
+    Examples
+    --------
+    >>> splitmix64(1)
+    6238072747940578789
+    """
+    z = _bits("number", number)
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & ALL
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & ALL
+    return z ^ (z >> 31)
+
+
+def stream_start(seed: int, stream: str) -> int:
+    """Return where the random stream of this seed and name starts, a 64-bit number."""
+    return int.from_bytes(hashlib.blake2b(f"{seed}/{stream}".encode(), digest_size=8).digest())
+
+
+@inlined
+def draw(stream):
+    """Return 64 random bits and advance `stream`."""
+    stream[0] += STRIDE
+    return splitmix64(stream[0])
+
+
+def _uniform(bits):
+    return np.float64(bits >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@compiled_as(_uniform)
+def uniform(bits: int) -> float:
+    """Return a float in [0, 1) made of the upper 53 bits.
+
+    Examples
+    --------
+    >>> uniform(2**63)
+    0.5
+    """
+    return (_bits("bits", bits) >> 11) / 2**53
+
+
+def _integers(bits, n):
+    return ((bits & LOW) * np.uint64(n)) >> HALF
+
+
+@compiled_as(_integers)
+def integers(bits: int, n: int) -> int:
+    """Return a whole number from 0 to n - 1 made of the lower 32 bits; n is at most 2^32.
+
+    Examples
+    --------
+    >>> integers(splitmix64(2), 6)
+    1
+    """
+    number("n", whole_number("n", n, 1, TaskError), TaskError, high=2**32)
+    return ((_bits("bits", bits) & (2**32 - 1)) * int(n)) >> 32
+
+
+def _bernoulli(bits, probability):
+    return np.float64(bits >> HALF) < probability * 4294967296.0
+
+
+@compiled_as(_bernoulli)
+def bernoulli(bits: int, probability: float) -> bool:
+    """Return True with this probability, by the upper 32 bits.
+
+    Examples
+    --------
+    >>> bernoulli(2**63 - 1, 0.5), bernoulli(2**63, 0.5)
+    (True, False)
+    """
+    chance = number("probability", probability, TaskError, low=0, high=1)
+    return (_bits("bits", bits) >> 32) < chance * 2**32
+
+
+def _bits(name: str, value: Any) -> int:
+    """Return 64 bits as an int, or raise TaskError."""
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not whole or not 0 <= int(value) <= ALL:
+        raise TaskError(f"{name} must be a whole number in 0..2^64 - 1: got {value!r}")
+    return int(value)
+
+
+@inlined
+def first_above(rising, value):
+    """Return the first index of a rising array whose entry exceeds `value`, by bisection."""
+    low, high = np.uint64(0), np.uint64(rising.shape[0])
+    while low < high:
+        middle = (low + high) >> np.uint64(1)
+        if rising[middle] > value:
+            high = middle
+        else:
+            low = middle + np.uint64(1)
+    return low
+
+
+# -- vector instructions and prefetching in LLVM, which Numba does not offer -----------------------
+
+LANES = 8
+"""Values of a vector in which a row is read; a narrower processor takes several instructions."""
+LINE = 64
+"""Bytes of a cache line."""
+WORD, FLAG = ir.IntType(32), ir.IntType(1)
+WORDS = ir.VectorType(WORD, LANES)
+
+
+@intrinsic
+def highest_of_lanes(_, table, row, first):
+    """Return the highest of up to 8 values of a row, from entry `first` on.
+
+    `table` is C-ordered, (n, m), without NaN.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        values, inside = _vector(context, builder, table, args)
+        low = ir.Constant(values.type, [float("-inf")] * LANES)
+        values = builder.select(inside, values, low)
+        kind = values.type.element
+        name = f"llvm.vector.reduce.fmax.v{LANES}{_bits_of(kind)}"
+        signature = ir.FunctionType(kind, [values.type])
+        reduce = builder.module.declare_intrinsic(name, (), signature)
+        return builder.call(reduce, [values], fastmath=("nnan",))
+
+    return table.dtype(table, row, first), build
+
+
+@intrinsic
+def ties_in_lanes(_, table, row, first, value):
+    """Return which of 8 values of a row from entry `first` on equal `value`, one bit each."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        values, inside = _vector(context, builder, table, args)
+        tied = builder.fcmp_ordered("==", values, _spread(builder, args[3]))
+        bits = builder.bitcast(builder.and_(inside, tied), ir.IntType(LANES))
+        return builder.zext(bits, ir.IntType(64))
+
+    return types.uint64(table, row, first, table.dtype), build
+
+
+@intrinsic
+def ones(_, bits):
+    """Return how many bits of a 64-bit number are set."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.ctpop(args[0])
+
+    return types.uint64(types.uint64), build
+
+
+@intrinsic
+def nth_one(_, bits, n):
+    """Return the position of the n-th bit, counted from 0, of those set in a 64-bit number.
+
+    One instruction on processors that have it (x86 with BMI2), else a loop over the bits below.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        word = ir.IntType(64)
+        if "+bmi2" in context.codegen().magic_tuple()[2]:
+            kind = ir.FunctionType(word, [word, word])
+            deposit = builder.module.declare_intrinsic("llvm.x86.bmi.pdep.64", (), kind)
+            bit = builder.call(deposit, [builder.shl(ir.Constant(word, 1), args[1]), args[0]])
+        else:
+            bit = context.compile_internal(builder, _without_lowest, signature, args)
+        return builder.cttz(bit, ir.Constant(FLAG, 1))
+
+    return types.uint64(types.uint64, types.uint64), build
+
+
+def _without_lowest(bits: Any, n: Any) -> Any:
+    """Return a number with its n lowest set bits cleared."""
+    while n > 0:
+        bits &= bits - np.uint64(1)
+        n -= np.uint64(1)
+    return bits
+
+
+def _bits_of(kind: Any) -> str:
+    return "f32" if kind == ir.FloatType() else "f64"
+
+
+def _vector(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any]:
+    """Return 8 values of a row from an entry on, and which lie in the row; no others are read."""
+    array = context.make_array(table)(context, builder, args[0])
+    width, first = builder.extract_value(array.shape, 1), args[2]
+    start = builder.gep(array.data, [builder.add(builder.mul(args[1], width), first)])
+    lanes = ir.Constant(WORDS, list(range(LANES)))
+    numbers = builder.add(lanes, _spread(builder, builder.trunc(first, WORD)))
+    inside = builder.icmp_unsigned("<", numbers, _spread(builder, builder.trunc(width, WORD)))
+    kind = ir.VectorType(context.get_data_type(table.dtype), LANES)
+    name = f"llvm.masked.load.v{LANES}{_bits_of(kind.element)}.p0"
+    parts = [kind.as_pointer(), WORD, inside.type, kind]
+    load = builder.module.declare_intrinsic(name, (), ir.FunctionType(kind, parts))
+    size = ir.Constant(WORD, 4 if kind.element == ir.FloatType() else 8)
+    start = builder.bitcast(start, kind.as_pointer())
+    return builder.call(load, [start, size, inside, ir.Constant(kind, None)]), inside
+
+
+def _spread(builder: Any, value: Any) -> Any:
+    """Return a vector of one value."""
+    kind = ir.VectorType(value.type, LANES)
+    first = builder.insert_element(ir.Constant(kind, None), value, ir.Constant(WORD, 0))
+    return builder.shuffle_vector(first, first, ir.Constant(WORDS, [0] * LANES))
+
+
+@intrinsic
+def of_width(_, array, width):
+    """Return a C-ordered (n, m) array with m known to the compiler: len(width), unless that is 0.
+
+    Loops along a row are then unrolled, and products with m become shifts and sums.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        table = context.make_array(array)(context, builder, args[0])
+        if width.count > 0:
+            m = ir.Constant(context.get_value_type(types.intp), width.count)
+            size = context.get_abi_sizeof(context.get_data_type(array.dtype))
+            table.shape = builder.insert_value(table.shape, m, 1)
+            stride = ir.Constant(m.type, width.count * size)
+            table.strides = builder.insert_value(table.strides, stride, 0)
+        return imputils.impl_ret_borrowed(context, builder, array, table._getvalue())
+
+    return array(array, width), build
+
+
+@intrinsic
+def prefetch(_, array, row):
+    """Prefetch all cache lines of a row of a C-ordered (n, m) array.
+
+    The processor continues meanwhile; a row of a table larger than its caches has then arrived when
+    the next step reads it.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        table = context.make_array(array)(context, builder, args[0])
+        width = builder.extract_value(table.shape, 1)
+        size = context.get_abi_sizeof(context.get_data_type(array.dtype))
+        byte, count = ir.IntType(8).as_pointer(), width.type
+        start = builder.gep(table.data, [builder.mul(args[1], width)])
+        start = builder.ptrtoint(start, count)
+        last = builder.mul(builder.sub(width, ir.Constant(count, 1)), ir.Constant(count, size))
+        fetch = builder.module.declare_intrinsic(
+            "llvm.prefetch", [byte], ir.FunctionType(ir.VoidType(), [byte, WORD, WORD, WORD])
+        )
+        how = [ir.Constant(WORD, n) for n in (0, 3, 1)]  # to read, keep, data
+        with cgutils.for_range_slice(
+            builder, ir.Constant(count, 0), last, ir.Constant(count, LINE), count
+        ) as (offset, _):
+            builder.call(fetch, [builder.inttoptr(builder.add(start, offset), byte), *how])
+        builder.call(fetch, [builder.inttoptr(builder.add(start, last), byte), *how])
+        return context.get_dummy_value()
+
+    return types.void(array, row), build
+
+
+def inverse_of(divisor: int, numbers: int) -> np.uint64:
+    """Return the multiplier with which :func:`quotient` divides numbers below `numbers`, or 0."""
+    exact = divisor >= 2 and numbers * divisor <= 2**64
+    return np.uint64(2**64 // divisor + 1 if exact else 0)
+
+
+@intrinsic
+def quotient(_, number, inverse):
+    """Return number // divisor as the upper 64 bits of number * inverse.
+
+    Several times faster than division, and exact while number * divisor < 2^64: the inverse
+    exceeds 2^64 / divisor by at most 1, so that the product exceeds 2^64 number / divisor by less
+    than 2^64 / divisor, which is too little to reach the next whole number.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        wide = ir.IntType(128)
+        product = builder.mul(*(builder.zext(factor, wide) for factor in args))
+        return builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), ir.IntType(64))
+
+    return types.uint64(types.uint64, types.uint64), build

@@ -1,0 +1,468 @@
+"""Generative models: what compiled loops sample a task from, and tasks given by functions.
+
+A *generative model* is a NamedTuple; :func:`first_state` and :func:`transition` sample from it.
+Here are those of tasks with tables and of tasks given by compiled functions; ``pursuit.py`` adds
+that of a domain that computes its successors, ``live.py`` that of an environment. A
+:class:`FactoredModel` is what exact planning reads of a task that moves in independent parts.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit, typeof, types
+from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaError
+from numba.extending import overload
+
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.checks import instance, number, whole_number
+from curricle.errors import TaskError
+from curricle.frozen_arrays import frozen
+from curricle.tasks.kernel import INLINED, Overloaded, first_above, uniform
+from curricle.tasks.spaces import Space, action_name, state_name
+from curricle.text_tables import counted
+
+LARGEST_REWARD = 1e100
+"""Rewards of every task are at most this large, so that no return overflows."""
+REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
+LONGEST = 10**12
+"""Steps that a time limit may have at most."""
+
+
+def check_horizon(task: Any) -> None:
+    """Check a frozen task's discount and time limit, and make them a float and an int."""
+    discount = number("discount", task.discount, TaskError, low=0, high=1)
+    object.__setattr__(task, "discount", discount)
+    if task.time_limit is not None:
+        limit = whole_number("time_limit in steps", task.time_limit, 1, TaskError)
+        number("time_limit in steps", limit, TaskError, high=LONGEST)
+        object.__setattr__(task, "time_limit", limit)
+
+
+def check_parts(task: Any, kind: str, *functions: str) -> None:
+    """Check the spaces, functions and horizon of a task without tables, `kind` of which it is."""
+    instance("states", task.states, Space, TaskError)
+    instance("actions", task.actions, Space, TaskError)
+    for name in functions:
+        if not callable(getattr(task, name)):
+            raise TaskError(f"{name} must be a function: got {getattr(task, name)!r}")
+    check_horizon(task)
+    if task.discount == 1 and task.time_limit is None:
+        raise TaskError(f"a {kind} task with discount 1 needs a time limit: none set")
+
+
+def described(task: Any, *parts: str) -> str:
+    """Return a task as text: its kind, its sizes, further parts and its horizon."""
+    sizes = counted(task.states.size, "state"), counted(task.actions.size, "action")
+    limit = "no time limit" if task.time_limit is None else f"time limit {task.time_limit}"
+    known = ", ".join((*sizes, *parts, f"discount {task.discount:g}", limit))
+    return f"{type(task).__name__}({known})"
+
+
+# -- what loops ask of every generative model ------------------------------------------------------
+
+
+def first_state(model, bits):
+    """Return the state an episode starts in, uint64, drawn with 64 random bits."""
+
+
+def transition(model, state, action, bits):
+    """Return next state (uint64), reward and whether the episode terminated; 64 random bits."""
+
+
+def truncated(model):
+    """Return whether the task itself truncated the episode at the last transition.
+
+    Loops apply the time limit; only live environments have limits of their own.
+    """
+
+
+def has_failed(model):
+    """Return whether the task has failed; its transitions are then invalid, and loops stop."""
+
+
+def evaluation_model(model):
+    """Return the model to evaluate a policy in, which leaves the one learnt in unchanged."""
+
+
+first_states, transitions = Overloaded(first_state), Overloaded(transition)
+truncations = Overloaded(truncated, otherwise=lambda model: False)
+failures = Overloaded(has_failed, otherwise=lambda model: False)
+evaluation_models = Overloaded(evaluation_model, otherwise=lambda model: model)
+
+
+# -- tables ----------------------------------------------------------------------------------------
+
+
+class Tables(NamedTuple):
+    """The tables of a :class:`FiniteMDP`."""
+
+    row_per_pair: bool  # pair (s, a) has row s * A + a, so that `outcome_row` need not be read
+    outcome_row: npt.NDArray[np.integer[Any]]  # (S, A) int32
+    probability: FloatArray  # (Y, O)
+    cumulative: FloatArray  # (Y, O)
+    next_state: npt.NDArray[np.integer[Any]]  # (Y, O) int32
+    reward: FloatArray  # (Y, O)
+    terminal: BoolArray  # (S,)
+    start_states: IntArray  # (n,)
+    start_cumulative: FloatArray  # (n,)
+
+
+@first_states.body(Tables)
+def _table_start(model, bits):
+    index = first_above(model.start_cumulative, uniform(bits))
+    return np.uint64(model.start_states[index])
+
+
+@transitions.body(Tables)
+def _table_step(model, state, action, bits):
+    if model.row_per_pair:
+        row = state * np.uint64(model.outcome_row.shape[1]) + action
+    else:
+        row = np.uint64(model.outcome_row[state, action])
+    outcome, last = np.uint64(0), np.uint64(model.cumulative.shape[1] - 1)
+    if last > np.uint64(0):
+        chance = uniform(bits)
+        for i in range(last):  # to the end: leaving early would be mispredicted half the time
+            outcome += np.uint64(chance >= model.cumulative[row, i])
+    next_state = np.uint64(model.next_state[row, outcome])
+    return next_state, model.reward[row, outcome], model.terminal[next_state]
+
+
+LARGEST_WITH_ROW_PER_PAIR = 100_000
+"""Outcomes (S x A x O) up to which every pair gets a row of its own: one read less a step."""
+
+
+def table_model(mdp: Any) -> Tables:
+    """Return the tables of a :class:`FiniteMDP` as a generative model."""
+    rows = (mdp.outcome_row, mdp.probability, mdp.cumulative, mdp.next_state, mdp.reward)
+    row_per_pair = mdp.outcome_row.size * mdp.probability.shape[1] <= LARGEST_WITH_ROW_PER_PAIR
+    if row_per_pair:
+        row = mdp.outcome_row.ravel()
+        pairs = np.arange(row.size, dtype=np.int32).reshape(mdp.outcome_row.shape)
+        rows = (frozen(pairs), *(frozen(array[row]) for array in rows[1:]))
+    return Tables(row_per_pair, *rows, mdp.terminal, mdp.start_states, mdp.start_cumulative)
+
+
+class DeterministicTables(NamedTuple):
+    """The tables of a :class:`FiniteMDP` with one outcome a pair, which has a row of its own."""
+
+    n_actions: np.uint64
+    next_state: npt.NDArray[np.integer[Any]]  # (S * A,) int32
+    reward: FloatArray  # (S * A,)
+    terminal: BoolArray  # (S,)
+    start_states: IntArray  # (n,)
+    start_cumulative: FloatArray  # (n,)
+
+
+first_states.body(DeterministicTables)(_table_start)
+
+
+@transitions.body(DeterministicTables)
+def _deterministic_step(model, state, action, bits):
+    pair = state * model.n_actions + action
+    next_state = np.uint64(model.next_state[pair])
+    return next_state, model.reward[pair], model.terminal[next_state]
+
+
+def learning_model(mdp: Any) -> Tables | DeterministicTables:
+    """Return the generative model of a :class:`FiniteMDP` for learning: the fastest that fits."""
+    tables = table_model(mdp)
+    if not tables.row_per_pair or tables.next_state.shape[1] > 1:
+        return tables
+    return DeterministicTables(
+        np.uint64(mdp.actions.size),
+        frozen(tables.next_state.ravel()),
+        frozen(tables.reward.ravel()),
+        *tables[-3:],
+    )
+
+
+def cumulated(probability: FloatArray) -> FloatArray:
+    """Return cumulative probabilities along each row; the last possible outcome gets 1."""
+    total = np.cumsum(probability, axis=1)
+    remaining = np.cumsum(probability[:, ::-1], axis=1)[:, ::-1]
+    after = np.concatenate([remaining[:, 1:], np.zeros((len(remaining), 1))], axis=1)
+    return frozen(np.where(after == 0, 1.0, total))
+
+
+# -- a prey and predators that move independently, for exact planning without tables ---------------
+
+# All move at the same time on one map of cells, and the moves of each do not depend on where the
+# others are. So the expectation over the prey's moves and the maximum over the predators' are taken
+# one after the other, and planning (planning/factored_backups.py) needs no table of joint moves.
+
+CellArray = npt.NDArray[np.int32]
+
+
+class FactoredModel(NamedTuple):
+    """A prey and k predators that move at the same time, independently of each other.
+
+    In state ((p C + c_1) C + c_2) ... the prey is on cell p and predator i on cell c_i, of C; with
+    action (a_1 M + a_2) ... predator i makes move a_i, of M. Reward and termination depend on how
+    many predators are on the prey's cell after the step. Episodes start uniformly in the states
+    that are not terminal.
+    """
+
+    landing: CellArray  # (C, M): the cell that each move leads to from each cell
+    prey_policy: FloatArray  # (C, M): the probability of each move of the prey, by its own cell
+    predators: int  # k, at least 1
+    rewards: FloatArray  # (k + 1,) of a step after which 0, 1, ..., k predators are on the prey
+    ends: BoolArray  # (k + 1,): whether such a state is terminal
+    discount: float
+
+
+def joint_landing(landing: CellArray, predators: int) -> CellArray:
+    """Return where joint moves lead k predators from each of their positions, (C^k, M^k) int32.
+
+    Positions and moves are numbered as in states and actions; `landing` is (C, M) int32.
+    """
+    n_cells, n_moves = landing.shape
+    joint = np.zeros((1, 1), dtype=np.int32)
+    for _ in range(predators):
+        both = joint[:, None, :, None] * np.int32(n_cells) + landing[None, :, None, :]
+        joint = both.reshape(joint.shape[0] * n_cells, joint.shape[1] * n_moves)
+    return frozen(joint)
+
+
+def predators_on_prey(n_cells: int, predators: int) -> npt.NDArray[np.int8]:
+    """Return how many predators are on the prey's cell in each state, (C^(1 + k),) int8."""
+    there = np.eye(n_cells, dtype=np.int8)
+    count = np.zeros((n_cells, 1), dtype=np.int8)
+    for _ in range(predators):
+        count = (count[:, :, None] + there[:, None, :]).reshape(n_cells, -1)
+    return frozen(count.ravel())
+
+
+# -- tasks given by compiled functions -------------------------------------------------------------
+
+REAL = (types.Integer, types.Float, types.Boolean)
+LARGEST = 2**62
+"""The most states: larger numbers do not fit the arrays that list them."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedMDP:
+    """An MDP whose successors are computed by a function, for tasks too large for tables.
+
+    It can be learnt and can be a source or a target of transfer, but :func:`solve` needs tables.
+
+    Parameters
+    ----------
+    states, actions : Space
+        S states and A actions; their numbers are what the functions take and return.
+    start : callable
+        ``start(data, bits) -> state``: the state an episode starts in. ``bits`` are 64 random
+        bits, a uint64; :func:`uniform`, :func:`integers`, :func:`bernoulli` and
+        :func:`splitmix64` turn them into numbers.
+    step : callable
+        ``step(data, state, action, bits) -> (next state, reward, terminated)``. `terminated` must
+        depend on the next state alone. Both functions are written in the Python that numba compiles
+        (``numba.njit`` applied or not), take state and action as uint64, and must not change
+        `data`. States are whole numbers in 0..S-1, rewards finite; each step is checked.
+    data : Any
+        What the functions read: a number, an array, a NamedTuple of such.
+    discount, time_limit
+        As in :class:`FiniteMDP`.
+
+    Raises
+    ------
+    TaskError
+        When a space, a function or the horizon is invalid; while learning, when a function does
+        not compile, or returns a state that does not exist or a reward that is not finite.
+
+    Notes
+    -----
+    The functions are compiled into the learning loop when a task is first learnt. This takes some
+    seconds in each process, as code of a user is not cached on disk.
+
+    Examples
+    --------
+    A ring of n places with home at 0; a step goes the wrong way with probability 0.1.
+
+    >>> import curricle as cr
+    >>> def start(n, bits):
+    ...     return 1 + cr.tasks.integers(bits, n - 1)
+    >>> def step(n, state, action, bits):
+    ...     right = (action == 1) != (cr.tasks.uniform(bits) < 0.1)
+    ...     place = (state + (1 if right else n - 1)) % n
+    ...     return place, -1.0, place == 0
+    >>> ring = ComputedMDP(
+    ...     Space([cr.Component("place", 50)]), Space([cr.Component("move", 2)]),
+    ...     start, step, data=50, discount=0.99)
+    >>> q = cr.learn(ring, budget=200_000).values[0]
+    >>> q[[3, 47]].argmax(axis=1)  # home is near, to the left and to the right
+    array([0, 1])
+    """
+
+    states: Space
+    actions: Space
+    start: Callable[..., Any]
+    step: Callable[..., Any]
+    data: Any = 0
+    discount: float = 0.99
+    time_limit: int | None = 200
+
+    def __post_init__(self) -> None:
+        check_parts(self, "computed", "start", "step")
+        if self.states.size > LARGEST:
+            raise TaskError(
+                f"a computed task may have at most 2^62 states: got {self.states.size:,}"
+            )
+
+    @property
+    def terminal(self) -> None:
+        """Unknown: only the step function decides which states end an episode."""
+
+    @property
+    def model(self) -> "Functions":
+        """A generative model for the compiled loops of one run."""
+        start, step = self._functions
+        size = np.uint64(self.states.size)
+        return Functions(start, step, self.data, size, np.zeros(1, FAILURE))
+
+    @cached_property
+    def _functions(self) -> tuple[Any, Any]:
+        """The functions, compiled for the types that loops call them with."""
+        try:
+            data = typeof(self.data)
+        except ValueError:
+            raise TaskError(
+                f"the data of a computed task must be of types that numba knows: got {self.data!r}"
+            ) from None
+        start, kind = _compiled("start", self.start, data, types.uint64)
+        _check_type("start", "a state", kind, isinstance(kind, REAL))
+        step, kind = _compiled("step", self.step, data, types.uint64, types.uint64, types.uint64)
+        parts = tuple(getattr(kind, "types", ()))
+        real = len(parts) == 3 and all(isinstance(part, REAL) for part in parts)
+        _check_type("step", "a state, a reward and a flag", kind, real)
+        return start, step
+
+    def __repr__(self) -> str:
+        return (
+            f"ComputedMDP({counted(self.states.size, 'state')}, "
+            f"{counted(self.actions.size, 'action')}, discount {self.discount:g})"
+        )
+
+
+def _compiled(name: str, function: Callable[..., Any], *kinds: types.Type) -> tuple[Any, Any]:
+    """Return a function compiled for arguments of these types, and the type that it returns."""
+    compiled = function if isinstance(function, Dispatcher) else njit(nogil=True)(function)
+    try:
+        template: Any = compiled.get_call_template(kinds, {})[0]
+        return compiled, template.cases[0].return_type
+    except NumbaError as error:
+        said = " ".join(re.sub(r"\x1b\[[0-9;]*m", "", str(error)).split())
+        raise TaskError(
+            f"{name} of a computed task must be Python that numba compiles: {said[:400]}"
+        ) from error
+
+
+def _check_type(name: str, wanted: str, kind: types.Type, fits: bool) -> None:
+    if not fits:
+        raise TaskError(f"{name} of a computed task must return {wanted}: it returns {kind}")
+
+
+class Functions(NamedTuple):
+    """The compiled functions of a :class:`ComputedMDP`, the data they read, their first mistake.
+
+    What they return is checked at every step: a state that does not exist would be a place outside
+    of every table. From the first mistake on, episodes end at once.
+    """
+
+    start: Any  # (data, bits) -> state
+    step: Any  # (data, state, action, bits) -> (next state, reward, terminated)
+    data: Any
+    n_states: np.uint64
+    failure: npt.NDArray[np.void]  # (1,) of FAILURE
+
+
+FAILURE = np.dtype(
+    [("by", "u8"), ("state", "u8"), ("action", "u8"), ("next_state", "f8"), ("reward", "f8")]
+)
+"""A mistake of a user's function: in which, the pair it was asked for, what it returned."""
+START, STEP = 1, 2
+"""The function that made it; 0 is none."""
+
+
+def state_number(returned, n_states):
+    """Return what a user's function returned for a state as uint64; `n_states` if it is none."""
+
+
+def _number_of_integer(returned, n_states):
+    return min(np.uint64(returned), n_states)  # a negative number becomes a large one
+
+
+def _number_of_float(returned, n_states):
+    if not 0.0 <= returned < np.float64(n_states):  # NaN, too
+        return n_states
+    number = np.uint64(returned)
+    return number if np.float64(number) == returned else n_states
+
+
+@overload(state_number, jit_options=INLINED)
+def _state_number(returned, n_states):
+    return _number_of_float if isinstance(returned, types.Float) else _number_of_integer
+
+
+@first_states.body(Functions)
+def _computed_start(model, bits):
+    returned = model.start(model.data, bits)
+    state = state_number(returned, model.n_states)
+    if state >= model.n_states:
+        if model.failure[0].by == 0:
+            model.failure[0].by = START
+            model.failure[0].next_state = np.float64(returned)
+        return np.uint64(0)
+    return state
+
+
+@transitions.body(Functions)
+def _computed_step(model, state, action, bits):
+    returned, reward, terminated = model.step(model.data, state, action, bits)
+    next_state = state_number(returned, model.n_states)
+    if next_state >= model.n_states or not abs(np.float64(reward)) <= LARGEST_REWARD:
+        if model.failure[0].by == 0:
+            model.failure[0].by = STEP
+            model.failure[0].state, model.failure[0].action = state, action
+            model.failure[0].next_state = np.float64(returned)
+            model.failure[0].reward = np.float64(reward)
+        return np.uint64(0), 0.0, True
+    return next_state, np.float64(reward), bool(terminated)
+
+
+@failures.body(Functions)
+def _computed_failure(model):
+    return model.failure[0].by != 0
+
+
+@contextmanager
+def opened(task: ComputedMDP) -> Iterator[Functions]:
+    """Return a context with a model that loops can run on, which checks the answers at its end."""
+    model = task.model
+    yield model
+    check_answers(task, model)
+
+
+def check_answers(task: ComputedMDP, model: Functions) -> None:
+    """Raise TaskError if a function of the task has returned what makes no sense."""
+    failure = model.failure[0]
+    if not failure["by"]:
+        return
+    last, returned = task.states.size - 1, float(failure["next_state"])
+    asked = "start of a computed task"
+    if failure["by"] == STEP:
+        state = state_name(task.states, int(failure["state"]))
+        action = action_name(task.actions, int(failure["action"]))
+        asked = f"step of a computed task for action {action} in {state}"
+    if returned.is_integer() and 0 <= returned <= last:
+        raise TaskError(f"{REWARD_RULE}: {asked} returned {failure['reward']:g}")
+    raise TaskError(
+        f"a state must be a whole number in 0..{last}: {asked} returned {returned:.20g}"
+    )
