@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from curricle import FiniteMDP, GridWorld, Pursuit, evaluate, solve
-from curricle.interop.environment import MazeEnvironment, to_gymnasium
-from curricle.interop.registration import register
+from curricle.interop import register
+from curricle.interop.gymnasium import MazeEnvironment, to_gymnasium
 from curricle.tasks.task import tables
 
 register()
