@@ -172,7 +172,7 @@ def test_large_arrays_are_saved_bit_by_bit(tmp_path, dtype, special):
     kept = {"whole": content, "again": content, "none": np.zeros(2**17), "turned": content.T}
     training.save_checkpoint(tmp_path / "one", "run", SimpleNamespace(**kept), None)
     filled = 7 * 2**10 * content.itemsize  # of `whole`; `turned` does not end in zeros
-    assert (tmp_path / "one").stat().st_size < content.nbytes + filled + 10_000
+    assert (tmp_path / "one").stat().st_size < content.nbytes + filled + 50_000
     held = training.load_checkpoint(tmp_path / "one", "run").model[1]
     for name, array in kept.items():
         assert held[name].dtype == array.dtype

@@ -226,11 +226,6 @@ def test_what_an_algorithm_refuses_is_one_sentence(learner, said):
 ROWS = np.eye(16, dtype=np.int64)
 
 
-@pytest.fixture(scope="module")
-def saved_lake():
-    return learn_deep(LAKE, ACTOR, 128, seeds=[5, 2], eval_freq=64)
-
-
 def parameters(result):
     return [one.parameters() for one in result.values]
 
@@ -242,25 +237,25 @@ def same_networks(one, other):
             assert np.array_equal(value, yours[name])
 
 
-def test_networks_are_loaded_as_they_were(tmp_path, saved_lake):
-    file = saved_lake.save(tmp_path / "saved_lake")
+def test_networks_are_loaded_as_they_were(tmp_path, lake):
+    file = lake.save(tmp_path / "lake")
     again = DeepResult.load(file, LAKE, ACTOR)
-    same_networks(saved_lake, again)
+    same_networks(lake, again)
     assert again.save(tmp_path / "two").read_bytes() == file.read_bytes()
     assert again.learner == ACTOR
-    for mine, yours in zip(saved_lake.policies, again.policies, strict=True):
+    for mine, yours in zip(lake.policies, again.policies, strict=True):
         assert np.array_equal(mine.predict(ROWS), yours.predict(ROWS))
-    assert repr(again.watch(seed=3)) == repr(saved_lake.watch(seed=3))
+    assert repr(again.watch(seed=3)) == repr(lake.watch(seed=3))
     with np.load(file, allow_pickle=False) as arrays:
         assert any(name.startswith("values_1/") for name in arrays.files)
 
 
-def test_without_a_learner_there_are_curves_and_parameters(tmp_path, saved_lake):
-    file = saved_lake.save(tmp_path / "saved_lake")
+def test_without_a_learner_there_are_curves_and_parameters(tmp_path, lake):
+    file = lake.save(tmp_path / "lake")
     again = DeepResult.load(file, LAKE)
-    same_networks(saved_lake, DeepResult.load(again.save(tmp_path / "two"), LAKE, ACTOR))
-    assert np.array_equal(again.greedy_return, saved_lake.greedy_return)
-    assert again.values[0].keys() == parameters(saved_lake)[0].keys()
+    same_networks(lake, DeepResult.load(again.save(tmp_path / "two"), LAKE, ACTOR))
+    assert np.array_equal(again.greedy_return, lake.greedy_return)
+    assert again.values[0].keys() == parameters(lake)[0].keys()
     with pytest.raises(SettingError, match="these are their parameters alone, see load"):
         _ = again.policy
 
@@ -282,8 +277,8 @@ def test_a_network_on_a_potential_needs_it_again(tmp_path, shaping):
 
 
 def test_a_curriculum_of_networks_is_loaded_as_it_was(tmp_path):
-    edge = cr.Transfer("alone", "saved_lake", cr.transfer.ObservationMapping(LAKE, LAKE))
-    plan = cr.Curriculum({"alone": LAKE, "saved_lake": LAKE}, [edge], learner=DEEP_Q, budget=64)
+    edge = cr.Transfer("alone", "lake", cr.transfer.ObservationMapping(LAKE, LAKE))
+    plan = cr.Curriculum({"alone": LAKE, "lake": LAKE}, [edge], learner=DEEP_Q, budget=64)
     result = plan.train(seeds=2)
     file = result.save(tmp_path / "plan")
     again = CurriculumResult.load(file, plan)
@@ -295,7 +290,7 @@ def test_a_curriculum_of_networks_is_loaded_as_it_was(tmp_path):
     assert again.save(tmp_path / "two").read_bytes() == file.read_bytes()
     assert np.array_equal(again.policy.predict(ROWS), result.policy.predict(ROWS))
     small = DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [8]}})
-    other = cr.Curriculum({"alone": LAKE, "saved_lake": LAKE}, [edge], learner=small, budget=64)
+    other = cr.Curriculum({"alone": LAKE, "lake": LAKE}, [edge], learner=small, budget=64)
     with pytest.raises(SettingError, match="with the learners they were trained with: Error"):
         CurriculumResult.load(file, other)
     given = plan.train(seeds=2, trained={"alone": result.sources["alone"]})
@@ -316,22 +311,22 @@ def test_a_curriculum_of_networks_is_loaded_as_it_was(tmp_path):
         (LAKE, "PPO", "learner must be a DeepLearner"),
     ],
 )
-def test_another_task_or_learner_is_one_sentence(tmp_path, saved_lake, task, learner, words):
-    file = saved_lake.save(tmp_path / "saved_lake")
+def test_another_task_or_learner_is_one_sentence(tmp_path, lake, task, learner, words):
+    file = lake.save(tmp_path / "lake")
     with pytest.raises(SettingError, match=words) as found:
         DeepResult.load(file, task, learner)
     assert "\n" not in str(found.value)
 
 
-def test_a_policy_that_cannot_be_written_leaves_nothing(tmp_path, saved_lake, monkeypatch):
+def test_a_policy_that_cannot_be_written_leaves_nothing(tmp_path, lake, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(StoreError, match=r"cannot be written to .*saved_lake.zip: No space left"):
-        saved_lake.policy.save(tmp_path / "saved_lake")
-    with pytest.raises(StoreError, match=r"not at a URL: got 's3://b/saved_lake'"):
-        saved_lake.policy.save("s3://b/saved_lake")
+    with pytest.raises(StoreError, match=r"cannot be written to .*lake.zip: No space left"):
+        lake.policy.save(tmp_path / "lake")
+    with pytest.raises(StoreError, match=r"not at a URL: got 's3://b/lake'"):
+        lake.policy.save("s3://b/lake")
     assert not list(tmp_path.iterdir())
 
 

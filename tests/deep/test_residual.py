@@ -99,24 +99,6 @@ def test_cut_off_steps_are_bootstrapped_through_phi_and_ended_ones_are_not(seed)
     assert (some.dones.numpy()[:, 0] == ends).all()
 
 
-def test_acting_targets_and_evaluation_all_read_phi_at_the_start():
-    task = cr.GridWorld(["..T", ".P.", "S.."])
-    observed = one_hot(task)
-    q = cr.solve(task).action_values
-    learner = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [16]}})
-    model = model_for(
-        observed, learner, shaping=cr.QInitialisation(table_potential(task, observed, q))
-    )
-    rows = np.eye(task.states.size, dtype=np.float32)
-    live = np.flatnonzero(~task.mdp.terminal)
-    for net in (model.q_net, model.q_net_target):
-        with torch.no_grad():
-            said = net(torch.as_tensor(rows)).numpy()
-        assert said[live] == pytest.approx(q[live].astype(np.float32))
-    actions, _ = model.predict(rows, deterministic=True)
-    assert (q[live, actions[live]] == q[live].max(axis=1)).all()
-
-
 @pytest.mark.parametrize("reads", ["actions", "state"])
 def test_a_residual_tells_states_apart_by_phi_alone(reads):
     rng = np.random.default_rng(11)

@@ -119,13 +119,13 @@ class ShapedVecEnv(VecEnvWrapper):
         )
         sources, infos = self._potential.sources, [*infos]
         shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
-        steps = zip(rewards.tolist(), done.shaping, done.potential, strict=True)
-        for i, (reward, shaping, phi) in enumerate(steps):
+        steps = zip(rewards.tolist(), done.shaping, done.there, strict=True)
+        for i, (reward, shaping, there) in enumerate(steps):
             infos[i] = {
                 **infos[i],
                 "original_reward": reward,
                 "shaping": shaping[0],
-                "potential": phi,
+                "potential": there[0],
                 **done.ended.get(i, {}),
             }
             if len(sources) > 1:

@@ -347,6 +347,8 @@ def observation_task(
 # -- tasks as environments -------------------------------------------------------------------------
 
 RenderMode = Literal["rgb_array", "ansi"]
+FORMS = frozenset({"observation", "action", "render_mode"})
+"""The settings of an environment, beside those of its task."""
 FIRST_MAZE = """
     .....P.T
     .#P#....
@@ -531,44 +533,21 @@ def _value(component: Component, value: Any) -> int:
     return whole_number(f"the value of {component.name}", value, component.low, SettingError)
 
 
-class MazeEnvironment(TaskEnvironment):
-    """What ``Curricle/Maze-v0`` makes: a :class:`GridWorld` as an environment.
+def maze_environment(map: Any = FIRST_MAZE, **settings: Any) -> TaskEnvironment:
+    """Return a :class:`GridWorld` as an environment, with settings of both: ``Curricle/Maze-v0``.
 
-    `map` and the rules are those of :class:`GridWorld`, the other settings those of
-    :class:`TaskEnvironment`. Rewards may be a dict, such as ``{"step": -5}``.
+    Rewards may be a dict, such as ``{"step": -5}``.
     """
-
-    def __init__(
-        self,
-        map: Any = FIRST_MAZE,
-        *,
-        observation: Form = "index",
-        action: Form = "index",
-        render_mode: RenderMode | None = None,
-        **rules: Any,
-    ):
-        if isinstance(rules.get("rewards"), Mapping):
-            rules["rewards"] = Rewards(**rules["rewards"])
-        maze = GridWorld(map, **rules)
-        super().__init__(maze, observation=observation, action=action, render_mode=render_mode)
+    forms = {name: settings.pop(name) for name in FORMS & settings.keys()}
+    if isinstance(settings.get("rewards"), Mapping):
+        settings["rewards"] = Rewards(**settings["rewards"])
+    return TaskEnvironment(GridWorld(map, **settings), **forms)
 
 
-class PursuitEnvironment(TaskEnvironment):
-    """What ``Curricle/Pursuit-v0`` makes: a :class:`Pursuit`, its predators acting as one.
-
-    The rules are those of :class:`Pursuit`, the other settings those of :class:`TaskEnvironment`.
-    """
-
-    def __init__(
-        self,
-        *,
-        observation: Form = "index",
-        action: Form = "index",
-        render_mode: RenderMode | None = None,
-        **rules: Any,
-    ):
-        hunt = Pursuit(**rules)
-        super().__init__(hunt, observation=observation, action=action, render_mode=render_mode)
+def pursuit_environment(**settings: Any) -> TaskEnvironment:
+    """Return a :class:`Pursuit` whose predators act as one: ``Curricle/Pursuit-v0``."""
+    forms = {name: settings.pop(name) for name in FORMS & settings.keys()}
+    return TaskEnvironment(Pursuit(**settings), **forms)
 
 
 def to_gymnasium(

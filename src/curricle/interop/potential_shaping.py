@@ -15,7 +15,6 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from itertools import repeat
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, SupportsFloat, TypeGuard
 
 import gymnasium
@@ -103,8 +102,9 @@ class StateSource:
 
     def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
         """Return Phi_i of n observations, (n,)."""
+        numbered = self.state_of(stacked) if self.batched else [*map(self.state_of, rows)]
         if self.batched:
-            array = whole(self.state_of(stacked), "the states of observations")
+            array = whole(numbered, "the states of observations")
             if array.shape != (len(rows),):
                 raise SettingError(
                     f"a batch of observations must have states of shape {(len(rows),)}: "
@@ -112,20 +112,19 @@ class StateSource:
                 )
             states = array.tolist()
         else:
-            states = [self._state(observation) for observation in rows]
-        for place, state in enumerate(states):
-            if not 0 <= state < self.n_states:
-                where = f"{place} of {len(rows)} stacked" if self.batched else repr(rows[place])
-                raise SettingError(
-                    f"an observation's state must lie in 0..{self.n_states - 1}: {self.name!r} "
-                    f"got {state} for observation {where}"
-                )
+            states = [*map(self._whole, numbered, rows)]
+        if min(states) < 0 or max(states) >= self.n_states:
+            place, state = next((k, s) for k, s in enumerate(states) if not 0 <= s < self.n_states)
+            where = f"{place} of {len(rows)} stacked" if self.batched else repr(rows[place])
+            raise SettingError(
+                f"an observation's state must lie in 0..{self.n_states - 1}: {self.name!r} got "
+                f"{state} for observation {where}"
+            )
         if self.fixed is not None:
-            return [self.fixed.item(state) for state in states]
+            return [*map(self.fixed.item, states)]
         return _values(self.potential, np.array(states), steps).tolist()  # type: ignore[no-any-return]
 
-    def _state(self, observation: Any) -> int:
-        state = self.state_of(observation)
+    def _whole(self, state: Any, observation: Any) -> int:
         try:
             return operator.index(state)
         except TypeError:
@@ -179,13 +178,9 @@ def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
     return list(iterate(space, stacked))
 
 
-def _weights(weight: Schedule, steps: Steps) -> Any:
-    """Return w(t) for all observations, or for each, (n,)."""
-    if weight.shape == CONSTANT:
-        return weight.first
-    if isinstance(steps, int):
-        return weight(steps)
-    return np.array([weight(step) for step in steps.tolist()])
+def each_step(steps: Steps, n: int) -> list[int]:
+    """Return the step of each of n observations."""
+    return [steps] * n if isinstance(steps, int) else steps.tolist()
 
 
 def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:
@@ -231,7 +226,8 @@ def _values(
         terminal = generative_model(potential.task).terminal
         return phi if terminal is None else np.where(terminal[states], 0.0, phi)
     frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
-    return np.asarray(_weights(potential.weight, steps) * potential.values[frame, states])
+    weights = np.array([potential.weight(step) for step in each_step(steps, len(states))])
+    return np.asarray(weights * potential.values[frame, states])
 
 
 def _one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
@@ -285,6 +281,7 @@ class ShapingPotential:
         }
         self.discount = _one_discount(named, discount)
         self.weight = schedule(weight)  # w(t)
+        self._constant = self.weight.first if self.weight.shape == CONSTANT else None
         self.aggregate = aggregate  # g, called with n observations as S and A = 1
         # The largest telescoping residual allowed, as a share of the largest |Phi|.
         self.allowed = math.inf
@@ -304,24 +301,26 @@ class ShapingPotential:
         columns = []
         for name, source in self.sources.items():
             column = source.read(rows, stacked, steps)
-            for place, value in enumerate(column):
-                if not math.isfinite(value):
-                    raise PotentialError(
-                        f"a potential must be finite: {name!r} is {value} at observation "
-                        f"{rows[place]!r}"
-                    )
+            if not all(map(math.isfinite, column)):
+                place = [*map(math.isfinite, column)].index(False)
+                raise PotentialError(
+                    f"a potential must be finite: {name!r} is {column[place]} at observation "
+                    f"{rows[place]!r}"
+                )
             columns.append(column)
-        together: Sequence[float] = columns[0]
+        together = columns[0]
         if self.aggregate is not None and self._batched:
             arrays = np.array(columns)[:, :, None]
             together = aggregation.aggregate(self.aggregate, arrays)[:, 0].tolist()
         elif self.aggregate is not None:
-            g, numbers_of_rows = self.aggregate, zip(*columns, strict=True)
-            together = [aggregation.aggregate_numbers(g, values) for values in numbers_of_rows]
-        weight = _weights(self.weight, steps)
-        weights = weight.tolist() if isinstance(weight, np.ndarray) else repeat(weight)
-        values_of_rows = zip(together, *columns, strict=True)
-        return [[w * phi for phi in values] for w, values in zip(weights, values_of_rows)]  # noqa: B905 - w may be repeated
+            g = self.aggregate
+            together = [aggregation.aggregate_numbers(g, values) for values in zip(*columns)]  # noqa: B905 - all are n
+        values_of_rows = [*map(list, zip(together, *columns))]  # noqa: B905
+        if self._constant == 1.0:
+            return values_of_rows
+        weights = [self.weight(step) for step in each_step(steps, len(rows))]
+        pairs = zip(weights, values_of_rows, strict=True)
+        return [[w * phi for phi in values] for w, values in pairs]
 
 
 def check_unshaped(info: Mapping[str, Any]) -> None:
@@ -333,7 +332,7 @@ def check_unshaped(info: Mapping[str, Any]) -> None:
         )
 
 
-@dataclass
+@dataclass(eq=False)
 class Episode:
     """One episode under shaping; lists hold Phi and, after it, each source's Phi_i."""
 
@@ -351,9 +350,7 @@ class Episode:
 
     def step(self, there: list[float], reward: float, discount: float) -> list[float]:
         """Step to a state of potentials `there`; return F = gamma Phi(s') - Phi(s) of each."""
-        shaping = [
-            discount * after - before for after, before in zip(there, self.here, strict=True)
-        ]
+        shaping = [discount * after - before for after, before in zip(there, self.here)]  # noqa: B905
         self.here = there
         self.largest = max(self.largest, abs(there[0]))
         self.shaped += self.power * shaping[0]
@@ -380,8 +377,8 @@ class ShapedStep(NamedTuple):
     """Which made a step of an episode; the others only reset."""
     shaping: list[list[float]]
     """(n, 1 + N): F and after it each source's F_i; 0 where the sub-environment only reset."""
-    potential: list[float]
-    """(n,): Phi(s')."""
+    there: list[list[float]]
+    """(n, 1 + N): Phi(s') and after it w Phi_i(s') of each source."""
     ended: dict[int, dict[str, float]]
     """Of each sub-environment whose episode ended, what :meth:`Episode.end` returns."""
 
@@ -397,6 +394,7 @@ class Episodes:
         self._potential, self._finals_in = potential, finals_in
         self._steps = 0  # of all environments together
         self._running: list[Episode | None] = [None] * n
+        self._all = [True] * n
 
     def begin(
         self, rows: list[Any], stacked: Any = None, mask: Sequence[bool] | BoolArray | None = None
@@ -422,9 +420,30 @@ class Episodes:
 
         ``final(i)`` is the observation at which episode i was cut off, None if unknown.
         """
+        if None in self._running or True in terminated or True in truncated:
+            return self._ending_step(rows, rewards, terminated, truncated, final, stacked)
+        # Most steps, which must be quick.
+        self._steps += len(rows)
+        there = self._potential.read(rows, self._steps, stacked)
+        steps: Any = zip(self._running, there, rewards)  # noqa: B905 - all are n
+        discount, shaping = self._potential.discount, []
+        for episode, phi, reward in steps:
+            shaping.append(episode.step(phi, reward, discount))
+        return ShapedStep(self._all, shaping, there, {})
+
+    def _ending_step(
+        self,
+        rows: list[Any],
+        rewards: Sequence[float],
+        terminated: Sequence[bool],
+        truncated: Sequence[bool],
+        final: Callable[[int], Any] | None,
+        stacked: Any,
+    ) -> ShapedStep:
+        """Return what shaping makes of a step in which episodes end or begin."""
         running, same_step = self._running.copy(), self._finals_in is not None
         self._steps += sum(episode is not None for episode in running)
-        over = [i for i, ends in enumerate(zip(terminated, truncated, strict=True)) if any(ends)]
+        over = [i for i in range(len(rows)) if terminated[i] or truncated[i]]
         ended = {i: episode for i in over if (episode := running[i]) is not None}
         finals: dict[int, Any] = {}
         if same_step and final is not None:
@@ -447,7 +466,7 @@ class Episodes:
                 place = f"after {self._steps - episode.begun} steps"
             reported[i] = episode.end(self._potential, starts[i], place)
         stepped = [episode is not None for episode in running]
-        return ShapedStep(stepped, shaping, [phi[0] for phi in there], reported)
+        return ShapedStep(stepped, shaping, there, reported)
 
     def _finals(self, cut_off: list[int], final: Callable[[int], Any]) -> dict[int, Any]:
         """Return the observations at which episodes were cut off, by sub-environment."""
@@ -605,7 +624,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
             "original_reward": reward,
             "shaping": shaping,
             "shaping_terms": dict(zip(self._potential.sources, terms, strict=True)),
-            "potential": done.potential[0],
+            "potential": done.there[0][0],
             **done.ended.get(0, {}),
         }
         return observation, reward + shaping, terminated, truncated, {**info, **shown}
@@ -712,7 +731,7 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
             observations,
         )
         shaping, stepped = np.array(done.shaping).T, np.array(done.stepped)
-        potential = np.array(done.potential)
+        potential = np.array([phi[0] for phi in done.there])
         infos = {
             **infos,
             **_shown(stepped, original_reward=rewards, shaping=shaping[0], potential=potential),
