@@ -79,18 +79,6 @@ def test_the_pull_falls_to_0_at_half_of_the_budget():
     assert all(b < a for a, b in zip(weights.seen[1:half], weights.seen[2:half], strict=False))
 
 
-def test_a_whole_network_can_be_carried_over_and_kept_near():
-    observed, values, wanted = task_and_source()
-    shaping = cr.deep.WeightTransfer(source=source(observed, values), kl=2.0)
-    model, weights = model_for(observed, learner(), shaping, seed=9), Weights()
-    rows = np.eye(5, dtype=np.float32)
-    assert NetworkValues(model.policy).v(rows) == pytest.approx(values.v(rows), abs=1e-5)
-    assert probabilities(model.policy) == pytest.approx(wanted, abs=0.05)
-    model.learn(STEPS, callback=weights)
-    assert weights.seen[1] > 0
-    assert model.policy.kl_weight == 0.0
-
-
 def gradients(policy, loss):
     policy.zero_grad()
     loss.backward()

@@ -9,10 +9,7 @@ import curricle as cr
 from curricle.deep import DeepLearner
 from curricle.deep.distillation import distil
 from curricle.deep.miniature import Knowledge
-from curricle.deep.models import model_for
-from curricle.deep.networks import acting
 from curricle.errors import PotentialError, SettingError
-from curricle.transfer.observation_rollouts import Environments
 
 pytest.importorskip("sb3_contrib")
 SMALL = {"n_steps": 32, "batch_size": 32, "n_epochs": 1}
@@ -76,19 +73,6 @@ def actions_alone(model, env, seed):
         actions.append(int(action[0]))
         seen, _, over, _, _ = env.step(actions[-1])
     return actions
-
-
-def test_episodes_side_by_side_are_those_of_each_alone():
-    model = model_for(DRIFTING, RECURRENT, seed=3)
-    environments = Environments(DRIFTING, 8, 30)
-    seeds = []
-    for env in environments.environments:
-        reset = env.reset
-        env.reset = lambda seed, reset=reset: (seeds.append(seed), reset(seed=seed))[1]
-    act = acting(model.policy, environments.environments)
-    for episode, seed in zip(environments.rollouts(act, 7), seeds, strict=True):
-        assert episode.rewards.tolist() == actions_alone(model, Drifting(), seed)
-    assert len({tuple(actions_alone(model, Drifting(), seed)) for seed in seeds}) > 4
 
 
 def test_masked_policies_are_evaluated_and_played_with_masks():

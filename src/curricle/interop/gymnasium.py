@@ -5,7 +5,7 @@ observations, :func:`to_gymnasium` environments.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from copy import deepcopy
 from functools import cached_property
 from operator import index
@@ -140,13 +140,7 @@ def from_gymnasium(
         )
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
-    if isinstance(environment, gym.Env):
-        made: Any = nullcontext(environment)
-    else:
-        with refusals_of_make(environment):
-            new: Any = make()
-        made = closing(checked_environment(environment, new))
-    with made as env:
+    with opened(environment, make) as env:
         world, limit = env.unwrapped, time_limit
         if time_limit == "own":
             limit = None if env.spec is None else env.spec.max_episode_steps
@@ -247,12 +241,16 @@ def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
         )
 
 
-def checked_environment(what: Any, made: Any) -> gym.Env[Any, Any]:
-    """Return what was made of an environment, or raise TaskError unless it is one with spaces."""
+def opened(environment: Environment, make: EnvironmentMaker) -> AbstractContextManager[Any]:
+    """Return a context with an environment that is given, or a new one, closed at its end."""
+    if isinstance(environment, gym.Env):
+        return nullcontext(environment)
+    with refusals_of_make(environment):
+        made: Any = make()
     if not isinstance(made, gym.Env):
-        raise TaskError(f"an environment must be a gymnasium.Env: {what!r} made {made!r}")
+        raise TaskError(f"an environment must be a gymnasium.Env: {environment!r} made {made!r}")
     check_spaces(made)
-    return made
+    return closing(made)
 
 
 @contextmanager

@@ -371,16 +371,12 @@ class Episode:
 
 
 class ShapedStep(NamedTuple):
-    """What shaping makes of one step of n sub-environments."""
+    """What shaping makes of one step of n environments."""
 
-    stepped: list[bool]
-    """Which made a step of an episode; the others only reset."""
-    shaping: list[list[float]]
-    """(n, 1 + N): F and after it each source's F_i; 0 where the sub-environment only reset."""
-    there: list[list[float]]
-    """(n, 1 + N): Phi(s') and after it w Phi_i(s') of each source."""
-    ended: dict[int, dict[str, float]]
-    """Of each sub-environment whose episode ended, what :meth:`Episode.end` returns."""
+    stepped: list[bool]  # which made a step of an episode; the others only reset
+    shaping: list[list[float]]  # (n, 1 + N): F and after it each source's F_i; 0 of a reset
+    there: list[list[float]]  # (n, 1 + N): Phi(s') and after it w Phi_i(s') of each source
+    ended: dict[int, dict[str, float]]  # what :meth:`Episode.end` returns, where episodes ended
 
 
 class Episodes:
@@ -401,9 +397,8 @@ class Episodes:
     ) -> None:
         """Begin episodes at the n observations, everywhere or where `mask` is true."""
         begun = [i for i in range(len(rows)) if mask is None or mask[i]]
-        here = self._potential.read(
-            [rows[i] for i in begun], self._steps, stacked if mask is None else None
-        )
+        stacked = stacked if mask is None else None
+        here = self._potential.read([rows[i] for i in begun], self._steps, stacked)
         for i, phi in zip(begun, here, strict=True):
             self._running[i] = Episode(rows[i], self._steps, phi)
 
@@ -420,39 +415,34 @@ class Episodes:
 
         ``final(i)`` is the observation at which episode i was cut off, None if unknown.
         """
-        if None in self._running or True in terminated or True in truncated:
-            return self._ending_step(rows, rewards, terminated, truncated, final, stacked)
-        # Most steps, which must be quick.
-        self._steps += len(rows)
-        there = self._potential.read(rows, self._steps, stacked)
-        steps: Any = zip(self._running, there, rewards)  # noqa: B905 - all are n
-        discount, shaping = self._potential.discount, []
-        for episode, phi, reward in steps:
-            shaping.append(episode.step(phi, reward, discount))
-        return ShapedStep(self._all, shaping, there, {})
-
-    def _ending_step(
-        self,
-        rows: list[Any],
-        rewards: Sequence[float],
-        terminated: Sequence[bool],
-        truncated: Sequence[bool],
-        final: Callable[[int], Any] | None,
-        stacked: Any,
-    ) -> ShapedStep:
-        """Return what shaping makes of a step in which episodes end or begin."""
-        running, same_step = self._running.copy(), self._finals_in is not None
+        running, discount = self._running.copy(), self._potential.discount
+        steps: Any
+        if not (None in running or True in terminated or True in truncated):
+            # Most steps, which must be quick.
+            self._steps += len(rows)
+            there = self._potential.read(rows, self._steps, stacked)
+            shaping, steps = [], zip(running, there, rewards)  # noqa: B905 - all are n
+            for episode, phi, reward in steps:
+                shaping.append(episode.step(phi, reward, discount))
+            return ShapedStep(self._all, shaping, there, {})
+        same_step = self._finals_in is not None
         self._steps += sum(episode is not None for episode in running)
         over = [i for i in range(len(rows)) if terminated[i] or truncated[i]]
         ended = {i: episode for i in over if (episode := running[i]) is not None}
-        finals: dict[int, Any] = {}
-        if same_step and final is not None:
-            finals = self._finals([i for i in over if not terminated[i]], final)
+        cut_off = [i for i in over if same_step and not terminated[i]]
+        finals = {} if final is None else {i: final(i) for i in cut_off}
+        for i, observation in finals.items():
+            if observation is None:
+                raise SettingError(
+                    "a vector environment that resets in the same step must return the "
+                    f"observation at which it cut an episode off, in {self._finals_in}: "
+                    f"sub-environment {i} did not"
+                )
         here, there, starts = self._read(rows, stacked, terminated, ended, finals)
-        discount, nothing = self._potential.discount, [0.0] * len(there[0])
+        of_reset, steps = [0.0] * len(there[0]), zip(running, there, rewards, strict=True)
         shaping = [
-            nothing if episode is None else episode.step(phi, reward, discount)
-            for episode, phi, reward in zip(running, there, rewards, strict=True)
+            of_reset if episode is None else episode.step(phi, reward, discount)
+            for episode, phi, reward in steps
         ]
         for i, episode in enumerate(running):
             if episode is None or (i in ended and same_step):
@@ -465,20 +455,7 @@ class Episodes:
             if len(running) == 1:
                 place = f"after {self._steps - episode.begun} steps"
             reported[i] = episode.end(self._potential, starts[i], place)
-        stepped = [episode is not None for episode in running]
-        return ShapedStep(stepped, shaping, there, reported)
-
-    def _finals(self, cut_off: list[int], final: Callable[[int], Any]) -> dict[int, Any]:
-        """Return the observations at which episodes were cut off, by sub-environment."""
-        finals = {i: final(i) for i in cut_off}
-        for i, observation in finals.items():
-            if observation is None:
-                raise SettingError(
-                    "a vector environment that resets in the same step must return the "
-                    f"observation at which it cut an episode off, in {self._finals_in}: "
-                    f"sub-environment {i} did not"
-                )
-        return finals
+        return ShapedStep([e is not None for e in running], shaping, there, reported)
 
     def _read(
         self,
@@ -502,11 +479,11 @@ class Episodes:
         now = [self._steps] * (len(read) + len(finals))
         steps = np.array([*now, *(episode.begun for episode in ended.values())])
         values = iter(self._potential.read(asked, steps))
-        nothing = [0.0] * (1 + len(self._potential.sources))
-        here = [nothing] * len(rows)
+        of_end = [0.0] * (1 + len(self._potential.sources))
+        here = [of_end] * len(rows)
         for i in read:
             here[i] = next(values)
-        there = [nothing if end else phi for end, phi in zip(terminated, here, strict=True)]
+        there = [of_end if end else phi for end, phi in zip(terminated, here, strict=True)]
         for i in finals:
             there[i] = next(values)
         return here, there, {i: phi[0] for i, phi in zip(ended, values, strict=True)}
@@ -529,12 +506,11 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     - ``potential``: Phi(s'), which is 0 where the step terminated;
     - at an episode's end ``original_return``, the undiscounted sum of the original rewards, and
       ``telescoping_residual``: sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), with Phi(s_0)
-      computed anew from a copy of the observation. It is 0, but for rounding, where Phi is a
-      function of the observation (and t) alone.
+      computed anew. It is 0, but for rounding, where Phi depends on the observation and t alone.
 
-    A step after an episode's end is taken to be the reset of an environment that resets itself
-    (`gymnasium.wrappers.Autoreset`): its reward stays as it is. Wrappers that record returns belong
-    inside, where rewards are the original ones: ``PotentialShaping(RecordEpisodeStatistics(env))``.
+    A step after an episode's end is taken to be the reset of `gymnasium.wrappers.Autoreset`: its
+    reward stays as it is. Wrappers that record returns belong inside, where rewards are the
+    original ones: ``PotentialShaping(RecordEpisodeStatistics(env))``.
 
     Parameters
     ----------
@@ -551,15 +527,14 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         w(t), which multiplies Phi; t counts the steps taken through this wrapper, episode after
         episode, also for a `StatePotential` that changes with time (Devlin, Kudenko 2012).
     aggregate : callable, optional
-        g of Phi = w g(Phi_1, ..., Phi_N), (N, S, A) -> (S, A), called with S = A = 1; the mean
-        unless given.
+        g of Phi = w g(Phi_1, ..., Phi_N), (N, S, A) -> (S, A), with A = 1; by default the mean.
     encode : callable, optional
         observation -> number of the state, for potentials over a task.
     tolerance : float or None
-        The largest residual allowed, as a share of the largest size of Phi in the episode; for a
+        The largest residual allowed, as a share of the largest |Phi| in the episode; for a
         `ValueSource` at least 0.001, as networks round. None allows any, for potentials that
-        change, such as a network in training. Shaping is sound for these too (Devlin, Kudenko
-        2012): what is subtracted on leaving s is the number that was added on arriving there.
+        change, such as a network in training: shaping subtracts on leaving s what it added on
+        arriving there, so it is sound for these too (Devlin, Kudenko 2012).
 
     Raises
     ------
@@ -633,8 +608,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
 class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
 
-    It is :class:`PotentialShaping` for vector environments: the same potentials, the same rules,
-    episode by episode of each sub-environment. Where ``metadata["autoreset_mode"]`` is
+    It is :class:`PotentialShaping` for vector environments. Where ``metadata["autoreset_mode"]`` is
 
     - NEXT_STEP, the step that only resets a sub-environment has F = 0 and keeps its reward;
     - SAME_STEP, s' of a step that cuts an episode off is ``infos["final_obs"]``, and the
@@ -642,10 +616,9 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
     - DISABLED, an episode begins where ``reset(options={"reset_mask": ...})`` says so.
 
     ``infos`` holds the entries of `PotentialShaping` as (n,) float64 arrays, each with its mask
-    under the name with an underscore in front, ``shaping_terms`` as a dict of such arrays. The
-    masks leave out the sub-environments that only reset; ``telescoping_residual`` and
-    ``original_return`` are there when an episode ended, with the mask of the ended. ``potential``
-    is Phi(s') of the state the step arrived in, in SAME_STEP too.
+    under its name after an underscore, ``shaping_terms`` as a dict of such arrays. Masks leave out
+    sub-environments that only reset; those of ``telescoping_residual`` and ``original_return`` are
+    true where an episode ended. ``potential`` is Phi of the state the step arrived in.
 
     Parameters
     ----------
@@ -654,11 +627,11 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
         As in :class:`PotentialShaping`. The t of potentials that change with time counts the steps
         of all sub-environments together, as a budget does.
     batched : bool
-        Whether potential functions return an (m,) array for m observations, stacked as the vector
-        environment does it, and `encode` an (m,) array of integers. m is n, or more where episodes
-        end: then the observations at which they were cut off and began are read as well. Otherwise
-        functions are called with one observation after another. Observations that ended an episode
-        by termination are never read. Sources of values always read stacked observations.
+        Whether potential functions return an (m,) array for m stacked observations, and `encode`
+        an (m,) array of integers. m is n, or more where episodes end, as the observations at which
+        they were cut off and began are read too. Otherwise functions are called with one
+        observation after another. Observations in which an episode terminated are never read.
+        Sources of values always read stacked observations.
 
     Raises
     ------

@@ -4,7 +4,6 @@ At the end: the names and the transition tables of Gymnasium's toy-text environm
 """
 
 import math
-import operator
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -64,7 +63,7 @@ class Number:
         """Return the number of a point, negative where it is none."""
         try:
             return self._place(point)
-        except TypeError:  # of what is no whole number
+        except (TypeError, ValueError):  # of what is no whole number, or no array of them
             return MISSING
 
     def __getstate__(self) -> dict[str, Any]:
@@ -143,18 +142,14 @@ class Coding:
 
     def __init__(self, space: Space, form: Form):
         self.space, self.form = space, form
+        self.gym_space: Discrete[np.int64] | MultiDiscrete[np.int64] = (
+            Discrete(space.size) if form == "index" else MultiDiscrete(list(space.shape))
+        )
+        self._number = Number(self.gym_space)
         self._rows: IntArray | None = None
         if not space.is_box:
             lows = [component.low for component in space.components]
             self._rows = np.stack(list(space.decode().values()), axis=1) - lows
-
-    # The type is quoted: in older versions of Gymnasium these classes are not generic.
-    @cached_property
-    def gym_space(self) -> "Discrete[np.int64] | MultiDiscrete[np.int64]":
-        """Gymnasium's space: ``Discrete(size)`` or ``MultiDiscrete(shape)``."""
-        if self.form == "index":
-            return Discrete(self.space.size)
-        return MultiDiscrete(list(self.space.shape))
 
     def coded(self, point: int) -> Any:
         """Return a point in Gymnasium's space: an int, or an int64 array."""
@@ -173,12 +168,10 @@ class Coding:
 
     def number(self, point: Any) -> int:
         """Return the number of a box's point in Gymnasium's space."""
-        shape = (self.space.size,) if self.form == "index" else self.space.shape
-        try:
-            values = [point] if self.form == "index" else np.asarray(point).tolist()
-            return int(np.ravel_multi_index(tuple(map(operator.index, values)), shape))
-        except (TypeError, ValueError):
-            raise SettingError(f"an action must lie in {self.gym_space}: got {point!r}") from None
+        number = self._number(point)
+        if number == MISSING:
+            raise SettingError(f"an action must lie in {self.gym_space}: got {point!r}")
+        return number
 
 
 # -- names that a caller gives ---------------------------------------------------------------------

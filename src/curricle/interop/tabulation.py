@@ -11,7 +11,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Collection, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,9 +38,8 @@ from curricle.interop.gymnasium import (
     Environment,
     TimeLimit,
     actions_of,
-    checked_environment,
     maker_of,
-    refusals_of_make,
+    opened,
 )
 from curricle.interop.minigrid import (
     MiniGridAccess,
@@ -267,13 +266,12 @@ def tabulate(
     """Return a Gymnasium environment as tables of every state that can be reached.
 
     States are visited breadth first from those that resets lead to: each action is taken in each
-    state, which is saved and restored. The tables are the environment's own, so what :func:`solve`,
-    :func:`certify` and :func:`evaluate` prove of them holds for it.
+    state. The tables are the environment's own, so what :func:`solve`, :func:`certify` and
+    :func:`evaluate` prove of them holds for it.
 
     Steps must be deterministic, which is checked: each is taken twice, and 8 times if it draws
-    random numbers, each time with others. At the end up to 1,000 steps are played in the
-    environment and must be in the tables. Where steps are random their outcomes must be listed, or
-    estimated if asked for; the table says then that it is estimated.
+    random numbers. At the end up to 1,000 steps are played in the environment and must agree with
+    the tables. Outcomes of random steps must be listed or estimated; the table says which.
 
     Parameters
     ----------
@@ -291,15 +289,14 @@ def tabulate(
     actions : sequence of str or Space, optional
         As in :func:`from_gymnasium`.
     state : DeepCopy, MiniGridState or (save, restore), optional
-        How states are saved and restored. By default :class:`DeepCopy`, which fits everywhere, and
-        in MiniGrid's environments :class:`MiniGridState`, where the goal's reward is 1. Two
-        functions are faster: ``save(env)`` returns the state, hashable and different for different
-        states, ``restore(env, state)`` puts the environment, without wrappers, back into it. The
-        fields of a named tuple are the names of components.
+        How states are saved and restored: by default :class:`DeepCopy`, in MiniGrid's environments
+        :class:`MiniGridState`, where the goal's reward is 1. Two functions are faster:
+        ``save(env)`` returns the state, hashable, ``restore(env, state)`` puts the environment,
+        without wrappers, back into it. The fields of a named tuple name components.
     outcomes : callable, optional
         ``outcomes(state, action)`` lists (probability, next state, reward, terminated) of each
-        outcome of an environment that is random. States are observations, or what `save` returns.
-        An environment's own table ``P`` is used unless `state` is given.
+        outcome; states are observations, or what `save` returns. An environment's own table ``P``
+        is used unless `state` is given.
     samples : int, optional
         Estimate outcomes from so many steps of each pair.
     max_states, max_seconds : int, float
@@ -307,19 +304,19 @@ def tabulate(
     progress : bool or callable, optional
         True shows how far it is; a function is called with a :class:`Progress`.
     cache : str or Path, optional
-        A file that the tables are read from, and written to when it is not there. It notes the
-        environment's name, classes and content after each reset, the settings above, and the
-        versions of packages; a file of others is refused. The code of your environment is not
-        compared: name another file when you change it.
+        A file that the tables are read from, or written to if it does not exist. It notes the
+        environment's name, classes and content after each reset, the settings above and versions of
+        packages; a file of others is refused. Name another file when you change your environment's
+        code, which is not compared.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
     Returns
     -------
     TabulatedTask
-        States have a component for each number or word that differs between them, among the
-        environment's attributes or in what `save` returns; where these do not tell them apart, in
-        attributes with an underscore and observations.
+        States have a component for each number or word that differs between them, in the
+        environment's attributes or what `save` returns, then in private attributes and
+        observations.
 
     Raises
     ------
@@ -382,10 +379,7 @@ def _opened(environment: Any, make: Any, state: Any) -> AbstractContextManager[A
         except TaskError:
             if not isinstance(state, tuple):
                 raise
-            return nullcontext(environment)
-    with refusals_of_make(environment):
-        env = make()
-    return closing(checked_environment(environment, env))
+    return opened(environment, make)
 
 
 def words_of(world: Any) -> Callable[[Any], Words] | None:

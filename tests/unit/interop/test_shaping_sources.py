@@ -25,7 +25,6 @@ from tests.refusals import check_values
 
 from .shaping import (
     DISCOUNT,
-    N_ACTIONS,
     N_STATES,
     NONE,
     PHI,
@@ -36,7 +35,6 @@ from .shaping import (
     always,
     as_picture,
     by_function,
-    episodes_of,
     paid,
     shaped_steps,
     table,
@@ -51,12 +49,6 @@ def test_a_state_potential_brings_its_discount():
     assert env.discount == DISCOUNT
     assert env.get_wrapper_attr("discount") == DISCOUNT
     assert paid(env) == by_function()
-
-
-def test_a_pair_potential_is_worth_its_best_action():
-    pairs = RNG.normal(size=(N_STATES, N_ACTIONS))
-    env = PotentialShaping(world(), cr.StateActionPotential(task(), pairs))
-    assert paid(env) == by_function(pairs.max(axis=1))
 
 
 HUNT, CHASE = cr.Pursuit(size=2, predators=2), cr.Pursuit(size=2, predators=1)
@@ -181,31 +173,6 @@ def test_terms_are_what_each_source_would_pay_alone(aggregate):
         assert (terms.min(axis=1) - 1e-12 <= shaping).all()
         assert (shaping <= terms.max(axis=1) + 1e-12).all()
         assert abs(aggregate(terms.T) - shaping).max() > 0.1
-
-
-def test_a_changing_potential_goes_by_the_steps_taken():
-    frames = RNG.normal(size=(3, N_STATES))
-    weight = cr.learning.linear(1.0, 0.2, steps=80)
-    phi = cr.StatePotential(task(NONE), frames, frame_steps=[0, 10, 31], weight=weight)
-    actions = actions_of(60)
-    steps = [move for episode in episodes_of(world(NONE), actions) for move in episode]
-    got = shaped_steps(PotentialShaping(world(NONE), phi), actions)
-    for t, ((state, reward, following, _), (shaped, info)) in enumerate(
-        zip(steps, got, strict=True)
-    ):
-        assert info["shaping"] == phi.shaping_reward(state, following, step=t)
-        assert shaped == reward + info["shaping"]
-        assert abs(info.get("telescoping_residual", 0.0)) < 1e-12
-
-
-def test_a_weight_scales_any_potential_and_may_change_too():
-    assert paid(PotentialShaping(world(), table, discount=DISCOUNT, weight=2)) == by_function(
-        2 * PHI
-    )
-    weight = cr.learning.linear(1.0, 0.2, steps=80)
-    weighed = cr.StatePotential(task(NONE), PHI, weight=weight)
-    env = PotentialShaping(world(NONE), table, discount=DISCOUNT, weight=weight)
-    assert paid(env) == pytest.approx(paid(PotentialShaping(world(NONE), weighed)), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -349,19 +316,6 @@ def test_a_potential_over_observations_states_the_discount_and_the_space():
         PotentialShaping(world(observe=as_picture, space=PICTURE), phi)
     with pytest.raises(SettingError, match="a discount must be given"):
         PotentialShaping(world(), TableValues(np.zeros((N_STATES, 1))))
-
-
-@pytest.mark.parametrize(
-    ("read", "said"),
-    [
-        (lambda o: np.full(len(o), np.inf), "'potential' is inf at observation "),
-        (lambda o: np.zeros(2), r"must return shape \(1,\): got \(2,\)"),
-    ],
-)
-def test_values_that_cannot_be_used_are_named(read, said):
-    env = PotentialShaping(world(), FunctionValues(state_values=read), discount=DISCOUNT)
-    with pytest.raises(PotentialError, match=said):
-        env.reset(seed=0)
 
 
 @given(st.data())
