@@ -36,7 +36,7 @@ LIMIT = 300
 """Seconds of processor time that tests of a changed library may take: endless loops are caught."""
 TABULATE = "tests/unit/interop/test_tabulate.py"
 ACTING = "tests/unit/test_acting.py"
-TABLES = "tests/unit/interop/test_gymnasium_tables.py"
+TABLES = "tests/unit/interop/test_gymnasium.py"
 
 
 class Mutation(NamedTuple):
@@ -452,35 +452,35 @@ MUTATIONS = [
     ),
     Mutation(
         "steps of a tabulation are not repeated",
-        "interop/tabulation/exploration.py",
+        "interop/exploration.py",
         "self._check_repeated(first, self._arrival(again, action), action)\n            # Where",
         "# Where",
         (f"{TABULATE}::test_a_step_is_repeated_from_its_state",),
     ),
     Mutation(
         "a tabulation goes on from truncated states",
-        "interop/tabulation/exploration.py",
-        "(self.queued[state] or reached.terminated or reached.truncated)",
-        "(self.queued[state] or reached.terminated)",
+        "interop/exploration.py",
+        "(self._queued[state] or reached.terminated or reached.truncated)",
+        "(self._queued[state] or reached.terminated)",
         (f"{TABULATE}::test_a_clock_of_its_own_is_part_of_a_state_and_truncation_is_no_end",),
     ),
     Mutation(
         "a state that ended is the same as one that did not",
-        "interop/tabulation/exploration.py",
+        "interop/exploration.py",
         "name = reached.key, reached.terminated",
         "name = reached.key, False",
         (f"{TABULATE}::test_the_same_state_ended_and_not_ended_is_two",),
     ),
     Mutation(
         "a step of a subclass is ignored",
-        "interop/toy_text.py",
+        "interop/spaces.py",
         "getattr(type(env), name) is getattr(kind, name) and name not in vars(env)",
         "name not in vars(env)",
         (f"{TABLES}::test_what_a_table_does_not_describe_is_live",),
     ),
     Mutation(
         "a step that was replaced is ignored",
-        "interop/toy_text.py",
+        "interop/spaces.py",
         " and name not in vars(env)",
         "",
         (f"{TABLES}::test_what_a_table_does_not_describe_is_live",),
@@ -488,8 +488,8 @@ MUTATIONS = [
     Mutation(
         "an environment whose step was replaced is made again without it",
         "interop/gymnasium.py",
-        "            _check_unchanged(env, make)",
-        "            pass",
+        "                _check_unchanged(env, make)",
+        "                pass",
         (f"{TABLES}::test_an_environment_whose_step_was_replaced_cannot_be_made_again",),
     ),
     Mutation(
@@ -501,35 +501,35 @@ MUTATIONS = [
     ),
     Mutation(
         "one of several resets is called exact",
-        "interop/tabulation/exploration.py",
-        "len(found.start) > 1 or not all(known)",
-        "len(found.start) > 1",
+        "interop/exploration.py",
+        "len(self.start) > 1 or not all(known)",
+        "len(self.start) > 1",
         (f"{TABULATE}::test_resets_that_differ_are_said_to_be_some_of_several",),
     ),
     Mutation(
         "draws from global generators are no draws",
-        "interop/tabulation/tabulate.py",
+        "interop/tabulation.py",
         "if source is world and drawn():",
         "if False:",
         (f"{TABULATE}::test_draws_from_global_generators_are_repeated_and_given_back",),
     ),
     Mutation(
         "a MiniGrid step is repeated at the same time",
-        "interop/tabulation/minigrid.py",
+        "interop/minigrid.py",
         "return int(number * 0.618034 % 1 * max(1, env.max_steps - 1))",
         "return 0",
         ("tests/unit/interop/test_tabulate_minigrid.py::test_what_depends_on_the_time_is_refused",),
     ),
     Mutation(
         "a reward of a MiniGrid subclass is replaced by 1",
-        "interop/tabulation/minigrid.py",
+        "interop/minigrid.py",
         "if type(base)._reward is not known or",
         "if",
         ("tests/unit/interop/test_tabulate_minigrid.py::test_a_reward_of_a_subclass_is_kept",),
     ),
     Mutation(
         "states with different rewards are made one",
-        "interop/tabulation/tables.py",
+        "interop/tabulation.py",
         " * len(different) + rewards.reshape(tables.reward.shape)",
         "",
         (f"{TABULATE}::test_observations_that_several_states_show_show_none",),
@@ -557,7 +557,7 @@ MUTATIONS = [
     ),
     Mutation(
         "a model's actions counted from 0 in tables that count from 1",
-        "interop/tabulation/tabulated_task.py",
+        "interop/tabulated_task.py",
         "if any(part.low for part in self.actions.components):",
         "if not self.actions.components:",
         (f"{ACTING}::test_actions_of_tables_count_from_0_where_a_model_is_read",),

@@ -16,7 +16,7 @@ from pkgutil import iter_modules
 
 import lazy_loader
 
-from curricle.interop.registration import register
+from curricle.interop import register
 
 __version__ = "0.3.0.dev0"
 

@@ -19,13 +19,13 @@ from . import (
 from .certificate.certification import certify as certify
 from .curriculum.curriculum import Curriculum as Curriculum
 from .errors import CurricleError as CurricleError
-from .interop.environment import to_gymnasium as to_gymnasium
 from .interop.gymnasium import (
     from_gymnasium as from_gymnasium,
     observation_task as observation_task,
+    to_gymnasium as to_gymnasium,
 )
 from .interop.potential_shaping import PotentialShaping as PotentialShaping
-from .interop.tabulation.tabulate import tabulate as tabulate
+from .interop.tabulation import tabulate as tabulate
 from .learning.guard import Guard as Guard
 from .learning.learners import (
     SARSA as SARSA,

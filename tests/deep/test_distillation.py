@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle.deep import DeepLearner
 from curricle.deep.distillation import Distillation, distil
-from curricle.deep.knowledge import Knowledge
+from curricle.deep.miniature import Knowledge
 
 from .worlds import one_hot
 

@@ -10,7 +10,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
 from curricle.deep.distillation import Distillation, distil
-from curricle.deep.knowledge import Knowledge
+from curricle.deep.miniature import Knowledge
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues
 
@@ -57,15 +57,6 @@ class Weights(BaseCallback):
         self.seen.append(self.model.policy.kl_weight)
 
 
-class Until(BaseCallback):
-    def __init__(self, steps):
-        super().__init__()
-        self.steps = steps
-
-    def _on_step(self):
-        return self.num_timesteps < self.steps
-
-
 def test_the_actor_starts_as_the_source_and_the_critic_does_not():
     observed, values, wanted = task_and_source()
     shaping = cr.deep.PolicyReuse(source=source(observed, values))
@@ -86,42 +77,6 @@ def test_the_pull_falls_to_0_at_half_of_the_budget():
     half = len(weights.seen) // 2
     assert all(one == 0.0 for one in weights.seen[half + 1 :])
     assert all(b < a for a, b in zip(weights.seen[1:half], weights.seen[2:half], strict=False))
-
-
-def test_a_whole_network_can_be_carried_over_and_kept_near():
-    observed, values, wanted = task_and_source()
-    shaping = cr.deep.WeightTransfer(source=source(observed, values), kl=2.0)
-    model, weights = model_for(observed, learner(), shaping, seed=9), Weights()
-    rows = np.eye(5, dtype=np.float32)
-    assert NetworkValues(model.policy).v(rows) == pytest.approx(values.v(rows), abs=1e-5)
-    assert probabilities(model.policy) == pytest.approx(wanted, abs=0.05)
-    model.learn(STEPS, callback=weights)
-    assert weights.seen[1] > 0
-    assert model.policy.kl_weight == 0.0
-
-
-def test_a_strong_pull_keeps_the_policy_where_it_is():
-    observed, values, _ = task_and_source()
-    gaps = []
-    for kl in (0.0, 100.0):
-        shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=kl)
-        model = model_for(observed, learner(learning_rate=3e-3), shaping, seed=9)
-        before = probabilities(model.policy)
-        model.learn(STEPS, callback=Until(STEPS // 4))  # where the pull is still strong
-        gaps.append(np.abs(probabilities(model.policy) - before).max())
-    assert gaps[1] < gaps[0] / 2
-
-
-def test_the_loss_without_a_pull_is_that_of_plain_ppo():
-    observed, values, _ = task_and_source()
-    ends = []
-    for kl in (0.0, 1e-12):
-        shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=kl)
-        model = model_for(observed, learner(ent_coef=0.02), shaping, seed=9)
-        model.learn(STEPS)
-        ends.append([one.detach().clone() for one in model.policy.parameters()])
-    for plain, pulled in zip(*ends, strict=True):
-        assert torch.allclose(plain, pulled, atol=1e-5)
 
 
 def gradients(policy, loss):

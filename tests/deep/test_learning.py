@@ -5,14 +5,13 @@ import random
 from types import SimpleNamespace
 from typing import ClassVar
 
-import gymnasium
 import numpy as np
 import pytest
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
-from curricle.deep import checkpoint, training
+from curricle.deep import training
 from curricle.deep.learner import LIBRARIES
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues, acting
@@ -65,9 +64,9 @@ def test_checkpoints_between_the_steps_of_many_environments_are_recorded(observe
 
 def test_a_seed_depends_on_nothing_but_itself_and_leaves_no_trace(observed):
     torch.manual_seed(1)
-    before = checkpoint.generator_states()
+    before = training.generator_states()
     alone = cr.deep.learn_deep(observed, DQN, 200, seeds=[3])
-    after = checkpoint.generator_states()
+    after = training.generator_states()
     assert random.getstate() == before[0]
     assert torch.equal(before[2], after[2])
     random.seed(5)
@@ -98,13 +97,13 @@ def test_the_last_rollout_is_learnt_from_and_what_it_taught_is_reported(observed
     sampled = cr.GreedyEvaluation(episodes=40, sampled=True)
     result = cr.deep.learn_deep(observed, learner, budget, eval_freq=budget, evaluation=sampled)
     start = stream_start(0, "")
-    with checkpoint.isolated(1):
+    with training.isolated(1):
         alone = model_for(observed, learner, seed=splitmix64(start) >> 33, steps=budget)
         before = NetworkValues(alone.policy).parameters()
         alone.learn(budget)
         environments = Environments(observed, 40, sampled.horizon(observed))
         act = acting(alone.policy, environments.environments, sampled=True)
-        with checkpoint.drawing(splitmix64(start ^ 2)):
+        with training.drawing(splitmix64(start ^ 2)):
             episodes = environments.rollouts(act, splitmix64(start ^ 2))
     learnt = result.values[0].parameters()
     for name, wanted in NetworkValues(alone.policy).parameters().items():
@@ -160,53 +159,6 @@ def test_a_killed_run_goes_on_to_the_same_result(
     same(whole, cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
 
 
-class Wide(gymnasium.Env):
-    """Observes 600 entries, most of them 0: whole numbers, or halves at times."""
-
-    observation_space = gymnasium.spaces.Box(-1, 9, (600,), np.float32)
-    action_space = gymnasium.spaces.Discrete(2)
-
-    def __init__(self, step):
-        self.unit = step
-
-    def seen(self):
-        row = np.zeros(600, np.float32)
-        row[self.np_random.integers(600, size=3)] = self.unit
-        return row
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.left = 9
-        return self.seen(), {}
-
-    def step(self, action):
-        self.left -= 1
-        return self.seen(), float(action), self.left == 0, False, {}
-
-
-@pytest.mark.parametrize(("unit", "most"), [(2.0, 0.2), (0.5, 0.55)])
-def test_a_buffer_is_saved_as_far_as_it_is_filled_and_in_few_bytes(
-    tmp_path, monkeypatch, unit, most
-):
-    wide = cr.tasks.ObservationTask(lambda: Wide(unit), 0.9, 20)
-    settings = {"eval_freq": 1000, "evaluation": cr.GreedyEvaluation("off")}
-    whole = cr.deep.learn_deep(wide, DQN, 1000, **settings)
-    save, sizes = training.Recorder._save, []
-
-    def killed(recorder):
-        save(recorder)
-        if recorder.progress.steps >= 400:
-            sizes.append((tmp_path / "seed-0.checkpoint").stat().st_size)
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(training.Recorder, "_save", killed)
-    with pytest.raises(KeyboardInterrupt):
-        cr.deep.learn_deep(wide, DQN, 1000, **settings, saves=tmp_path)
-    monkeypatch.setattr(training.Recorder, "_save", save)
-    assert sizes[0] < most * 2 * 1000 * 600 * 4  # two arrays of the budget's observations
-    same(whole, cr.deep.learn_deep(wide, DQN, 1000, **settings, saves=tmp_path))
-
-
 NAN, ZERO = float("nan"), -0.0
 
 
@@ -218,8 +170,10 @@ def test_large_arrays_are_saved_bit_by_bit(tmp_path, dtype, special):
         content[:7] = np.arange(2**10) % 200
         content[3, 0, 5] = np.array(special).astype(dtype)[0]
     kept = {"whole": content, "again": content, "none": np.zeros(2**17), "turned": content.T}
-    checkpoint.save(tmp_path / "one", "run", SimpleNamespace(**kept), None)
-    held = checkpoint.load(tmp_path / "one", "run").model[1]
+    training.save_checkpoint(tmp_path / "one", "run", SimpleNamespace(**kept), None)
+    filled = 7 * 2**10 * content.itemsize  # of `whole`; `turned` does not end in zeros
+    assert (tmp_path / "one").stat().st_size < content.nbytes + filled + 50_000
+    held = training.load_checkpoint(tmp_path / "one", "run").model[1]
     for name, array in kept.items():
         assert held[name].dtype == array.dtype
         assert held[name].tobytes() == array.tobytes()

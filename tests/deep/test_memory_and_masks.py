@@ -8,11 +8,8 @@ from gymnasium.spaces import Box, Discrete
 import curricle as cr
 from curricle.deep import DeepLearner
 from curricle.deep.distillation import distil
-from curricle.deep.knowledge import Knowledge
-from curricle.deep.models import model_for
-from curricle.deep.networks import acting
+from curricle.deep.miniature import Knowledge
 from curricle.errors import PotentialError, SettingError
-from curricle.transfer.observation_rollouts import Environments
 
 pytest.importorskip("sb3_contrib")
 SMALL = {"n_steps": 32, "batch_size": 32, "n_epochs": 1}
@@ -76,48 +73,6 @@ def actions_alone(model, env, seed):
         actions.append(int(action[0]))
         seen, _, over, _, _ = env.step(actions[-1])
     return actions
-
-
-def test_episodes_side_by_side_are_those_of_each_alone():
-    model = model_for(DRIFTING, RECURRENT, seed=3)
-    environments = Environments(DRIFTING, 8, 30)
-    seeds = []
-    for env in environments.environments:
-        reset = env.reset
-        env.reset = lambda seed, reset=reset: (seeds.append(seed), reset(seed=seed))[1]
-    act = acting(model.policy, environments.environments)
-    for episode, seed in zip(environments.rollouts(act, 7), seeds, strict=True):
-        assert episode.rewards.tolist() == actions_alone(model, Drifting(), seed)
-    assert len({tuple(actions_alone(model, Drifting(), seed)) for seed in seeds}) > 4
-
-
-class Cue(gym.Env):
-    """The first observation says which action pays at the end."""
-
-    observation_space, action_space = Box(-1, 1, (1,), np.float32), Discrete(2)
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.cue, self.steps = int(self.np_random.integers(2)), 0
-        return np.array([2 * self.cue - 1], np.float32), {}
-
-    def step(self, action):
-        self.steps += 1
-        over = self.steps == 2
-        paid = float(over and action == self.cue)
-        return np.zeros(1, np.float32), paid, over, False, {}
-
-
-def test_what_is_remembered_is_in_the_reported_return():
-    settings = {**SMALL, "n_epochs": 4, "batch_size": 256, "learning_rate": 3e-3}
-    settings |= {"policy_kwargs": {"lstm_hidden_size": 16}}
-    learner = DeepLearner("RecurrentPPO", "MlpLstmPolicy", envs=8, settings=settings)
-    task = cr.observation_task(Cue, time_limit=2)
-    result = cr.deep.learn_deep(
-        task, learner, 6_144, eval_freq=2_048, evaluation=cr.GreedyEvaluation(episodes=60)
-    )
-    assert result.training_return[0, -1] > 0.8
-    assert result.greedy_return[0, -1] > 0.9  # without memory one half, whatever it does
 
 
 def test_masked_policies_are_evaluated_and_played_with_masks():

@@ -259,13 +259,6 @@ def test_what_a_learner_does_not_take_is_said_before_miniatures_are_solved(shapi
     assert "solved" not in vars(small)
 
 
-def test_networks_with_memory_are_refused():
-    pytest.importorskip("sb3_contrib")
-    recurrent = DeepLearner("RecurrentPPO", "MlpLstmPolicy", settings={"n_steps": 32})
-    with pytest.raises(cr.errors.SettingError, match="without memory"):
-        plan(WeightTransfer(), learner=recurrent).train(1)
-
-
 def test_a_placebo_of_miniatures_with_a_source_of_their_own():
     lake = cr.tabulate(room(3).environment, discount=0.9)
     small = miniatures(room(3), resets=1)

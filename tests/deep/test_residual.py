@@ -7,11 +7,11 @@ from stable_baselines3 import DQN
 from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
-from curricle.deep import residual
+from curricle.deep import ways_in
 from curricle.deep.models import model_for
 from curricle.deep.networks import FEW, NetworkValues
-from curricle.deep.residual import PotentialCache, ResidualMlpPolicy
 from curricle.deep.shaping import residual_policy
+from curricle.deep.ways_in import PotentialCache, ResidualMlpPolicy
 from tests import hunters
 
 from .worlds import one_hot, random_task, table_potential
@@ -99,50 +99,6 @@ def test_cut_off_steps_are_bootstrapped_through_phi_and_ended_ones_are_not(seed)
     assert (some.dones.numpy()[:, 0] == ends).all()
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_misleading_phi_leaves_the_optimal_policy_as_it_is(seed):
-    rng = np.random.default_rng(40 + seed)
-    task = random_task(rng, discount=0.7, time_limit=20, scale=1.0)
-    observed, solution = one_hot(task), cr.solve(task)
-    wrong = np.where(task.terminal[:, None], 0.0, -solution.action_values)
-    phi = table_potential(task, observed, wrong)
-    settings = {
-        "learning_rate": lambda left: 0.3 * left, "buffer_size": 8000, "batch_size": 64,
-        "train_freq": 4,
-        "target_update_interval": 20, "exploration_final_eps": 1.0, "exploration_initial_eps": 1.0,
-        "policy_kwargs": OBSERVING,
-    }  # fmt: skip
-    learner = cr.deep.DeepLearner("DQN", settings=settings)
-    result = cr.deep.learn_deep(
-        observed, learner, 8000, shaping=cr.QInitialisation(phi), eval_freq=8000, seeds=[seed],
-        evaluation=cr.GreedyEvaluation("off"),
-    )  # fmt: skip
-    chosen = result.values[0].policy.predict(np.eye(5, dtype=np.float32), deterministic=True)[0]
-    learnt = solution.action_values[np.arange(5), chosen]
-    states = np.flatnonzero(~task.terminal)
-    gaps = solution.values[states] - learnt[states]
-    spread = solution.action_values[states].std()
-    assert gaps.max() < 0.1 * spread
-
-
-def test_acting_targets_and_evaluation_all_read_phi_at_the_start():
-    task = cr.GridWorld(["..T", ".P.", "S.."])
-    observed = one_hot(task)
-    q = cr.solve(task).action_values
-    learner = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [16]}})
-    model = model_for(
-        observed, learner, shaping=cr.QInitialisation(table_potential(task, observed, q))
-    )
-    rows = np.eye(task.states.size, dtype=np.float32)
-    live = np.flatnonzero(~task.mdp.terminal)
-    for net in (model.q_net, model.q_net_target):
-        with torch.no_grad():
-            said = net(torch.as_tensor(rows)).numpy()
-        assert said[live] == pytest.approx(q[live].astype(np.float32))
-    actions, _ = model.predict(rows, deterministic=True)
-    assert (q[live, actions[live]] == q[live].max(axis=1)).all()
-
-
 @pytest.mark.parametrize("reads", ["actions", "state"])
 def test_a_residual_tells_states_apart_by_phi_alone(reads):
     rng = np.random.default_rng(11)
@@ -186,7 +142,7 @@ def test_of_few_actions_a_residual_reads_phi_of_each(predators, extra):
     assert network.q_net[0].in_features == width
 
 
-@pytest.mark.parametrize("reads", residual.READS)
+@pytest.mark.parametrize("reads", ways_in.READS)
 def test_it_acts_greedily_on_the_sum_whatever_the_batch(reads):
     cart = cr.observation_task("CartPole-v1", discount=0.99)
     height = cr.transfer.FunctionValues(lambda rows, actions: rows[:, :1] * actions, actions=2)
@@ -258,7 +214,7 @@ def test_cached_values_of_phi_are_phi_and_bounded(monkeypatch):
         seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
         assert cache.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
     assert sum(asked) == len(cache.places) <= 49
-    monkeypatch.setattr(residual, "MAX_BYTES", 0)
+    monkeypatch.setattr(ways_in, "MAX_BYTES", 0)
     states[0] = 49  # not cached: then the cache is emptied for it
     seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
     assert cache.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from curricle import FiniteMDP, GridWorld, Pursuit, evaluate, solve
-from curricle.interop.environment import MazeEnvironment, to_gymnasium
-from curricle.interop.registration import register
+from curricle.interop import register
+from curricle.interop.gymnasium import maze_environment, to_gymnasium
 from curricle.tasks.mdp import tables
 
 register()
@@ -113,7 +113,7 @@ def test_a_seed_fixes_all_episodes_that_follow(task, seed):
     "make",
     [
         lambda: gymnasium.make("Curricle/Maze-v0"),
-        lambda: MazeEnvironment(["..F.", "S.#T"], rewards={"step": -5}),
+        lambda: maze_environment(["..F.", "S.#T"], rewards={"step": -5}),
     ],
 )
 def test_a_learner_by_hand_finds_the_planned_value(make):

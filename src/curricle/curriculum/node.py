@@ -139,7 +139,7 @@ class Node:
         """
         if self.takes_no_steps:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
-            from curricle.deep.miniature import learn_miniatures
+            from curricle.deep.distillation import learn_miniatures
 
             return learn_miniatures(
                 self.task,

@@ -13,7 +13,7 @@ from curricle.archives import SavedFile, read_saved, write_saved
 from curricle.array_types import BoolArray, IntArray
 from curricle.checks import one_of
 from curricle.curriculum.sources import SourceValues, StoredValues, source_values
-from curricle.deep.result import DeepResult
+from curricle.deep.policy import DeepResult
 from curricle.display import beside, block, shortened
 from curricle.errors import CurricleError, CurriculumError, SettingError
 from curricle.frozen_arrays import frozen

@@ -2,8 +2,7 @@ from .learner import DeepLearner as DeepLearner
 from .learning import learn_deep as learn_deep
 from .miniature import miniatures as miniatures
 from .networks import NetworkValues as NetworkValues, SmallCNN as SmallCNN
-from .policy import TrainedPolicy as TrainedPolicy
-from .result import DeepResult as DeepResult
+from .policy import DeepResult as DeepResult, TrainedPolicy as TrainedPolicy
 from .shaping import (
     PolicyReuse as PolicyReuse,
     WeightTransfer as WeightTransfer,

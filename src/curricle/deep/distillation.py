@@ -1,6 +1,9 @@
-"""Distillation: a network of Stable-Baselines3 is fitted to what is known of observations."""
+"""Distillation: networks of Stable-Baselines3 are fitted to what is known of observations.
 
-from collections.abc import Iterator
+:func:`distil` fits a network, :func:`learn_miniatures` one for each seed to solved small tasks.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,13 +12,17 @@ import torch
 from torch.nn import functional
 
 from curricle.array_types import FloatArray, IntArray
-from curricle.deep.checkpoint import isolated
-from curricle.deep.knowledge import Knowledge, rows_of
 from curricle.deep.learner import DeepLearner, check_spaces
-from curricle.deep.models import model_for
+from curricle.deep.miniature import Knowledge, Miniatures, rows_of
+from curricle.deep.models import isolated, model_for
 from curricle.deep.networks import NetworkValues
-from curricle.errors import SettingError
-from curricle.interop.tabulation.tabulated_task import needs_of
+from curricle.deep.policy import DeepResult
+from curricle.errors import SettingError, TaskError
+from curricle.interop.tabulated_task import needs_of
+from curricle.learning.record import Record
+from curricle.learning.result import learning_result
+from curricle.learning.run import Outcome
+from curricle.progress import Progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
 
@@ -45,6 +52,8 @@ class Distillation:
 
 
 DEFAULT = Distillation()
+WORTH = 0.02
+"""Of the way from random to optimal: what a network must regain on held-out levels at least."""
 
 
 def distil(
@@ -69,94 +78,14 @@ def distil(
     with isolated(learner.threads):
         model = model_for(task, learner, seed=small, steps=1)
         model.env.close()
-        _fit_of(model.policy, knowledge, task).learn(settings, small)
+        _fit(model.policy, knowledge, task, settings, small)
     return NetworkValues(model.policy)
 
 
-class _Fit:
-    """What a policy of Stable-Baselines3 is to say of observations: V of an actor-critic, or Q."""
-
-    def __init__(self, policy: Any, knowledge: Knowledge, wanted: FloatArray):
-        self.policy, self.knowledge, self.wanted = policy, knowledge, wanted
-        self.weight = self._tensor(knowledge.states / knowledge.states.mean())
-        self.mean, self.spread = float(wanted.mean()), float(wanted.std()) or 1.0
-
-    def learn(self, settings: Distillation, seed: int) -> None:
-        """Fit the policy to values of mean 0 and spread 1, then rescale the layer of its values."""
-        self.policy.set_training_mode(True)
-        parameters = [one for one in self.policy.parameters() if one.requires_grad]
-        optimizer = torch.optim.Adam(parameters, settings.learning_rate)
-        for rows in settings.batches(len(self.wanted), seed):
-            optimizer.zero_grad()
-            self.loss(rows, settings.smoothing).backward()
-            optimizer.step()
-        self.policy.set_training_mode(False)
-        last = self.last_layer()
-        with torch.no_grad():
-            last.weight.mul_(self.spread)
-            last.bias.mul_(self.spread).add_(self.mean)
-
-    def loss(self, rows: IntArray, smoothing: float) -> torch.Tensor:
-        """Return the loss of some observations, each weighted by the states that look like it."""
-        found, logits = self.outputs(rows)
-        error = found - self._tensor((self.wanted[rows] - self.mean) / self.spread)
-        each = error.square().reshape(len(rows), -1).mean(dim=1)
-        if logits is not None:
-            policy = self._tensor(np.asarray(self.knowledge.policy)[rows])
-            smooth = (1 - smoothing) * policy + smoothing / policy.shape[1]
-            each = each + functional.cross_entropy(logits, smooth, reduction="none")
-        return (each * self.weight[rows]).mean()
-
-    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
-        """Return the values of some observations, and the logits of an actor."""
-        raise NotImplementedError
-
-    def last_layer(self) -> Any:
-        """Return the layer that computes values."""
-        raise NotImplementedError
-
-    def _seen(self, rows: IntArray) -> Any:
-        return self.policy.obs_to_tensor(rows_of(self.knowledge.observations, rows))[0]
-
-    def _tensor(self, each: FloatArray) -> torch.Tensor:
-        return torch.as_tensor(each, dtype=torch.float32, device=self.policy.device)
-
-
-class _ActorCriticFit(_Fit):
-    def last_layer(self) -> Any:
-        return self.policy.value_net
-
-    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
-        seen = self._seen(rows)
-        values = self.policy.predict_values(seen)[:, 0]
-        if self.knowledge.policy is None:
-            return values, None
-        return values, self.policy.get_distribution(seen).distribution.logits
-
-
-class _QFit(_Fit):
-    """Of DQN's network, or of QR-DQN's, whose value is the mean of its quantiles."""
-
-    @property
-    def name(self) -> str:
-        """The policy's name for its network, and the network's for its layers."""
-        return "quantile_net" if hasattr(self.policy, "quantile_net") else "q_net"
-
-    def last_layer(self) -> Any:
-        return getattr(getattr(self.policy, self.name), self.name)[-1]
-
-    def learn(self, settings: Distillation, seed: int) -> None:
-        super().learn(settings, seed)
-        learnt = getattr(self.policy, self.name).state_dict()
-        getattr(self.policy, f"{self.name}_target").load_state_dict(learnt)
-
-    def outputs(self, rows: IntArray) -> tuple[torch.Tensor, torch.Tensor | None]:
-        found = getattr(self.policy, self.name)(self._seen(rows))
-        return (found if found.dim() == 2 else found.mean(dim=1)), None
-
-
-def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
-    """Return what a policy is to be fitted to; SettingError where it cannot be."""
+def _fit(
+    policy: Any, knowledge: Knowledge, task: ObservationTask, settings: Distillation, seed: int
+) -> None:
+    """Fit a policy to values of mean 0 and spread 1, then rescale the layer of its values."""
     for name in ("policy", "action_values"):
         known = getattr(knowledge, name)
         if known is not None and known.shape[1] != task.n_actions:
@@ -164,12 +93,98 @@ def _fit_of(policy: Any, knowledge: Knowledge, task: ObservationTask) -> _Fit:
                 f"knowledge to distil must be of the task's actions, {task.actions}: got "
                 f"{known.shape[1]} of them; a mapping's actions= says which is which"
             )
+    q_nets = [name for name in ("q_net", "quantile_net") if getattr(policy, name, None) is not None]
+    network: Any = None  # of DQN or QR-DQN
+    wanted: Any = knowledge.action_values if q_nets else knowledge.values
     if hasattr(policy, "value_net") and task.n_actions is not None and not needs_of(policy):
-        return _ActorCriticFit(policy, knowledge, knowledge.values)
-    has_q = any(getattr(policy, name, None) is not None for name in ("q_net", "quantile_net"))
-    if has_q and knowledge.action_values is not None:
-        return _QFit(policy, knowledge, knowledge.action_values)
-    raise SettingError(
-        "a network to distil into must be an actor-critic of numbered actions without memory or "
-        f"masks, or DQN's or QR-DQN's where action values are known: got {type(policy).__name__}"
-    )
+        last = policy.value_net
+    elif q_nets and wanted is not None:
+        network = getattr(policy, q_nets[0])
+        last = getattr(network, q_nets[0])[-1]
+    else:
+        raise SettingError(
+            "a network to distil into must be an actor-critic of numbered actions without memory "
+            "or masks, or DQN's or QR-DQN's where action values are known: got "
+            f"{type(policy).__name__}"
+        )
+
+    def tensor(array: FloatArray) -> torch.Tensor:
+        return torch.as_tensor(array, dtype=torch.float32, device=policy.device)
+
+    weight = tensor(knowledge.states / knowledge.states.mean())  # states that look like a row
+    mean, spread = float(wanted.mean()), float(wanted.std()) or 1.0
+
+    def loss(rows: IntArray) -> torch.Tensor:
+        seen = policy.obs_to_tensor(rows_of(knowledge.observations, rows))[0]
+        if network is None:
+            values = policy.predict_values(seen)[:, 0]
+        else:
+            values = network(seen)
+            values = values if values.dim() == 2 else values.mean(dim=1)  # QR-DQN's quantiles
+        error = values - tensor((wanted[rows] - mean) / spread)
+        losses = error.square().reshape(len(rows), -1).mean(dim=1)
+        if network is None and knowledge.policy is not None:
+            probabilities = tensor(knowledge.policy[rows])
+            smooth = (1 - settings.smoothing) * probabilities
+            smooth = smooth + settings.smoothing / probabilities.shape[1]
+            logits = policy.get_distribution(seen).distribution.logits
+            losses = losses + functional.cross_entropy(logits, smooth, reduction="none")
+        return (losses * weight[rows]).mean()
+
+    policy.set_training_mode(True)
+    parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
+    optimizer = torch.optim.Adam(parameters, settings.learning_rate)
+    for rows in settings.batches(len(wanted), seed):
+        optimizer.zero_grad()
+        loss(rows).backward()
+        optimizer.step()
+    policy.set_training_mode(False)
+    with torch.no_grad():
+        last.weight.mul_(spread)
+        last.bias.mul_(spread).add_(mean)
+    if network is not None:
+        getattr(policy, f"{q_nets[0]}_target").load_state_dict(network.state_dict())
+
+
+def learn_miniatures(
+    task: Miniatures,
+    learner: DeepLearner,
+    seeds: Sequence[int],
+    potentials: Sequence[Any] = (),
+    *,
+    eval_freq: int = 1,
+    progress: Progress = None,
+) -> DeepResult:
+    """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
+
+    ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
+    held-out levels, as :class:`Examined` has it, mean over members. Where there are `potentials`,
+    one for each seed, the networks are fitted to what they say of the observations, instead of
+    exact answers. TaskError when a network acts no better than at random there.
+    """
+    outcomes = []
+    with shown(progress) as bars:
+        grow = bars.bar("distilling", len(seeds))
+        for k, seed in enumerate(seeds):
+            known = task.knowledge(potential=potentials[k] if potentials else None, seed=seed)
+            outcomes.append(_outcome(task, distil(known, task, learner, seed=seed)))
+            grow()
+            bars.tell(seed)
+    values: Any = tuple(outcome.values for outcome in outcomes)
+    result = learning_result(task, learner, tuple(seeds), values, outcomes, eval_freq)  # type: ignore[arg-type]
+    return DeepResult.of(result)
+
+
+def _outcome(task: Miniatures, values: Any) -> Outcome:
+    """Return what one seed learnt; TaskError if it is worth nothing."""
+    examined = task.examined(values)[: len(task.members)]
+    record = Record.empty(1)
+    record.greedy_return[0] = np.mean([member.best for member in examined])
+    shares = [member.regained for member in examined if not np.isnan(member.regained)]
+    regained = np.mean(shares) if shares else 1.0
+    if regained < WORTH and not task.shuffled:
+        raise TaskError(
+            "a network distilled from miniatures must act better than at random, on held-out "
+            f"levels if any: it regains {regained:.0%} of the way to the optimum of {task}"
+        )
+    return Outcome(record, values, 0, 0, out_of_memory=False, evaluation_steps=0)

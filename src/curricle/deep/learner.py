@@ -80,9 +80,8 @@ class DeepLearner:
                 f"{', '.join(sorted(taken))}"
             )
         for name in ("policy_kwargs", "replay_buffer_kwargs"):
-            given = self.settings.get(name)
-            if given is not None:
-                instance(f"{name} of a deep learner", given, Mapping, SettingError)
+            if self.settings.get(name) is not None:
+                instance(f"{name} of a deep learner", self.settings[name], Mapping, SettingError)
         object.__setattr__(self, "settings", dict(self.settings))
 
     def __repr__(self) -> str:
@@ -98,45 +97,39 @@ class DeepLearner:
     @property
     def scheduled(self) -> bool:
         """Whether a setting changes over the budget; an algorithm of one's own may have such."""
-        functions = (one for one in self.settings.values() if not isinstance(one, type))
-        if ":" in self.algorithm or any(map(callable, functions)):
-            return True
-        return self.algorithm in EXPLORING
+        values = (value for value in self.settings.values() if not isinstance(value, type))
+        return ":" in self.algorithm or self.algorithm in EXPLORING or any(map(callable, values))
 
     def algorithm_class(self) -> Any:
         """Return the algorithm's class; ImportError without Stable-Baselines3."""
         module, colon, name = self.algorithm.rpartition(":")
         if colon:
-            return _own(module, name)
-        found = {}
+            try:
+                return getattr(import_module(module), name)
+            except (ImportError, AttributeError) as error:
+                raise SettingError(
+                    f"an algorithm as module:Class must be there: {module}:{name} failed, {error}"
+                ) from error
+        libraries = {}
         for library in LIBRARIES:
             with suppress(ModuleNotFoundError):
-                found[library] = import_module(library)
-        if "stable_baselines3" not in found:
+                libraries[library] = import_module(library)
+        if "stable_baselines3" not in libraries:
             raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
-        for imported in found.values():
+        for imported in libraries.values():
             if hasattr(imported, self.algorithm):
                 return getattr(imported, self.algorithm)
         raise SettingError(
             f"an algorithm must be one of {' or '.join(LIBRARIES)} (looked in "
-            f"{', '.join(found)}), or module:Class: got {self.algorithm!r}"
+            f"{', '.join(libraries)}), or module:Class: got {self.algorithm!r}"
         )
 
 
 def _text(value: Any) -> str:
     """Return a setting as text that is the same in every process."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{name!r}: {_text(one)}" for name, one in value.items()) + "}"
+        return "{" + ", ".join(f"{name!r}: {_text(inner)}" for name, inner in value.items()) + "}"
     return str(getattr(value, "__qualname__", None) or repr(value))
-
-
-def _own(module: str, name: str) -> Any:
-    try:
-        return getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise SettingError(
-            f"an algorithm as module:Class must be there: {module}:{name} failed, {error}"
-        ) from error
 
 
 # -- which spaces a policy takes, told before anything runs ------------------------------------
@@ -158,7 +151,8 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
                 "observations of a deep learner must be a Box, Discrete, MultiDiscrete or "
                 f"MultiBinary, or a Dict of these: {name} {space_text(part)}; {_encoders(parts)}"
             )
-    for what, part in (("Action", task.actions), *(("Observation", one) for one in parts.values())):
+    observed = [("Observation", part) for part in parts.values()]
+    for what, part in [("Action", task.actions), *observed]:
         if np.any(getattr(part, "start", 0)):
             raise SettingError(
                 f"{what.lower()}s of a deep learner must count from 0: got {space_text(part)}; a "

@@ -8,7 +8,7 @@ from curricle.array_types import IntArray
 from curricle.checks import instance
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.miniature import Miniatures
-from curricle.deep.result import DeepResult
+from curricle.deep.policy import DeepResult
 from curricle.deep.shaping import PolicyReuse
 from curricle.errors import SettingError
 from curricle.files import Place, place_at
@@ -111,16 +111,20 @@ def learn_deep(
     steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
     longest = longest_run(task.longest, budget, eval_freq)
-    each = seed_settings(
+    settings = seed_settings(
         seeds,
         learner,
         (steps, episodes),
-        lambda one: _of_observations(task, learner, one, budget),
+        lambda shaping: _of_observations(task, learner, shaping, budget),
         shaping=shaping,
         warm_up=warm_up,
         charged=charged,
     )
-    stopping = _stopping(budget, task, evaluation)
+    stopping: StoppingKernel = NEVER_STOPS
+    if isinstance(budget, StoppingRule):
+        if budget.fraction is not None:
+            raise not_solved(budget.fraction, task)
+        stopping = budget.kernel(*levels(budget, task, evaluation, target_of))
     from curricle.deep.training import DeepRun  # needs Stable-Baselines3
 
     run = DeepRun(
@@ -136,16 +140,16 @@ def learn_deep(
     )
     outcomes = []
     with shown(progress) as bars:
-        for one in each:
-            place = None if saves is None else place_at(saves) / f"seed-{one.seed}.checkpoint"
-            name = f"{stream or 'learning'}, seed {one.seed}"
+        for of_seed in settings:
+            place = None if saves is None else place_at(saves) / f"seed-{of_seed.seed}.checkpoint"
+            name = f"{stream or 'learning'}, seed {of_seed.seed}"
             reached = bars.bar(name, longest // eval_freq + 1)
-            outcomes.append(replace(run, reached=reached).train(*one, place))
-            bars.tell(one.seed)
-    numbers = tuple(one.seed for one in each)
-    values = tuple(outcome.values for outcome in outcomes)
-    found = learning_result(task, learner, numbers, values, outcomes, eval_freq)  # type: ignore[arg-type]
-    return DeepResult.of(found)
+            outcomes.append(replace(run, reached=reached).train(*of_seed, place))
+            bars.tell(of_seed.seed)
+    numbers = tuple(of_seed.seed for of_seed in settings)
+    values: Any = tuple(outcome.values for outcome in outcomes)
+    result = learning_result(task, learner, numbers, values, outcomes, eval_freq)  # type: ignore[arg-type]
+    return DeepResult.of(result)
 
 
 def check_evaluation(evaluation: GreedyEvaluation) -> None:
@@ -172,16 +176,6 @@ def _check(task: Any, learner: Any, evaluation: Any) -> None:
     check_evaluation(evaluation)
     if evaluation.method != "off":
         evaluation.horizon(task)  # SettingError without a bound
-
-
-def _stopping(
-    budget: Budget, task: ObservationTask, evaluation: GreedyEvaluation
-) -> StoppingKernel:
-    if not isinstance(budget, StoppingRule):
-        return NEVER_STOPS
-    if budget.fraction is not None:
-        raise not_solved(budget.fraction, task)
-    return budget.kernel(*levels(budget, task, evaluation, target_of))
 
 
 def _of_observations(

@@ -1,29 +1,26 @@
 """Miniatures: small relatives of a task, solved exactly, that networks are distilled from.
 
 :func:`miniatures` makes them, a :class:`SolvedMember` holds the tables and the optimum of one of
-them, and :func:`learn_miniatures` distils networks from all.
+them, :class:`Knowledge` what is known of observations.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from hashlib import blake2b
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, whole_number
-from curricle.deep.knowledge import Knowledge
-from curricle.deep.learner import DeepLearner
-from curricle.deep.result import DeepResult
-from curricle.errors import TaskError
-from curricle.interop.tabulation.tabulate import tabulate
-from curricle.interop.tabulation.tabulated_task import TabulatedTask
-from curricle.learning.record import Record
-from curricle.learning.result import learning_result
-from curricle.learning.run import Outcome
-from curricle.planning.solution import Solution, evaluate, solve
-from curricle.progress import Progress, shown
+from curricle.deep.policy import actor_of
+from curricle.display import brief_repr
+from curricle.errors import PotentialError, TaskError
+from curricle.frozen_arrays import Frozen, adopted
+from curricle.interop.tabulated_task import TabulatedTask, action_probabilities, assembled, parts_of
+from curricle.interop.tabulation import tabulate
+from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.observation_task import ObservationTask, made_by
 
 RESETS = 200
@@ -32,8 +29,121 @@ MOST_STATES = 100_000
 """States of a miniature at most."""
 HELD_OUT = 0.2
 """Share of the levels that are held out."""
-WORTH = 0.02
-"""Of the way from random to optimal: what a network must regain on held-out levels at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge(Frozen):
+    """Values, action values and a policy over n different observations."""
+
+    observations: Any  # n, stacked
+    values: FloatArray  # (n,) V
+    action_values: FloatArray | None  # (n, A) Q
+    policy: FloatArray | None  # (n, A) the probability of each action
+    states: IntArray  # (n,) how many states look like this: what is known is their mean
+
+    __repr__ = brief_repr
+
+    def __post_init__(self) -> None:
+        for name in ("values", "action_values", "policy"):
+            column = getattr(self, name)
+            if column is not None:
+                object.__setattr__(self, name, adopted(column, np.float64))
+        object.__setattr__(self, "states", adopted(self.states, np.int64))
+
+    @classmethod
+    def of(
+        cls, observations: Any, action_values: FloatArray, policy: FloatArray | None = None
+    ) -> Self:
+        """Return what action values (S, A) say of S observations; greedy unless a policy is given.
+
+        V is the largest of an observation's states' action values, then their mean.
+        """
+        action_values = np.asarray(action_values, np.float64)
+        chosen = greedy_policy(action_values) if policy is None else np.asarray(policy)
+        values = action_values.max(axis=1)
+        return cls._merged(observations, values, action_values, chosen, np.ones(len(values), int))
+
+    @classmethod
+    def read(cls, values: Any, observations: Any) -> Self:
+        """Return what a :class:`ValueSource` says of those of n observations that it knows.
+
+        Its Q and the greedy policy where it has action values, else V, and the policy where it is
+        of one actor-critic that is read as it is.
+        """
+        pairs = values.pairs(observations) if values.of_actions else None
+        v = values.v(observations) if pairs is None else pairs.max(axis=1)
+        known = np.isfinite(v)
+        if not known.any():
+            raise PotentialError(
+                f"knowledge to distil must be of some observation: none of {len(v):,} is mapped"
+            )
+        seen = rows_of(observations, known)
+        if pairs is not None:
+            return cls.of(seen, pairs[known])
+        actor = actor_of(values)
+        policy = None if actor is None else action_probabilities(actor, seen)
+        return cls._merged(seen, v[known], None, policy, np.ones(int(known.sum()), int))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Return what several know together, each weighted by its states."""
+        seen = [parts_of(part.observations) for part in parts]
+        stacked = {name: np.concatenate([leaves[name] for leaves in seen]) for name in seen[0]}
+        columns: Any = zip(*(part._columns for part in parts), strict=True)
+        joint: Any = (None if column[0] is None else np.concatenate(column) for column in columns)
+        return cls._merged(assembled(stacked), *joint)
+
+    @property
+    def alike(self) -> float:
+        """The share of states that look like another: what the observation hides."""
+        return float(self.states[self.states > 1].sum() / self.states.sum())
+
+    def shuffled(self, seed: int) -> Self:
+        """Return the same values and policies, each with the observation of another."""
+        order = np.random.default_rng(seed).permutation(len(self.values))
+        mixed: Any = (None if column is None else column[order] for column in self._columns)
+        return type(self)(self.observations, *mixed)
+
+    @property
+    def _columns(self) -> tuple[Any, ...]:
+        return self.values, self.action_values, self.policy, self.states
+
+    @classmethod
+    def _merged(
+        cls,
+        observations: Any,
+        values: FloatArray,
+        action_values: FloatArray | None,
+        policy: FloatArray | None,
+        states: IntArray,
+    ) -> Self:
+        """Return the mean of what is known of equal observations."""
+        leaves = [np.ascontiguousarray(part) for part in parts_of(observations).values()]
+        numbers = dict[bytes, int]()
+        group = np.empty(len(states), np.int64)
+        for row in range(len(states)):
+            # Digests: observations may be pictures, and all their bytes would be kept twice.
+            key = blake2b(b"".join(leaf[row].tobytes() for leaf in leaves), digest_size=16).digest()
+            group[row] = numbers.setdefault(key, len(numbers))
+        weight = np.bincount(group, states)
+
+        def mean(column: FloatArray) -> FloatArray:
+            total = np.zeros((len(numbers), *column.shape[1:]))
+            np.add.at(total, group, (column.T * states).T)
+            return np.asarray((total.T / weight).T)
+
+        return cls(
+            rows_of(observations, np.unique(group, return_index=True)[1]),
+            mean(values),
+            None if action_values is None else mean(action_values),
+            None if policy is None else mean(policy),
+            weight,
+        )
+
+
+def rows_of(observations: Any, rows: IntArray | BoolArray) -> Any:
+    """Return some of n stacked observations."""
+    return assembled({name: part[rows] for name, part in parts_of(observations).items()})
 
 
 @dataclass(frozen=True)
@@ -52,7 +162,7 @@ class Miniatures(ObservationTask):
     shuffled: bool = False  # whether each observation has the answer of another: a placebo
 
     def __repr__(self) -> str:
-        names = ", ".join(made_by(one.make) for one in self.members)
+        names = ", ".join(made_by(member.make) for member in self.members)
         placebo = ", shuffled" if self.shuffled else ""
         return f"Miniatures({names}; {self.resets} resets{placebo}, {self.shapes})"
 
@@ -60,34 +170,27 @@ class Miniatures(ObservationTask):
     def solved(self) -> "tuple[SolvedMember, ...]":
         """The members, solved; levels are drawn to be held out."""
         settings = self.resets, self.held_out, self.max_states
-        return tuple(SolvedMember.of(one, *settings) for one in self.members)
+        return tuple(SolvedMember.of(member, *settings) for member in self.members)
 
     @cached_property
     def solved_tests(self) -> "tuple[SolvedMember, ...]":
         """The relatives that are only tested on, solved; all their levels are held out."""
         settings = self.resets, 1.0, self.max_states
-        return tuple(SolvedMember.of(one, *settings) for one in self.tested_on)
+        return tuple(SolvedMember.of(member, *settings) for member in self.tested_on)
 
     def knowledge(self, *, potential: Any = None, seed: int = 0) -> Knowledge:
-        """Return what is distilled: exact answers, or what a potential says of these observations.
-
-        `seed` is for the order of shuffled answers.
-        """
-        parts = [each.knowledge(potential) for each in self.solved]
-        known = Knowledge.joined(parts)
+        """Return what is distilled: exact answers, or those of a potential."""
+        known = Knowledge.joined([member.knowledge(potential) for member in self.solved])
         return known.shuffled(seed) if self.shuffled else known
 
     def examined(self, values: Any) -> "tuple[Examined, ...]":
-        """Return how a network acts on held-out levels, by each member's tables.
-
-        Those of `tested_on` come last. Returns are exact, and no step is taken.
-        """
-        return tuple(each.examined(values) for each in (*self.solved, *self.solved_tests))
+        """Return how a network acts on held-out levels, exactly; `tested_on` come last."""
+        return tuple(member.examined(values) for member in (*self.solved, *self.solved_tests))
 
     @property
     def transitions(self) -> int:
         """Steps of the small models: each action tried in each state, none of them charged."""
-        return sum(each.table.record.transitions for each in self.solved)
+        return sum(member.table.record.transitions for member in self.solved)
 
 
 def miniatures(
@@ -139,27 +242,25 @@ def miniatures(
     if not members:
         raise TaskError("miniatures need at least one member: got none")
     instance("tested_on of miniatures", tested_on, Sequence, TaskError)
-    for one in (*members, *tested_on):
-        instance("each of miniatures", one, ObservationTask, TaskError)
-        if isinstance(one, Miniatures):
-            raise TaskError(f"each of miniatures must be one environment: got {one}")
-        if (one.observations, one.actions) != (members[0].observations, members[0].actions):
+    first = members[0]
+    for member in (*members, *tested_on):
+        instance("each of miniatures", member, ObservationTask, TaskError)
+        if isinstance(member, Miniatures):
+            raise TaskError(f"each of miniatures must be one environment: got {member}")
+        if (member.observations, member.actions) != (first.observations, first.actions):
             raise TaskError(
-                f"miniatures must have one space of observations and actions: {members[0]} and "
-                f"{one} differ; an encoder makes observations alike"
+                f"miniatures must have one space of observations and actions: {first} and "
+                f"{member} differ; an encoder makes observations alike"
             )
-        if one.discount != members[0].discount:
-            raise TaskError(f"miniatures must have one discount: {members[0]} and {one} differ")
-    if members[0].n_actions is None:
-        raise TaskError(f"miniatures need numbered actions: {members[0]} has {members[0].actions}")
+        if member.discount != first.discount:
+            raise TaskError(f"miniatures must have one discount: {first} and {member} differ")
+    if first.n_actions is None:
+        raise TaskError(f"miniatures need numbered actions: {first} has {first.actions}")
     whole_number("resets of miniatures", resets, 1, TaskError)
     whole_number("max_states of miniatures", max_states, 1, TaskError)
     number("held_out of miniatures", held_out, TaskError, low=0, high=0.9)
-    first = members[0]
-    return Miniatures(
-        first.make, first.discount, first.time_limit, tuple(members), tuple(tested_on), resets,
-        held_out, max_states,
-    )  # fmt: skip
+    task = first.make, first.discount, first.time_limit
+    return Miniatures(*task, tuple(members), tuple(tested_on), resets, held_out, max_states)
 
 
 class Examined(NamedTuple):
@@ -250,8 +351,7 @@ class SolvedMember:
         random = np.full((self.table.states.size, n_actions), 1.0 / n_actions)
 
         def worth(policy: Any) -> float:
-            found: FloatArray = evaluate(self.table, policy).values
-            return float(found @ start / start.sum())
+            return float(evaluate(self.table, policy).values @ start / start.sum())
 
         return Examined(
             self.member,
@@ -280,52 +380,4 @@ def levels_of(table: TabulatedTask) -> IntArray:
     here = np.repeat(live, connected.sum(axis=1))
     n = len(mdp.terminal)
     edges = coo_array((np.ones(len(here)), (here, after[connected])), shape=(n, n))
-    _, found = connected_components(edges.tocsr(), directed=False)
-    return np.asarray(found, np.int64)
-
-
-def learn_miniatures(
-    task: Miniatures,
-    learner: DeepLearner,
-    seeds: Sequence[int],
-    potentials: Sequence[Any] = (),
-    *,
-    eval_freq: int = 1,
-    progress: Progress = None,
-) -> DeepResult:
-    """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
-
-    ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
-    held-out levels, as :class:`Examined` has it, mean over members. Where there are `potentials`,
-    one for each seed, the networks are fitted to what they say of the observations, instead of
-    exact answers. TaskError when a network acts no better than at random there.
-    """
-    from curricle.deep.distillation import distil  # loads torch
-
-    outcomes = []
-    with shown(progress) as bars:
-        grow = bars.bar("distilling", len(seeds))
-        for k, seed in enumerate(seeds):
-            known = task.knowledge(potential=potentials[k] if potentials else None, seed=seed)
-            values = distil(known, task, learner, seed=seed)
-            outcomes.append(_outcome(task, values))
-            grow()
-            bars.tell(seed)
-    each: Any = tuple(one.values for one in outcomes)
-    found = learning_result(task, learner, tuple(seeds), each, outcomes, eval_freq)  # type: ignore[arg-type]
-    return DeepResult.of(found)
-
-
-def _outcome(task: Miniatures, values: Any) -> Outcome:
-    """Return what one seed learnt; TaskError if it is worth nothing."""
-    examined = task.examined(values)[: len(task.members)]
-    record = Record.empty(1)
-    record.greedy_return[0] = np.mean([one.best for one in examined])
-    shares = [one.regained for one in examined if not np.isnan(one.regained)]
-    regained = np.mean(shares) if shares else 1.0
-    if regained < WORTH and not task.shuffled:
-        raise TaskError(
-            "a network distilled from miniatures must act better than at random, on held-out "
-            f"levels if any: it regains {regained:.0%} of the way to the optimum of {task}"
-        )
-    return Outcome(record, values, 0, 0, out_of_memory=False, evaluation_steps=0)
+    return np.asarray(connected_components(edges.tocsr(), directed=False)[1], np.int64)

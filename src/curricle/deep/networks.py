@@ -12,7 +12,7 @@ from gymnasium.spaces import Box, Space
 from curricle.array_types import FloatArray
 from curricle.checks import whole_number
 from curricle.errors import PotentialError, SettingError
-from curricle.interop.tabulation.tabulated_task import needs_of
+from curricle.interop.tabulated_task import needs_of
 from curricle.transfer.observation_mapping import no_actions
 from curricle.transfer.observation_rollouts import Policy
 from curricle.transfer.potentials import ObservationPotential
@@ -73,13 +73,13 @@ class NetworkValues:
     def __init__(self, policy: Any, values_offset: ObservationPotential | None = None):
         self.policy, self.values_offset = policy, values_offset
         kinds = ("q_net", "quantile_net", "value_net", "critic")
-        found = [kind for kind in kinds if getattr(policy, kind, None) is not None]
-        if not found:
+        present = [kind for kind in kinds if getattr(policy, kind, None) is not None]
+        if not present:
             raise PotentialError(
                 f"a source's policy must have one of {', '.join(kinds)}: got "
                 f"{type(policy).__name__}"
             )
-        self.kind = found[0]
+        self.kind = present[0]
         self.plain = plain_network(policy, self.kind)
 
     @property
@@ -94,23 +94,23 @@ class NetworkValues:
         if self.of_actions:
             pairs, chosen = self._outputs(observations), np.asarray(actions)
             rows = np.arange(len(pairs))
-            found = pairs[rows[:, None] if chosen.ndim == 2 else rows, chosen]
+            values = pairs[rows[:, None] if chosen.ndim == 2 else rows, chosen]
         else:
             scaled = self.policy.scale_action(np.asarray(actions, dtype=np.float32))
             with torch.no_grad():
                 taken = torch.as_tensor(scaled, device=self.policy.device)
-                found = self._critics(self._seen(observations), taken)
-        return self._with_offset(found, observations)
+                values = self._critics(self._seen(observations), taken)
+        return self._with_offset(values, observations)
 
     def v(self, observations: Any) -> FloatArray:
         """Return V(s), (n,) float64."""
         if self.kind != "critic":
-            found = self._outputs(observations).max(axis=1)
+            values = self._outputs(observations).max(axis=1)
         else:
             with torch.no_grad():
                 seen = self._seen(observations)
-                found = self._critics(seen, self.policy._predict(seen, deterministic=True))
-        return self._with_offset(found, observations)
+                values = self._critics(seen, self.policy._predict(seen, deterministic=True))
+        return self._with_offset(values, observations)
 
     def parameters(self) -> dict[str, npt.NDArray[Any]]:
         """Return the policy's parameters by name, as plain arrays."""
@@ -131,12 +131,13 @@ class NetworkValues:
     def _outputs(self, observations: Any) -> FloatArray:
         """Return Q of every action, (n, A), or of an actor-critic V, (n, 1)."""
         if self.plain is not None and self.plain.takes(observations):
-            found = self.plain.read(observations).astype(np.float64)
+            outputs = self.plain.read(observations).astype(np.float64)
         else:
-            found = self._by_torch(observations)
+            outputs = self._by_torch(observations)
         if self.kind == "quantile_net":
-            found = found.reshape(len(found), -1, int(self.policy.action_space.n)).mean(axis=1)
-        return found
+            n_actions = int(self.policy.action_space.n)
+            outputs = outputs.reshape(len(outputs), -1, n_actions).mean(axis=1)
+        return outputs
 
     def _by_torch(self, observations: Any) -> FloatArray:
         """Return the network's output, computed by PyTorch, (n, ...)."""
@@ -151,14 +152,14 @@ class NetworkValues:
             return _array(network(self._seen(observations)))
 
     def _critics(self, seen: Any, actions: Any) -> FloatArray:
-        each = np.stack([_array(values)[:, 0] for values in self.policy.critic(seen, actions)])
-        return np.asarray(each.min(axis=0))
+        of_critics = [_array(values)[:, 0] for values in self.policy.critic(seen, actions)]
+        return np.asarray(np.stack(of_critics).min(axis=0))
 
-    def _with_offset(self, found: FloatArray, observations: Any) -> FloatArray:
+    def _with_offset(self, values: FloatArray, observations: Any) -> FloatArray:
         if self.values_offset is None:
-            return found
+            return values
         phi = self.values_offset.v(observations)
-        return found + (phi[:, None] if found.ndim == 2 else phi)
+        return values + (phi[:, None] if values.ndim == 2 else phi)
 
 
 def _array(tensor: Any) -> FloatArray:
@@ -166,7 +167,7 @@ def _array(tensor: Any) -> FloatArray:
 
 
 def acting(model: Any, environments: Sequence[Any], *, sampled: bool = False) -> Policy:
-    """Return how a model acts in episodes side by side: with its memory, and with masks of actions.
+    """Return how a model acts in episodes side by side, with its memory and with masks of actions.
 
     It does what ``evaluate_policy`` of Stable-Baselines3 and sb3-contrib do, for one rollout of
     each environment. If `sampled`, an actor-critic's actions are drawn by torch's generator.
@@ -179,8 +180,8 @@ def acting(model: Any, environments: Sequence[Any], *, sampled: bool = False) ->
         nonlocal memory, before
         kept, masks = np.isin(before, running), {}
         if masked:
-            each = [environments[k].get_wrapper_attr("action_masks")() for k in running]
-            masks["action_masks"] = np.stack(each)
+            rows = [environments[k].get_wrapper_attr("action_masks")() for k in running]
+            masks["action_masks"] = np.stack(rows)
         state = memory and tuple(part[:, kept] for part in memory)
         begins = np.full(len(running), not before)
         actions, memory = model.predict(observations, state, begins, not sampled, **masks)
@@ -225,12 +226,12 @@ class PlainNetwork:
 
     def read(self, observations: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
         """Return the outputs for n vectors, (n, outputs)."""
-        found = observations.astype(np.float32, copy=False)
+        outputs = observations.astype(np.float32, copy=False)
         for weight, bias, activation in self.layers:
-            found = found @ weight.detach().numpy().T + bias.detach().numpy()
+            outputs = outputs @ weight.detach().numpy().T + bias.detach().numpy()
             if activation is not None:
-                found = activation(found)
-        return found
+                outputs = activation(outputs)
+        return outputs
 
 
 def plain_network(policy: Any, kind: str) -> PlainNetwork | None:

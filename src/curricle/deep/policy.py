@@ -1,18 +1,22 @@
-"""A trained policy to take away: acting, files of Stable-Baselines3, and episodes to look at."""
+"""What a deep learner has learnt: its result, and trained policies to take away."""
 
 import io
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
+from curricle.archives import read_saved
 from curricle.array_types import IntArray
 from curricle.checks import instance, whole_number
-from curricle.deep.knowledge import actor_of
 from curricle.deep.learner import DeepLearner
 from curricle.errors import CurricleError, SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
-from curricle.interop.tabulation.tabulated_task import check_sight
+from curricle.interop.tabulated_task import check_sight
+from curricle.learning.result import LearningResult
+from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.planning.episode import Episode, played
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
@@ -121,12 +125,12 @@ class TrainedPolicy:
                 f"{type(error).__name__}: {error}"
             ) from error
         for which, wanted in {"observation": task.observations, "action": task.actions}.items():
-            found = getattr(model, f"{which}_space")
+            space = getattr(model, f"{which}_space")
             # Pictures with channels last are kept with channels first.
-            if found != wanted and sorted(found.shape or ()) != sorted(wanted.shape or ()):
+            if space != wanted and sorted(space.shape or ()) != sorted(wanted.shape or ()):
                 raise SettingError(
                     f"a policy must have its task's {which}s, {space_text(wanted)}: that in "
-                    f"{path} has {space_text(found)}"
+                    f"{path} has {space_text(space)}"
                 )
         return cls(task, model)
 
@@ -159,7 +163,7 @@ class TrainedPolicy:
         import torch
         from stable_baselines3.common.utils import set_random_seed
 
-        from curricle.deep.checkpoint import isolated
+        from curricle.deep.models import isolated
         from curricle.deep.networks import acting
 
         drawn = replace(self.task, make=with_pictures(self.task.make))
@@ -178,49 +182,122 @@ class TrainedPolicy:
         return f"TrainedPolicy({type(self.model).__name__}, {self.task.make})"
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class DeepResult(LearningResult):
+    """What :func:`learn_deep` found: a :class:`LearningResult`, and the policies that were learnt.
+
+    Examples
+    --------
+    >>> from curricle import observation_task
+    >>> from curricle.deep import DeepLearner, learn_deep
+    >>> ppo = DeepLearner("PPO", settings={"n_steps": 64})
+    >>> result = learn_deep(observation_task("CartPole-v1"), ppo, 128, seeds=2, eval_freq=64)
+    >>> result.policies
+    (TrainedPolicy(PPO, CartPole-v1), TrainedPolicy(PPO, CartPole-v1))
+    """
+
+    @classmethod
+    def of(cls, result: LearningResult) -> Self:
+        """Return the result of networks as one with policies."""
+        return cls(**{field.name: getattr(result, field.name) for field in fields(result)})
+
+    @cached_property
+    def policies(self) -> tuple[TrainedPolicy, ...]:
+        """The policy of each seed, K of them.
+
+        They act, are saved as Stable-Baselines3 saves models, and play episodes to look at.
+        SettingError where values were not saved.
+        """
+        return policies_of(self.task, self.learner, self.values, self.steps_used)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        task: Any = None,
+        learner: Any = None,
+        shaping: Shaping | Sequence[Shaping | None] | None = None,
+    ) -> Self:
+        """Return the result in a file that :meth:`save` wrote; the networks are built again.
+
+        The file holds their parameters as plain arrays, and no pickles. :meth:`TrainedPolicy.save`
+        writes a file of Stable-Baselines3.
+
+        Parameters
+        ----------
+        path : path
+        task : ObservationTask, optional
+        learner : DeepLearner, optional
+            Without task and learner the result has curves, and of the networks their parameters.
+        shaping : Shaping or sequence of Shaping, optional
+            What they were trained with, of each seed if it has a potential.
+
+        Raises
+        ------
+        StoreError
+            When the file cannot be read, is damaged, or holds something else.
+        SettingError
+            When task, learner or shaping are not those that the networks were trained with.
+        """
+        saved = read_saved(path, cls.__name__)
+        result = cls.of_file(saved, saved.arrays, saved.about, task)
+        if learner is not None:
+            instance("learner", learner, DeepLearner, SettingError)
+            result = replace(result, learner=learner)
+        if task is None or learner is None or result.values is None:
+            return result
+        n = len(result.seeds)
+        shapings = list(shaping) if isinstance(shaping, Sequence) else [shaping] * n
+        if len(shapings) != n:
+            raise SettingError(f"a shaping for each of {n} seeds is needed: got {len(shapings)}")
+        learner.algorithm_class()  # raises ImportError that names what to install
+        from curricle.deep.models import network_values
+
+        try:
+            values = tuple(
+                network_values(task, learner, seed_shaping, parameters)
+                for seed_shaping, parameters in zip(shapings, result.values, strict=True)
+            )
+        except (RuntimeError, KeyError) as error:
+            raise SettingError(
+                f"networks must be loaded with the task, learner and shaping they were trained "
+                f"with: {learner} does not take these parameters, {' '.join(str(error).split())}"
+            ) from None
+        return replace(result, task=task, values=values)
+
+
 def policies_of(
     task: Any, learner: Any, values: Any, steps_used: IntArray
 ) -> tuple[TrainedPolicy, ...]:
     """Return the policies of K :class:`NetworkValues`; SettingError where there are none."""
-    if values is None or not all(hasattr(one, "policy") for one in values):
+    if values is None or not all(hasattr(network, "policy") for network in values):
         raise SettingError(
             "a policy to take away needs the values of networks: these "
             f"{'were not saved' if values is None else 'are their parameters alone, see load'}"
         )
-    pairs = zip(values, steps_used.tolist(), strict=True)
-    return tuple(_policy_of(task, learner, one, steps) for one, steps in pairs)
+    from curricle.deep.models import isolated, model_for  # needs torch
 
-
-def _policy_of(
-    task: ObservationTask, learner: DeepLearner, values: Any, steps: int
-) -> TrainedPolicy:
-    """Return the policy of :class:`NetworkValues`, learnt in so many steps."""
-    from curricle.deep.checkpoint import isolated
-    from curricle.deep.models import model_for
-    from curricle.learning.shaping import QInitialisation
-
-    potential = getattr(values.policy, "potential", None)
-    shaping = None if potential is None else QInitialisation(potential)
-    with isolated(learner.threads):
-        model = model_for(task, learner, shaping, steps=max(steps, 1))
-    model.env.close()
-    model.env = None
-    model.policy.load_state_dict(values.policy.state_dict())
-    model.policy.set_training_mode(False)
-    model.num_timesteps = steps
-    return TrainedPolicy(task, model)
+    policies = []
+    for network, steps in zip(values, steps_used.tolist(), strict=True):
+        potential = getattr(network.policy, "potential", None)
+        shaping = None if potential is None else QInitialisation(potential)
+        with isolated(learner.threads):
+            model = model_for(task, learner, shaping, steps=max(steps, 1))
+        model.env.close()
+        model.env = None
+        model.policy.load_state_dict(network.policy.state_dict())
+        model.policy.set_training_mode(False)
+        model.num_timesteps = steps
+        policies.append(TrainedPolicy(task, model))
+    return tuple(policies)
 
 
 def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -> float:
-    """Return the mean return of a potential's one source, a network with an actor, in a target.
-
-    Actions are sampled, and rewards summed or discounted, as the target's evaluation has it. NaN
-    where there are several sources, a mapping changes what they read, or the source has no actor.
-    """
+    """Return the mean return of the actor of a potential's one source in a target; NaN if none."""
     source = actor_of(potential)
     if source is None:
         return float("nan")
-    from curricle.deep.checkpoint import drawing  # needs torch, as what follows
+    from curricle.deep.models import drawing  # needs torch, as what follows
     from curricle.deep.networks import acting
 
     start = splitmix64(stream_start(seed, "policy_return"))
@@ -230,3 +307,12 @@ def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -
     with closing(environments), drawing(start):
         episodes = environments.rollouts(actor, start)
     return mean_episode_return(episodes, target.evaluation.discount(target.task))
+
+
+def actor_of(values: Any) -> Any:
+    """Return the one network of a potential if it acts in the same observations; else None."""
+    edges: Any = getattr(values, "edges", ())
+    sources: Any = getattr(values, "values", ())
+    if len(sources) != 1 or not edges[0].mapping.is_identity:
+        return None
+    return sources[0] if getattr(sources[0], "kind", "") == "value_net" else None

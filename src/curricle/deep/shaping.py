@@ -115,7 +115,7 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     >>> model.predict(np.array([-0.5, 0.01], dtype=np.float32), deterministic=True)[0]
     array(2)
     """
-    from curricle.deep.residual import POLICIES  # needs Stable-Baselines3
+    from curricle.deep.ways_in import POLICIES  # needs Stable-Baselines3
 
     if any(kind.__name__ == "DQN" for kind in algorithm.__mro__) and policy in POLICIES:
         return POLICIES[policy]

@@ -1,18 +1,32 @@
-"""Training one seed of a deep learner: its curves, when it ends, how it is resumed."""
+"""Training one seed of a deep learner: its curves, when it ends, its checkpoints.
 
-from collections.abc import Callable, Sequence
+Checkpoints are pickles: read only those of your own runs. Results are no pickles.
+"""
+
+import io
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
+import cloudpickle
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
-from curricle.deep import checkpoint
 from curricle.deep.learner import SAVES, DeepLearner
-from curricle.deep.models import environments, model_for, subtracted
+from curricle.deep.models import (
+    drawing,
+    environments,
+    generator_states,
+    isolated,
+    model_for,
+    set_generators,
+    subtracted,
+)
 from curricle.deep.networks import NetworkValues, acting
-from curricle.errors import SettingError
-from curricle.files import Place
+from curricle.errors import LostStoreError, SettingError, StoreError, reason
+from curricle.files import Place, RemotePath, opened_regular, write_whole
 from curricle.learning.record import Record, WarmUp
 from curricle.learning.run import Outcome
 from curricle.learning.shaping import Shaping
@@ -52,14 +66,14 @@ class DeepRun:
         shaped = None if shaping is None else shaping.name
         run = f"{self.task}, {self.learner}, {shaped}, {self.steps} steps, {start:x}"
         left = self.steps - charged - warm_up.steps
-        with checkpoint.isolated(self.learner.threads):
-            saved = None if saves is None else checkpoint.load(saves, run)
+        with isolated(self.learner.threads):
+            saved = None if saves is None else load_checkpoint(saves, run)
             if saved is None:
                 small = splitmix64(start) >> 33
                 progress = Progress.begun(self, warm_up)
                 model = model_for(self.task, self.learner, shaping, seed=small, steps=left)
             else:
-                model, progress = checkpoint.restored(saved), saved.progress
+                model, progress = restored(saved), saved.progress
             values = NetworkValues(model.policy, subtracted(shaping))
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
@@ -68,7 +82,20 @@ class DeepRun:
                 venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
                 model.set_env(venv, force_reset=True)
             if not progress.over:
-                self._learn(model, recorder, left, fresh=saved is None)
+                rollout = rollout_of(model)
+                if rollout > left and hasattr(model, "rollout_buffer"):
+                    raise SettingError(
+                        f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times "
+                        f"envs: {rollout:,} steps are more than {left:,}"
+                    )
+                others = [] if self.learner.callbacks is None else self.learner.callbacks()
+                model.learn(
+                    left - model.num_timesteps,
+                    callback=[recorder, *others],
+                    reset_num_timesteps=saved is None,
+                    progress_bar=self.learner.progress_bar,
+                )
+                recorder.end()
             recorder.close()
         return Outcome(
             progress.record,
@@ -78,22 +105,6 @@ class DeepRun:
             out_of_memory=False,
             evaluation_steps=progress.evaluation_steps,
         )
-
-    def _learn(self, model: Any, recorder: "Recorder", left: int, *, fresh: bool) -> None:
-        rollout = rollout_of(model)
-        if rollout > left and hasattr(model, "rollout_buffer"):
-            raise SettingError(
-                f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times envs: "
-                f"{rollout:,} steps are more than {left:,}"
-            )
-        others = [] if self.learner.callbacks is None else self.learner.callbacks()
-        model.learn(
-            left - model.num_timesteps,
-            callback=[recorder, *others],
-            reset_num_timesteps=fresh,
-            progress_bar=self.learner.progress_bar,
-        )
-        recorder.end()
 
 
 def rollout_of(model: Any) -> int:
@@ -107,14 +118,11 @@ class Progress:
     """What a run has recorded so far."""
 
     record: Record
-    warm_up: int
-    """Steps spent before learning."""
+    warm_up: int  # steps spent before learning
     steps: int
     episodes: int
-    checkpoint: int
-    """The next to be recorded."""
-    returns: list[float] = field(default_factory=list)
-    """Of the episodes ended since the last checkpoint."""
+    checkpoint: int  # the next to be recorded
+    returns: list[float] = field(default_factory=list)  # of episodes since the last checkpoint
     begun_learning: bool = False
     over: bool = False
     evaluation_steps: int = 0
@@ -168,7 +176,10 @@ class Recorder(BaseCallback):
     def _on_step(self) -> bool:
         progress = self.progress
         progress.steps = progress.warm_up + self.num_timesteps
-        self._count(self.locals["infos"])
+        for info in self.locals["infos"]:
+            if "episode" in info:  # as Monitor reports the end of one
+                progress.episodes += 1
+                progress.returns.append(float(info["episode"]["r"]))
         if progress.episodes >= self.run.episodes:
             return False
         if progress.steps >= self.max_steps:
@@ -186,20 +197,13 @@ class Recorder(BaseCallback):
                 return True
         return False
 
-    def _count(self, infos: Sequence[dict[str, Any]]) -> None:
-        for info in infos:
-            ended = info.get("episode")
-            if ended is not None:
-                self.progress.episodes += 1
-                self.progress.returns.append(float(ended["r"]))
-
     def _evaluation(self, number: int) -> float:
         """Return the policy's mean return at a checkpoint; NaN if evaluation is off."""
         if self._environments is None:
             return float("nan")
         seed, sampled = splitmix64(self.start ^ (number + 1)), self.run.evaluation.sampled
         actor = acting(self.values.policy, self._environments.environments, sampled=sampled)
-        with checkpoint.drawing(seed):
+        with drawing(seed):
             episodes = self._environments.rollouts(actor, seed)
         self.progress.evaluation_steps += sum(len(episode.rewards) for episode in episodes)
         return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task))
@@ -230,5 +234,99 @@ class Recorder(BaseCallback):
 
     def _save(self) -> None:
         if self._saves is not None:
-            checkpoint.save(*self._saves, self.model, self.progress)
+            save_checkpoint(*self._saves, self.model, self.progress)
         self._saved_at = self.progress.steps
+
+
+# -- checkpoints: all that a run needs to resume with the same result ------------------------------
+
+LEFT_OUT = ("_logger",)
+"""Attributes of a model that hold open files, and are created again."""
+
+
+class Saved(NamedTuple):
+    """A checkpoint."""
+
+    run: str  # what is trained: a checkpoint of something else is refused
+    model: tuple[type, dict[str, Any]]  # an algorithm's class, and its attributes
+    progress: Progress
+    states: tuple[Any, ...]  # of the random number generators
+
+
+class _Packing(cloudpickle.Pickler):
+    """Leaves out the zeros that end a large array, and writes small whole numbers as bytes."""
+
+    def reducer_override(self, obj: Any) -> Any:
+        if not isinstance(obj, np.ndarray) or obj.nbytes < 2**20 or obj.dtype.kind not in "biuf":
+            return super().reducer_override(obj)
+        rows = np.ascontiguousarray(obj).reshape(len(obj), -1)
+        filled = np.flatnonzero(rows.view(np.uint8).any(axis=1))
+        used = rows[: filled[-1] + 1 if filled.size else 0]
+        with np.errstate(invalid="ignore"):  # what is no byte is compared below
+            small = used.astype(np.uint8)
+        if np.array_equal(small, used) and not (used.dtype.kind == "f" and np.signbit(used).any()):
+            used = small
+        return _unpacked, (obj.shape, obj.dtype, used.dtype, used.tobytes())
+
+
+def _unpacked(shape: tuple[int, ...], dtype: Any, packed: Any, content: bytes) -> Any:
+    array, used = np.zeros(shape, dtype), np.frombuffer(content, packed)
+    array.reshape(-1)[: used.size] = used
+    return array
+
+
+def save_checkpoint(path: Place, run: str, model: Any, progress: Progress) -> None:
+    """Write a checkpoint, whole or not at all."""
+    held = {name: value for name, value in vars(model).items() if name not in LEFT_OUT}
+
+    def pickled(**changed: Any) -> bytes:
+        file = io.BytesIO()
+        saved = Saved(run, (type(model), held | changed), progress, generator_states())
+        _Packing(file).dump(saved)
+        return file.getvalue()
+
+    try:
+        content = pickled()
+    except Exception:  # whatever an environment's own code raises: a new episode begins instead
+        content = pickled(env=None, _last_obs=None)
+    try:
+        if isinstance(path, Path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content)
+    except OSError as error:
+        raise LostStoreError(
+            f"a checkpoint cannot be written to {path} ({reason(error)}): a run with --resume goes "
+            "on from the last one"
+        ) from error
+
+
+def load_checkpoint(path: Place, run: str) -> Saved | None:
+    """Return a checkpoint, None if there is none; StoreError when damaged or of another run."""
+    try:
+        with opened_regular(path) as (file, _):
+            content = file.read()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise LostStoreError(f"a checkpoint cannot be read: {path} ({reason(error)})") from error
+    saved: Any = None
+    with suppress(Exception):  # whatever unpickling damaged bytes raises
+        saved = cloudpickle.loads(content)
+    if not isinstance(saved, Saved):
+        if isinstance(path, RemotePath):  # there nothing moves it into place when it is whole
+            return None
+        raise StoreError(f"a checkpoint must be one that curricle wrote, here: {path} is not")
+    if saved.run != run:
+        raise StoreError(
+            f"a checkpoint belongs to one run: {path} is of {saved.run}, this is {run}"
+        )
+    return saved
+
+
+def restored(saved: Saved) -> Any:
+    """Return the model of a checkpoint, and set the random number generators to its states."""
+    kind, held = saved.model
+    model: Any = object.__new__(kind)
+    model.__dict__.update(held)
+    set_generators(saved.states)
+    return model

@@ -14,6 +14,7 @@ from curricle.interop.potential_shaping import (
     Potential,
     ShapingPotential,
     check_unshaped,
+    unstack,
 )
 from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregation import Aggregate
@@ -81,20 +82,15 @@ class ShapedVecEnv(VecEnvWrapper):
                 "VecNormalize must be outside of the shaping: off-policy algorithms store the "
                 "rewards that go into it"
             )
+        settings: dict[str, Any] = {
+            "discount": discount, "weight": weight, "aggregate": aggregate, "encode": encode,
+            "tolerance": tolerance, "batched": batched,
+        }  # fmt: skip
         space = venv.observation_space
-        self._potential = ShapingPotential(
-            potential,
-            space,
-            discount=discount,
-            weight=weight,
-            aggregate=aggregate,
-            encode=encode,
-            tolerance=tolerance,
-            batched=batched,
-        )
-        stacked = batch_space(space, venv.num_envs)
+        self._potential = ShapingPotential(potential, space, **settings)
+        self._stacked_space = batch_space(space, venv.num_envs)
         finals_in = "info['terminal_observation']"
-        self._episodes = Episodes(self._potential, stacked, venv.num_envs, finals_in)
+        self._episodes = Episodes(self._potential, venv.num_envs, finals_in)
 
     @property
     def discount(self) -> float:
@@ -104,7 +100,7 @@ class ShapedVecEnv(VecEnvWrapper):
     def reset(self) -> Any:
         """Reset all sub-environments and return what they return."""
         observations = self.venv.reset()
-        self._episodes.begin(observations)
+        self._episodes.begin(unstack(self._stacked_space, observations), observations)
         return observations
 
     def step_wait(self) -> tuple[Any, FloatArray, BoolArray, list[dict[str, Any]]]:
@@ -114,18 +110,22 @@ class ShapedVecEnv(VecEnvWrapper):
             check_unshaped(info)
         truncated = np.array([info.get("TimeLimit.truncated", False) for info in infos]) & dones
         done = self._episodes.step(
-            observations, rewards, dones & ~truncated, truncated,
+            unstack(self._stacked_space, observations),
+            rewards.tolist(),
+            (dones & ~truncated).tolist(),
+            truncated.tolist(),
             lambda i: infos[i].get("terminal_observation"),
-        )  # fmt: skip
+            observations,
+        )
         sources, infos = self._potential.sources, [*infos]
         shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
-        steps = zip(rewards.tolist(), done.shaping, done.potential, strict=True)
-        for i, (reward, shaping, phi) in enumerate(steps):
+        steps = zip(rewards.tolist(), done.shaping, done.there, strict=True)
+        for i, (reward, shaping, there) in enumerate(steps):
             infos[i] = {
                 **infos[i],
                 "original_reward": reward,
                 "shaping": shaping[0],
-                "potential": phi,
+                "potential": there[0],
                 **done.ended.get(i, {}),
             }
             if len(sources) > 1:

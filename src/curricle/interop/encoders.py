@@ -23,7 +23,7 @@ from gymnasium.wrappers import FrameStackObservation
 from curricle.array_types import FloatTable, IntArray
 from curricle.checks import instance, numbers, whole_number
 from curricle.errors import SettingError, TaskError
-from curricle.interop.tabulation.minigrid import is_minigrid
+from curricle.interop.minigrid import is_minigrid
 from curricle.tasks.observation_task import named, space_text
 from curricle.tasks.spaces import Component, Space
 
@@ -63,12 +63,12 @@ class Bins:
             raise TaskError(f"bins need a dict from names to edges: got {self.edges!r}")
         checked = {}
         for name, edges in self.edges.items():
-            given = numbers(f"the edges of {name!r}", edges, TaskError)
-            if given.ndim != 1 or given.size < 2 or not (np.diff(given) > 0).all():
+            array = numbers(f"the edges of {name!r}", edges, TaskError)
+            if array.ndim != 1 or array.size < 2 or not (np.diff(array) > 0).all():
                 raise TaskError(
-                    f"edges must be two or more ascending numbers: {name!r} has {given.tolist()}"
+                    f"edges must be two or more ascending numbers: {name!r} has {array.tolist()}"
                 )
-            checked[str(name)] = tuple(given.tolist())
+            checked[str(name)] = tuple(array.tolist())
         object.__setattr__(self, "edges", checked)
 
     @cached_property
@@ -82,8 +82,8 @@ class Bins:
     @cached_property
     def _inner(self) -> list[tuple[float, ...]]:
         """The edges between the bins of each component."""
-        each: Any = self.edges.values()
-        return [edges[1:-1] for edges in each]
+        checked: Any = self.edges.values()
+        return [edges[1:-1] for edges in checked]
 
     def __call__(self, observation: FloatTable) -> int:
         """Return the number of the state that an observation, (n,) float, falls into."""
@@ -197,13 +197,13 @@ class FunctionEncoder:
         return EncodedObservations(env, self._encoded, self.space)
 
     def _encoded(self, env: Any, observation: Any) -> Any:
-        found = self.function(observation)
-        if self.space.shape is not None and np.shape(found) != self.space.shape:
+        encoded = self.function(observation)
+        if self.space.shape is not None and np.shape(encoded) != self.space.shape:
             raise TaskError(
                 f"an encoder's function must return what is in its space, {self.space}: "
-                f"{named(self.function)} returned an array of shape {np.shape(found)}"
+                f"{named(self.function)} returned an array of shape {np.shape(encoded)}"
             )
-        return found
+        return encoded
 
     def __repr__(self) -> str:
         return f"FunctionEncoder({named(self.function)}, {self.space})"
@@ -244,10 +244,10 @@ class FlatDict:
     leave_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        given: Any = self.leave_out
-        if not isinstance(given, list | tuple) or not all(isinstance(key, str) for key in given):
-            raise SettingError(f"leave_out must be a list of keys: got {given!r}")
-        object.__setattr__(self, "leave_out", tuple(given))
+        keys: Any = self.leave_out
+        if not isinstance(keys, list | tuple) or not all(isinstance(key, str) for key in keys):
+            raise SettingError(f"leave_out must be a list of keys: got {keys!r}")
+        object.__setattr__(self, "leave_out", tuple(keys))
 
     def __call__(self, env: Environment) -> Environment:
         """Return the environment with encoded observations."""
@@ -256,11 +256,11 @@ class FlatDict:
             raise TaskError(
                 f"FlatDict is for observations that are a Dict: got {space_text(space)}"
             )
-        for key in self.leave_out:
-            if key not in space.spaces:
-                raise TaskError(
-                    f"leave_out must name keys of the Dict, {', '.join(space.spaces)}: got {key!r}"
-                )
+        if unknown := [key for key in self.leave_out if key not in space.spaces]:
+            raise TaskError(
+                f"leave_out must name keys of the Dict, {', '.join(space.spaces)}: got "
+                f"{unknown[0]!r}"
+            )
         kept = Dict([(k, part) for k, part in space.spaces.items() if k not in self.leave_out])
         for key, part in kept.spaces.items():
             if not _of_numbers(part):
@@ -269,9 +269,21 @@ class FlatDict:
                     f"{space_text(part)}"
                 )
         flat: Any = flatten_space(kept)
-        low, high = (bound.astype(np.float32) for bound in (flat.low, flat.high))
-        box = Box(low, high, dtype=np.float32)
-        return EncodedObservations(env, partial(_flattened, kept), box)
+        bounds = flat.low.astype(np.float32), flat.high.astype(np.float32)
+        return EncodedObservations(env, partial(_flattened, kept), Box(*bounds, dtype=np.float32))
+
+
+def _flattened(space: Dict, env: Any, observation: Any) -> npt.NDArray[np.float32]:
+    kept = {key: observation[key] for key in space}
+    return np.asarray(flatten(space, kept), dtype=np.float32)
+
+
+def _of_numbers(space: gym.Space[Any]) -> bool:
+    """Return whether a space has numbers only, so that it can be flattened."""
+    if isinstance(space, Dict | Tuple):
+        parts = space.spaces.values() if isinstance(space, Dict) else space.spaces
+        return all(map(_of_numbers, parts))
+    return isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary)
 
 
 @dataclass(frozen=True)
@@ -315,20 +327,14 @@ class StackedFrames:
 
     def __call__(self, env: Environment) -> Environment:
         """Return the environment with encoded observations."""
-        each = env if self.of is None else self.of(env)
-        space = each.observation_space
+        frames = env if self.of is None else self.of(env)
+        space = frames.observation_space
         if not isinstance(space, Box) or not space.shape:
             raise TaskError(f"stacked frames must be arrays, of a Box: got {space_text(space)}")
-        stacked: Any = FrameStackObservation(each, self.n)
+        stacked: Any = FrameStackObservation(frames, self.n)
         bounds = stacked.observation_space.low, stacked.observation_space.high
         low, high = (_joined(None, bound) for bound in bounds)
-        joined = Box(low, high, dtype=space.dtype)
-        return EncodedObservations(stacked, _joined, joined)
-
-
-def _flattened(space: Dict, env: Any, observation: Any) -> npt.NDArray[np.float32]:
-    kept = {key: observation[key] for key in space}
-    return np.asarray(flatten(space, kept), dtype=np.float32)
+        return EncodedObservations(stacked, _joined, Box(low, high, dtype=space.dtype))
 
 
 def _joined(env: Any, frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -338,14 +344,6 @@ def _joined(env: Any, frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
     if frames.ndim == 4 and frames.shape[3] in CAMERA:
         return np.concatenate([*frames], axis=-1)
     return frames if frames.ndim == 3 else frames.reshape(-1, *frames.shape[2:])
-
-
-def _of_numbers(space: gym.Space[Any]) -> bool:
-    """Return whether a space has numbers only, so that it can be flattened."""
-    if isinstance(space, Dict | Tuple):
-        parts = space.spaces.values() if isinstance(space, Dict) else space.spaces
-        return all(map(_of_numbers, parts))
-    return isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary)
 
 
 OBJECTS, COLOURS, STATES = 11, 6, 3
@@ -362,7 +360,6 @@ VOCABULARY = (
 )
 WORDS = tuple(VOCABULARY.split())
 """The words of missions: those of MiniGrid's ``DictObservationSpaceWrapper`` and of BabyAI."""
-
 Cells = npt.NDArray[np.float32]
 
 
@@ -382,12 +379,26 @@ class _MiniGridEncoder(ABC):
     def _cells(self, base: Any, observation: Any) -> Cells:
         """Return the cells that are encoded, (width, height, 20)."""
 
-    def _wrapped(self, env: Environment, width: int, height: int) -> Environment:
+    def _size(self, env: Environment, image_size: tuple[int, int]) -> tuple[int, int]:
+        """Return the width and height in cells, by default of MiniGrid's own image."""
+        return image_size
+
+    def __call__(self, env: Environment) -> Environment:
+        """Return the environment with encoded observations."""
+        space: gym.Space[Any] = env.observation_space
+        if not is_minigrid(env):
+            raise TaskError(f"{type(self).__name__} is for MiniGrid's environments: got {env}")
+        image = space.spaces.get("image") if isinstance(space, Dict) else None
+        if image is None or len(seen := image.shape or ()) != 3 or seen[2] != 3:
+            raise TaskError(
+                f"{type(self).__name__} reads MiniGrid's own observations, a Dict with an image of "
+                f"codes and the direction: got {space_text(space)}"
+            )
+        width, height = self._size(env, (seen[0], seen[1]))
+        words = len(WORDS) if self.mission else 0
+        shape: tuple[int, ...] = (width * height * CHANNELS + DIRECTIONS + words,)
         if self.picture:
-            shape: tuple[int, ...] = (CHANNELS + DIRECTIONS, height, width)
-        else:
-            words = len(WORDS) if self.mission else 0
-            shape = (width * height * CHANNELS + DIRECTIONS + words,)
+            shape = (CHANNELS + DIRECTIONS, height, width)
         return EncodedObservations(env, self._encoded, Box(0, 1, shape, np.float32))
 
     def _encoded(self, base: Any, observation: Any) -> Cells:
@@ -431,10 +442,6 @@ class MiniGridView(_MiniGridEncoder):
     picture: bool = False
     mission: bool = False
 
-    def __call__(self, env: Environment) -> Environment:
-        """Return the environment with encoded observations."""
-        return self._wrapped(env, *_checked(env, "MiniGridView"))
-
     def _cells(self, base: Any, observation: Any) -> Cells:
         return _one_hot(observation["image"])
 
@@ -477,11 +484,9 @@ class MiniGridFullView(_MiniGridEncoder):
             whole_number(f"{name} of an encoder", getattr(self, name), 3, SettingError)
         super().__post_init__()
 
-    def __call__(self, env: Environment) -> Environment:
-        """Return the environment with encoded observations."""
-        _checked(env, "MiniGridFullView")
+    def _size(self, env: Environment, image_size: tuple[int, int]) -> tuple[int, int]:
         self._check_size(env.unwrapped)
-        return self._wrapped(env, self.width, self.height)
+        return self.width, self.height
 
     def _check_size(self, base: Any) -> None:
         if base.width > self.width or base.height > self.height:
@@ -505,20 +510,6 @@ class MiniGridFullView(_MiniGridEncoder):
         return cells
 
 
-def _checked(env: Environment, encoder: str) -> tuple[int, int]:
-    """Return the width and height of MiniGrid's view; TaskError where observations are others."""
-    space: gym.Space[Any] = env.observation_space
-    if not is_minigrid(env):
-        raise TaskError(f"{encoder} is for MiniGrid's environments: got {env}")
-    image = space.spaces.get("image") if isinstance(space, Dict) else None
-    if image is None or len(shape := image.shape or ()) != 3 or shape[2] != 3:
-        raise TaskError(
-            f"{encoder} reads MiniGrid's own observations, a Dict with an image of codes and the "
-            f"direction: got {space_text(space)}"
-        )
-    return shape[0], shape[1]
-
-
 def _one_hot(codes: npt.NDArray[Any]) -> Cells:
     """Return codes of cells, (width, height, 3), as zeros and ones, (width, height, 20)."""
     sizes = (OBJECTS, COLOURS, STATES)
@@ -533,12 +524,12 @@ def _one_hot(codes: npt.NDArray[Any]) -> Cells:
 
 def _words(mission: str) -> Cells:
     """Return which of MiniGrid's words a mission has, (59,)."""
-    found = np.zeros(len(WORDS), np.float32)
+    has = np.zeros(len(WORDS), np.float32)
     for word in mission.lower().replace(",", " ").split():
         if word not in WORDS:
             raise TaskError(f"a mission must have words of MiniGrid's: got {word!r} in {mission!r}")
-        found[WORDS.index(word)] = 1
-    return found
+        has[WORDS.index(word)] = 1
+    return has
 
 
 @cache

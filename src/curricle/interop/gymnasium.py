@@ -1,42 +1,57 @@
-"""Any Gymnasium environment as a task: of numbered states, or seen through observations."""
+"""Gymnasium, both ways: any environment as a task, and Curricle's tasks as environments.
 
-from collections.abc import Callable, Iterator, Sequence
+:func:`from_gymnasium` makes tasks of numbered states, :func:`observation_task` tasks seen through
+observations, :func:`to_gymnasium` environments.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from copy import deepcopy
+from functools import cached_property
 from operator import index
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-from curricle.checks import whole_number
-from curricle.errors import CurricleError, TaskError
+from curricle.checks import one_of, whole_number
+from curricle.errors import CurricleError, SettingError, TaskError
 from curricle.interop.encoders import Bins
+from curricle.interop.exploration import time_limit_of
 from curricle.interop.spaces import (
+    TOY_TEXT,
+    Coding,
+    Form,
     Number,
     Point,
+    acts_as,
     counts_from_0,
+    has_table,
     is_discrete,
     name_list,
+    names_of,
+    outcomes_of,
     space_of,
     with_labels,
     with_names,
+    with_space,
 )
-from curricle.interop.tabulation.exploration import time_limit_of
-from curricle.interop.tabulation.states import TOY_CONSTANTS, fingerprint, layers_of
-from curricle.interop.toy_text import TOY_TEXT, acts_as, has_table, names_of, outcomes_of
-from curricle.tasks.live import LiveMDP
-from curricle.tasks.mdp import FiniteMDP
+from curricle.interop.states import TOY_CONSTANTS, fingerprint, layers_of
+from curricle.tasks.gridworld import GridWorld, Rewards
+from curricle.tasks.kernel import compiled, draw
+from curricle.tasks.live import LiveMDP, is_live
+from curricle.tasks.mdp import FiniteMDP, generative_model
+from curricle.tasks.models import Functions, check_answers, first_state, transition
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, check_spaces
-from curricle.tasks.spaces import Component, Space
+from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
+from curricle.tasks.spaces import MISSING, Component, Space
+
+if TYPE_CHECKING:
+    from curricle.tasks.scene import Scene
 
 Environment = gym.Env[Any, Any] | str | EnvSpec | EnvironmentMaker | Callable[..., Any]
 TimeLimit = int | None | Literal["own"]
-GivenStates = Space | tuple[Sequence[str], Sequence[int] | None] | None
-"""States as given, or names of their components and sizes that split a number."""
-GivenActions = Space | Sequence[str] | None
-"""Actions as given, or their labels."""
 
 
 def from_gymnasium(
@@ -114,30 +129,99 @@ def from_gymnasium(
     >>> from_gymnasium("Blackjack-v1", discount=0.9, names=["hand", "card", "ace"]).states
     Space(704 points: hand[32] x card[11] x ace[2])
     """
-    given = _given_states(states, names, sizes)
+    if names is None and sizes is not None:
+        raise TaskError(f"sizes need names of what has them: got sizes {sizes!r} without names")
+    if names is not None and states is not None:
+        raise TaskError(
+            f"names go without states, whose components have names: got both, names {names!r}"
+        )
+    names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
-    if isinstance(environment, gym.Env):
-        made: AbstractContextManager[Any] = nullcontext(environment)
-    else:
-        with refusals_of_make(environment):
-            new: Any = make()
-        made = closing(checked_environment(environment, new))
-    with made as env:
-        limit: Any = own_limit(env) if time_limit == "own" else time_limit
-        if encode is None and not live and has_table(env):
-            world, horizon = env.unwrapped, {"discount": discount, "time_limit": limit}
-            return _from_table(world, given, actions, **horizon)
-        if make.what is None:
-            raise TaskError(
-                "an environment without a specification cannot be made again for each seed; give "
-                f"a function that makes it: got {environment}"
-            )
-        if isinstance(environment, gym.Env):
-            _check_unchanged(env, make)
-        known, moves = names_of(env.unwrapped)
-        encode, states = _observations(env.observation_space, encode, given, known)
+    with opened(environment, make) as env:
+        world, limit = env.unwrapped, time_limit
+        if time_limit == "own":
+            limit = None if env.spec is None else env.spec.max_episode_steps
+            limit = time_limit_of(env) if limit is None else limit
+        known, moves = names_of(world)
         act, actions = actions_of(env.action_space, actions, moves)
-    return LiveMDP(states, actions, make, encode, act, discount, limit)
+        number = encode
+        outcomes = outcomes_of(world) if encode is None and not live and has_table(env) else None
+        if outcomes is not None:
+            space = Space([Component("state", len(outcomes))])
+        else:
+            if make.what is None:
+                raise TaskError(
+                    "an environment without a specification cannot be made again for each seed; "
+                    f"give a function that makes it: got {environment}"
+                )
+            if isinstance(environment, gym.Env):
+                _check_unchanged(env, make)
+            number, space = _observations(env.observation_space, encode, states)
+        if encode is None and known is not None and known.size == space.size:
+            space = known
+        states = with_space("states", space, states)
+        if names is not None:
+            if sizes is None and len(space.names) == 1 < len(names):
+                raise TaskError(
+                    f"observations are one number, so sizes must say how many values each of "
+                    f"{', '.join(names)} has: got names without sizes"
+                )
+            states = with_names(space, names, sizes)
+        if outcomes is None:
+            return LiveMDP(states, actions, make, number, act, discount, limit)  # type: ignore[arg-type]
+        start = np.zeros(len(outcomes))  # the end that `outcomes_of` may add is no start
+        start[: len(world.initial_state_distrib)] = world.initial_state_distrib
+        horizon: dict[str, Any] = {"discount": discount, "time_limit": limit}
+        return FiniteMDP.from_outcomes(
+            outcomes, start=start, states=states, actions=actions, **horizon
+        )
+
+
+def _observations(
+    space: gym.Space[Any], encode: Callable[[Any], Any] | None, states: Space | None
+) -> tuple[Callable[[Any], Any] | None, Space]:
+    """Return the function from observations to states, None if they are states; and the space."""
+    if encode is None:
+        if not is_discrete(space):
+            raise TaskError(
+                "observations must be discrete, or be made so by encode=Bins(...) or a function of "
+                f"your own with states=Space(...): got {space}"
+            )
+        return None if counts_from_0(space) else Number(space), space_of(space, "state")
+    encoded = getattr(encode, "states", None) if states is None else states
+    if encoded is None:
+        raise TaskError(
+            "an encode function needs the states it encodes to, as states=Space(...) or as its "
+            f"attribute states: got neither for {encode!r}"
+        )
+    if isinstance(encode, Bins) and space.shape != (len(encode.edges),):
+        raise TaskError(
+            f"bins must have edges for each entry of an observation, {space.shape}: they have "
+            f"edges for {len(encode.edges)}"
+        )
+    return encode, encoded
+
+
+def actions_of(
+    space: gym.Space[Any], actions: Space | Sequence[str] | None, known: Space | None
+) -> tuple[Callable[[int], Any], Space]:
+    """Return the function from an action's number to the environment's action, and the space.
+
+    `actions` are a caller's names or labels, `known` the names of a known environment, which are
+    left out where a wrapper changed how many actions there are.
+    """
+    if not is_discrete(space):
+        raise TaskError(
+            f"actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so): got "
+            f"{space}"
+        )
+    act = index if counts_from_0(space) else Point(space)
+    named = space_of(space, "action")
+    if known is not None and known.size == named.size:
+        named = known
+    if actions is None or isinstance(actions, Space):
+        return act, with_space("actions", named, actions)
+    return act, with_labels(named, actions)
 
 
 def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
@@ -154,10 +238,60 @@ def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
         )
 
 
-def own_limit(env: gym.Env[Any, Any]) -> int | None:
-    """Return the steps after which an environment truncates: its specification's or a wrapper's."""
-    limit = None if env.spec is None else env.spec.max_episode_steps
-    return time_limit_of(env) if limit is None else limit
+def opened(environment: Environment, make: EnvironmentMaker) -> AbstractContextManager[Any]:
+    """Return a context with an environment that is given, or a new one, closed at its end."""
+    if isinstance(environment, gym.Env):
+        return nullcontext(environment)
+    with refusals_of_make(environment):
+        made: Any = make()
+    if not isinstance(made, gym.Env):
+        raise TaskError(f"an environment must be a gymnasium.Env: {environment!r} made {made!r}")
+    check_spaces(made)
+    return closing(made)
+
+
+@contextmanager
+def refusals_of_make(what: Any) -> Iterator[None]:
+    """Raise TaskError for whatever ``gymnasium.make`` raises; a function's errors are its own."""
+    try:
+        yield
+    except CurricleError:
+        raise
+    except Exception as error:
+        what = what.what if isinstance(what, EnvironmentMaker) else what
+        if not isinstance(what, str | EnvSpec):
+            raise
+        name = what if isinstance(what, str) else what.id
+        raise TaskError(
+            f"an environment must be one that gymnasium.make makes: {name!r} failed with "
+            f"{type(error).__name__}: {error}"
+        ) from error
+
+
+def maker_of(
+    environment: Environment, time_limit: TimeLimit, arguments: dict[str, Any]
+) -> EnvironmentMaker:
+    """Return how environments are made; of None if the one given has no specification."""
+    arguments = deepcopy(arguments)
+    if isinstance(environment, EnvironmentMaker) and environment.encode is None:
+        arguments = {**deepcopy(dict(environment.arguments)), **arguments}
+        environment = environment.what
+    if isinstance(environment, gym.Env) and arguments:
+        raise TaskError(
+            f"an environment that is already made takes no arguments: got {', '.join(arguments)}"
+        )
+    what = environment.spec if isinstance(environment, gym.Env) else environment
+    known = isinstance(environment, gym.Env) or isinstance(what, str | EnvSpec)
+    if not known and not callable(what):
+        raise TaskError(
+            "an environment must be an id, a specification, a gymnasium.Env, or a class or "
+            f"function that makes one: got {what!r}"
+        )
+    if time_limit != "own" and time_limit is not None:
+        time_limit = whole_number("time_limit in steps", time_limit, 1, TaskError)
+    if time_limit != "own" and isinstance(what, str | EnvSpec):
+        arguments["max_episode_steps"] = -1 if time_limit is None else time_limit
+    return EnvironmentMaker(what, arguments)
 
 
 def observation_task(
@@ -205,155 +339,230 @@ def observation_task(
         return ObservationTask(make, discount, time_limit)
 
 
-def checked_environment(what: Any, made: Any) -> gym.Env[Any, Any]:
-    """Return what was made of an environment, or raise TaskError unless it is one with spaces."""
-    if not isinstance(made, gym.Env):
-        raise TaskError(f"an environment must be a gymnasium.Env: {what!r} made {made!r}")
-    check_spaces(made)
-    return made
+# -- tasks as environments -------------------------------------------------------------------------
+
+RenderMode = Literal["rgb_array", "ansi"]
+FORMS = frozenset({"observation", "action", "render_mode"})
+"""The settings of an environment, beside those of its task."""
+FIRST_MAZE = """
+    .....P.T
+    .#P#....
+    ..F#.#P.
+    S.......
+"""
+"""The map of ``Curricle/Maze-v0``: the short way passes a fire, a safe way takes two moves more."""
 
 
-@contextmanager
-def refusals_of_make(what: Any) -> Iterator[None]:
-    """Raise TaskError for whatever ``gymnasium.make`` raises; a function's errors are its own."""
-    try:
-        yield
-    except CurricleError:
-        raise
-    except Exception as error:
-        what = what.what if isinstance(what, EnvironmentMaker) else what
-        if not isinstance(what, str | EnvSpec):
-            raise
-        name = what if isinstance(what, str) else what.id
-        raise TaskError(
-            f"an environment must be one that gymnasium.make makes: {name!r} failed with "
-            f"{type(error).__name__}: {error}"
-        ) from error
+def _begun(model: Any, stream: Any) -> Any:
+    return first_state(model, draw(stream))  # type: ignore[no-untyped-call]
 
 
-def maker_of(
-    environment: Environment, time_limit: TimeLimit, arguments: dict[str, Any]
-) -> EnvironmentMaker:
-    """Return how environments are made; of None if the one given has no specification."""
-    arguments = deepcopy(arguments)
-    if isinstance(environment, EnvironmentMaker) and environment.encode is None:
-        arguments = {**deepcopy(dict(environment.arguments)), **arguments}
-        environment = environment.what
-    if isinstance(environment, gym.Env) and arguments:
-        raise TaskError(
-            f"an environment that is already made takes no arguments: got {', '.join(arguments)}"
-        )
-    what = environment.spec if isinstance(environment, gym.Env) else environment
-    known = isinstance(environment, gym.Env) or isinstance(what, str | EnvSpec)
-    if not known and not callable(what):
-        raise TaskError(
-            "an environment must be an id, a specification, a gymnasium.Env, or a class or "
-            f"function that makes one: got {what!r}"
-        )
-    if time_limit != "own" and time_limit is not None:
-        time_limit = whole_number("time_limit in steps", time_limit, 1, TaskError)
-    if time_limit != "own" and isinstance(what, str | EnvSpec):
-        arguments["max_episode_steps"] = -1 if time_limit is None else time_limit
-    return EnvironmentMaker(what, arguments)
+def _moved(model: Any, state: Any, action: Any, stream: Any) -> Any:
+    bits = draw(stream)
+    return transition(model, np.uint64(state), np.uint64(action), bits)  # type: ignore[no-untyped-call]
 
 
-def _from_table(
-    world: Any, states: GivenStates, actions: GivenActions, **horizon: Any
-) -> FiniteMDP:
-    """Return the task of an unwrapped environment's table."""
-    outcomes = outcomes_of(world)
-    n_states = len(outcomes)
-    known, moves = names_of(world)
-    own = known if known and known.size == n_states else Space([Component("state", n_states)])
-    start = np.asarray(world.initial_state_distrib)
-    if n_states > start.size:  # the end that `outcomes_of` added
-        start = np.append(start, 0.0)
-    states = _named_states(states, own)
-    _, actions = actions_of(world.action_space, actions, moves)
-    return FiniteMDP.from_outcomes(outcomes, start=start, states=states, actions=actions, **horizon)
+class TaskEnvironment(gym.Env[Any, Any]):
+    """A task as a Gymnasium environment, with its own rewards, ends and time limit.
 
+    An episode is `terminated` when it enters a terminal state and `truncated` when it reaches the
+    task's time limit first; never both. Rewards are the task's own, unshaped. ``info`` has the
+    number of the task's state, ``state``, and its label, ``label``. The task is ``task``.
 
-def actions_of(
-    space: gym.Space[Any], given: GivenActions, known: Space | None
-) -> tuple[Callable[[int], Any], Space]:
-    """Return the function from an action's number to the environment's action, and the space.
+    ``reset(options={"state": ...})`` starts in a given state: its number, or the value or label of
+    each of its components by name.
 
-    Names that are `known` of the environment are left out where a wrapper changed how many actions
-    there are.
+    Parameters
+    ----------
+    task : Task
+        Of any kind but :class:`LiveMDP`, which is an environment already.
+    observation : {"index", "components"}
+        The state's number, ``Discrete(S)``; or one number for each component, ``MultiDiscrete``,
+        each counted from the component's lowest value. Not every combination need be a state.
+    action : {"index", "components"}
+        The action's number, ``Discrete(A)``; or one number for each component.
+    render_mode : {"rgb_array", "ansi"}, optional
+        What :meth:`render` returns: a picture, (height, width, 3) uint8, or text. Mazes and
+        pursuits are drawn; for other tasks the state's label is written.
+
+    Raises
+    ------
+    TaskError
+        When `task` is not a task, or a live one.
+    SettingError
+        When a form is unknown or not every combination of action components is an action; from
+        :meth:`step`, when the action is outside the space or no episode is under way; from
+        :meth:`reset`, when the options are unknown, or the state does not exist or is known to be
+        terminal.
+
+    Notes
+    -----
+    One draw of ``np_random`` an episode starts the random stream of the task's transitions.
+
+    Examples
+    --------
+    >>> environment = TaskEnvironment(GridWorld("S.T"), render_mode="ansi")
+    >>> environment.reset(seed=1)
+    (0, {'state': 0, 'label': 'row=0 column=0'})
+    >>> environment.step(1)
+    (1, -1.0, False, False, {'state': 1, 'label': 'row=0 column=1'})
+    >>> print(environment.render())
+    S@T
+    >>> environment.step(1)[:4]
+    (2, 199.0, True, False)
     """
-    if not is_discrete(space):
-        raise TaskError(
-            f"actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so): got "
-            f"{space}"
-        )
-    act = index if counts_from_0(space) else Point(space)
-    own = space_of(space, "action")
-    if known is not None and known.size == own.size:
-        own = known
-    if given is None or isinstance(given, Space):
-        return act, _renamed("actions", given, own)
-    return act, with_labels(own, given)
 
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
+        "render_modes": ["rgb_array", "ansi"],
+        "render_fps": 4,
+    }
 
-def _observations(
-    space: gym.Space[Any],
-    encode: Callable[[Any], Any] | None,
-    given: GivenStates,
-    known: Space | None,
-) -> tuple[Callable[[Any], Any] | None, Space]:
-    """Return the function from observations to states, None if they are states; and the space."""
-    if encode is not None:
-        own = given if isinstance(given, Space) else getattr(encode, "states", None)
-        if own is None:
-            raise TaskError(
-                "an encode function needs the states it encodes to, as states=Space(...) or as its "
-                f"attribute states: got neither for {encode!r}"
+    def __init__(
+        self,
+        task: Any,
+        *,
+        observation: Form = "index",
+        action: Form = "index",
+        render_mode: RenderMode | None = None,
+    ):
+        self.task, self.render_mode = task, render_mode
+        rules = generative_model(task)
+        if is_live(task):
+            raise TaskError(f"a live task is an environment already: got {task!r}")
+        one_of("observation", observation, ("index", "components"), SettingError)
+        one_of("action", action, ("index", "components"), SettingError)
+        if render_mode is not None:
+            one_of("render_mode", render_mode, self.metadata["render_modes"], SettingError)
+        if action == "components" and not rules.actions.is_box:
+            raise SettingError(
+                f"actions by component need every combination to be an action: got {rules.actions}"
             )
-        if isinstance(encode, Bins) and space.shape != (len(encode.edges),):
-            raise TaskError(
-                f"bins must have edges for each entry of an observation, {space.shape}: they have "
-                f"edges for {len(encode.edges)}"
+        self._states = Coding(rules.states, observation)
+        self._actions = Coding(rules.actions, action)
+        self.observation_space, self.action_space = self._states.gym_space, self._actions.gym_space
+        self._rules, self._model = rules, rules.model
+        self._users_code = isinstance(self._model, Functions)
+        self._begun = compiled(_begun, self._users_code)
+        self._moved = compiled(_moved, self._users_code)
+        self._stream = np.zeros(1, np.uint64)
+        self._state, self._steps, self._under_way = MISSING, 0, False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode, in ``options["state"]`` if given; return observation and info."""
+        super().reset(seed=seed)
+        self._stream[0] = self.np_random.integers(2**64, dtype=np.uint64)
+        if options:
+            self._state = self._named_start(options)
+        else:
+            self._state = self._begun(self._model, self._stream)
+            self._check()
+        self._steps, self._under_way = 0, True
+        return self._states.coded(self._state), self._info()
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Act; return observation, reward, terminated, truncated and info."""
+        if not self._under_way:
+            raise SettingError("step() needs an episode under way: call reset() first")
+        move = self._actions.number(action)
+        self._state, reward, terminated = self._moved(self._model, self._state, move, self._stream)
+        self._check()
+        self._steps += 1
+        truncated = not terminated and self._steps == self._rules.time_limit
+        self._under_way = not (terminated or truncated)
+        return self._states.coded(self._state), reward, terminated, truncated, self._info()
+
+    def render(self) -> Any:
+        """Return a picture of the state, (height, width, 3) uint8, or text, by `render_mode`."""
+        if self.render_mode is None:
+            gym.logger.warn("render() draws nothing without a render_mode: rgb_array or ansi")
+            return None
+        draws = self._scene.image if self.render_mode == "rgb_array" else self._scene.text
+        return draws(self.state)
+
+    @property
+    def state(self) -> int:
+        """The number of the state the task is in."""
+        if self._state == MISSING:
+            raise SettingError("there is no state before the first reset()")
+        return self._state
+
+    @cached_property
+    def _scene(self) -> "Scene":
+        from curricle.tasks.scene import scene_of
+
+        return scene_of(self.task)
+
+    def _check(self) -> None:
+        """Raise TaskError if a function of the task returned what makes no sense."""
+        if self._users_code and self._model.failure["by"][0]:
+            self._under_way, model, self._model = False, self._model, self._rules.model
+            check_answers(self.task, model)
+
+    def _info(self) -> dict[str, Any]:
+        return {"state": self._state, "label": self._states.label(self._state)}
+
+    def _named_start(self, options: dict[str, Any]) -> int:
+        if set(options) != {"state"}:
+            raise SettingError(f"options may hold only 'state', to start in: got {options!r}")
+        start, space = options["state"], self._rules.states
+        if isinstance(start, Mapping):
+            values = {name: _value(space.component(name), start[name]) for name in start}
+            state = int(space.encode(**values))
+        else:
+            state = whole_number("the state to start in", start, 0, SettingError)
+        # Of too many states the terminal ones are not listed.
+        terminal = self._rules.terminal if space.size <= LARGEST_SPACE else None
+        if not 0 <= state < space.size or (terminal is not None and terminal[state]):
+            raise SettingError(
+                f"an episode must start in a state that is not terminal: got {start!r}"
             )
-        return encode, own if isinstance(given, Space) else _named_states(given, own)
-    if not is_discrete(space):
-        raise TaskError(
-            "observations must be discrete, or be made so by encode=Bins(...) or a function of "
-            f"your own with states=Space(...): got {space}"
-        )
-    number, own = None if counts_from_0(space) else Number(space), space_of(space, "state")
-    return number, _named_states(given, known if known and known.size == own.size else own)
+        return state
 
 
-def _given_states(
-    states: Space | None, names: Sequence[str] | None, sizes: Sequence[int] | None
-) -> GivenStates:
-    """Return the states, or the names and sizes of their components; TaskError where both are."""
-    if names is None:
-        if sizes is not None:
-            raise TaskError(f"sizes need names of what has them: got sizes {sizes!r} without names")
-        return states
-    if states is not None:
-        raise TaskError(
-            f"names go without states, whose components have names: got both, names {names!r}"
-        )
-    return name_list(names), sizes
+def _value(component: Component, value: Any) -> int:
+    """Return a component's value from a number or a label."""
+    if isinstance(value, str) and component.labels and value in component.labels:
+        return component.low + component.labels.index(value)
+    return whole_number(f"the value of {component.name}", value, component.low, SettingError)
 
 
-def _named_states(given: GivenStates, own: Space) -> Space:
-    """Return states as given, or their own with the names that are given."""
-    if given is None or isinstance(given, Space):
-        return _renamed("states", given, own)
-    names, sizes = given
-    if sizes is None and len(own.names) == 1 < len(names):
-        raise TaskError(
-            f"observations are one number, so sizes must say how many values each of "
-            f"{', '.join(names)} has: got names without sizes"
-        )
-    return with_names(own, names, sizes)
+def maze_environment(map: Any = FIRST_MAZE, **settings: Any) -> TaskEnvironment:
+    """Return a :class:`GridWorld` as an environment, with settings of both: ``Curricle/Maze-v0``.
+
+    Rewards may be a dict, such as ``{"step": -5}``.
+    """
+    forms = {name: settings.pop(name) for name in FORMS & settings.keys()}
+    if isinstance(settings.get("rewards"), Mapping):
+        settings["rewards"] = Rewards(**settings["rewards"])
+    return TaskEnvironment(GridWorld(map, **settings), **forms)
 
 
-def _renamed(what: str, given: Space | None, own: Space) -> Space:
-    """Return the given space, checked to have as many points as `own`; without one `own`."""
-    if given is not None and given.size != own.size:
-        raise TaskError(f"{what} must name the environment's {own.size}: got {given.size} of them")
-    return own if given is None else given
+def pursuit_environment(**settings: Any) -> TaskEnvironment:
+    """Return a :class:`Pursuit` whose predators act as one: ``Curricle/Pursuit-v0``."""
+    forms = {name: settings.pop(name) for name in FORMS & settings.keys()}
+    return TaskEnvironment(Pursuit(**settings), **forms)
+
+
+def to_gymnasium(
+    task: Any,
+    *,
+    observation: Form = "index",
+    action: Form = "index",
+    render_mode: RenderMode | None = None,
+) -> TaskEnvironment:
+    """Return a task as a Gymnasium environment.
+
+    Parameters
+    ----------
+    task, observation, action, render_mode
+        As in :class:`TaskEnvironment`.
+
+    Examples
+    --------
+    >>> hunt = to_gymnasium(Pursuit(4, 2), observation="components", action="components")
+    >>> hunt.observation_space, hunt.action_space
+    (MultiDiscrete([16 16 16]), MultiDiscrete([5 5]))
+    """
+    return TaskEnvironment(task, observation=observation, action=action, render_mode=render_mode)

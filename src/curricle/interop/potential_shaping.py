@@ -10,17 +10,15 @@ discount. t counts the steps taken through the wrapper, episode after episode.
 
 import math
 import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from itertools import repeat
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, SupportsFloat, TypeGuard
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 from gymnasium.spaces import Discrete, MultiDiscrete
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
@@ -46,7 +44,7 @@ else:  # it takes types only in newer versions of Gymnasium
 
 
 Steps = int | IntArray
-
+"""t of all observations, or of each, (n,)."""
 TaskPotential = StatePotential | StateActionPotential | MappedPotential
 Potential = Callable[[Any], Any] | TaskPotential | ValueSource
 """A function of an observation, a potential over a task's states, or values of observations."""
@@ -57,16 +55,28 @@ a graphics processor, whose products of matrices have 11 bits."""
 
 @dataclass(frozen=True, eq=False)
 class FunctionSource:
-    """A potential that is a function of an observation."""
-
-    batched: ClassVar[bool] = False
-    rounding: ClassVar[float] = 0.0  # relative difference allowed between two readings
+    """A potential that a function or a network computes, of an observation or of stacked ones."""
 
     name: str
     function: Callable[[Any], Any]
+    batched: bool
+    rounding: float = 0.0  # relative difference allowed between two readings
 
-    def one(self, observation: Any, step: int) -> float:
-        """Return Phi_i(s, t)."""
+    def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
+        """Return Phi_i of n observations, (n,)."""
+        if not self.batched:
+            return [self._value(observation) for observation in rows]
+        who = f"a batched potential, {self.name!r},"
+        if self.rounding > 0:
+            who = f"the values of {self.name!r}"
+        values = numbers(f"what {who} returns", self.function(stacked), PotentialError)
+        if values.shape != (len(rows),):
+            raise PotentialError(
+                f"what {who} returns must have shape {(len(rows),)}: got {values.shape}"
+            )
+        return values.tolist()  # type: ignore[no-any-return]
+
+    def _value(self, observation: Any) -> float:
         value = self.function(observation)
         try:
             return float(value)
@@ -78,31 +88,6 @@ class FunctionSource:
 
 
 @dataclass(frozen=True, eq=False)
-class BatchSource:
-    """A potential that a function or a network computes for n stacked observations at once."""
-
-    batched: ClassVar[bool] = True
-
-    who: str
-    function: Callable[[Any], Any]
-    space: gymnasium.Space[Any]  # of one observation
-    rounding: float = 0.0
-
-    def one(self, observation: Any, step: int) -> float:
-        """Return Phi_i(s, t)."""
-        return float(self.many(1, stack(self.space, [observation]), step)[0])
-
-    def many(self, n: int, stacked: Any, steps: Steps) -> FloatArray:
-        """Return Phi_i of n observations, (n,) float64."""
-        values = numbers(f"what {self.who} returns", self.function(stacked), PotentialError)
-        if values.shape != (n,):
-            raise PotentialError(
-                f"what {self.who} returns must have shape {(n,)}: got {values.shape}"
-            )
-        return values
-
-
-@dataclass(frozen=True, eq=False)
 class StateSource:
     """A potential over the states of a task; observations give the states' numbers."""
 
@@ -110,49 +95,43 @@ class StateSource:
 
     name: str
     potential: StatePotential | MappedPotential
-    state_of: Callable[[Any], Any]
+    state_of: Callable[[Any], Any]  # of one observation, or of stacked ones if `batched`
     n_states: int
     fixed: FloatArray | None  # (S,) Phi where it is an array that time does not change
     batched: bool
 
-    def one(self, observation: Any, step: int) -> float:
-        """Return Phi_i(s, t)."""
-        given = self.state_of(observation)
+    def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
+        """Return Phi_i of n observations, (n,)."""
+        numbered = self.state_of(stacked) if self.batched else [*map(self.state_of, rows)]
+        if self.batched:
+            array = whole(numbered, "the states of observations")
+            if array.shape != (len(rows),):
+                raise SettingError(
+                    f"a batch of observations must have states of shape {(len(rows),)}: "
+                    f"{self.name!r} got {array.shape}"
+                )
+            states = array.tolist()
+        else:
+            states = [*map(self._whole, numbered, rows)]
+        if min(states) < 0 or max(states) >= self.n_states:
+            place, state = next((k, s) for k, s in enumerate(states) if not 0 <= s < self.n_states)
+            where = f"{place} of {len(rows)} stacked" if self.batched else repr(rows[place])
+            raise SettingError(
+                f"an observation's state must lie in 0..{self.n_states - 1}: {self.name!r} got "
+                f"{state} for observation {where}"
+            )
+        if self.fixed is not None:
+            return [*map(self.fixed.item, states)]
+        return _values(self.potential, np.array(states), steps).tolist()  # type: ignore[no-any-return]
+
+    def _whole(self, state: Any, observation: Any) -> int:
         try:
-            state = operator.index(given)
+            return operator.index(state)
         except TypeError:
             raise SettingError(
-                f"an observation's state must be a whole number: {self.name!r} got {given!r} for "
+                f"an observation's state must be a whole number: {self.name!r} got {state!r} for "
                 f"observation {observation!r}"
             ) from None
-        if not 0 <= state < self.n_states:
-            raise self._no_state(state, f"observation {observation!r}")
-        if self.fixed is not None:
-            return self.fixed.item(state)
-        return float(_values(self.potential, np.array([state]), step)[0])
-
-    def many(self, n: int, stacked: Any, steps: Steps) -> FloatArray:
-        """Return Phi_i of n observations, (n,) float64."""
-        states = whole(self.state_of(stacked), "the states of observations")
-        if states.shape != (n,):
-            raise SettingError(
-                f"a batch of observations must have states of shape {(n,)}: {self.name!r} got "
-                f"{states.shape}"
-            )
-        outside = (states < 0) | (states >= self.n_states)
-        if np.count_nonzero(outside):
-            place = int(np.flatnonzero(outside)[0])
-            raise self._no_state(int(states[place]), f"observation {place} of {n} stacked")
-        return _values(self.potential, states, steps) if self.fixed is None else self.fixed[states]
-
-    def _no_state(self, state: int, place: str) -> SettingError:
-        return SettingError(
-            f"an observation's state must lie in 0..{self.n_states - 1}: {self.name!r} got {state} "
-            f"for {place}"
-        )
-
-
-Source = FunctionSource | BatchSource | StateSource
 
 
 def source(
@@ -161,29 +140,26 @@ def source(
     space: gymnasium.Space[Any],
     encode: Callable[[Any], Any] | None,
     batched: bool,
-) -> Source:
-    """Return a potential, to be read from observations of a space.
-
-    `encode` gives the state of an observation, for potentials over a task; `batched` is whether it
-    and functions take stacked observations. Sources of values always take stacked ones.
-    """
+) -> FunctionSource | StateSource:
+    """Return a potential, to be read from observations of a space."""
     if over_a_task(potential):
         if isinstance(potential, StateActionPotential):
             potential = potential.to_state()
         states = generative_model(potential.task).states
         state_of = _numbering(space, states) if encode is None else encode
-        return StateSource(name, potential, state_of, states.size, _fixed(potential), batched)
+        fixed = None
+        if isinstance(potential, StatePotential) and len(potential.values) == 1:
+            fixed = potential.at(0) if potential.weight.shape == CONSTANT else None
+        return StateSource(name, potential, state_of, states.size, fixed, batched)
     if isinstance(potential, ObservationPotential) and potential.task.observations != space:
         raise SettingError(
             f"a potential over observations must be read from those of its task: {name!r} is one "
             f"of {potential.task.observations} and gets {space}"
         )
     if isinstance(potential, ValueSource):
-        return BatchSource(f"the values of {name!r}", potential.v, space, NETWORK_ROUNDING)
-    if callable(potential) and batched:
-        return BatchSource(f"a batched potential, {name!r},", potential, space)
+        return FunctionSource(name, potential.v, batched=True, rounding=NETWORK_ROUNDING)
     if callable(potential):
-        return FunctionSource(name, potential)
+        return FunctionSource(name, potential, batched)
     raise PotentialError(
         "a potential must be a function of an observation, a potential over a task or over "
         f"observations, or a source of values: {name!r} is {potential!r}"
@@ -202,30 +178,24 @@ def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
     return list(iterate(space, stacked))
 
 
-def weights(weight: Schedule, steps: Steps) -> Any:
-    """Return w(t) for all observations, or for each."""
-    if weight.shape == CONSTANT:
-        return weight.first
-    if isinstance(steps, int):
-        return weight(steps)
-    return np.array([weight(step) for step in steps.tolist()])
-
-
-def each_step(steps: Steps) -> Iterable[int]:
-    """Return the step of each of many observations, endlessly where it is the same for all."""
-    return repeat(steps) if isinstance(steps, int) else steps.tolist()
+def each_step(steps: Steps, n: int) -> list[int]:
+    """Return the step of each of n observations."""
+    return [steps] * n if isinstance(steps, int) else steps.tolist()
 
 
 def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:
     """Return the function from an observation, or stacked ones, to numbers of a task's states."""
     if isinstance(space, Discrete) and space.n == states.size:
         return partial(_counted_from, int(space.start))
-    if isinstance(space, MultiDiscrete) and tuple(space.nvec.tolist()) == states.shape:
-        return partial(_components, states, space.start.tolist())
-    if isinstance(space, gymnasium.spaces.Tuple) and all(isinstance(x, Discrete) for x in space):
+    sizes, starts = None, list[int]()
+    if isinstance(space, MultiDiscrete):
+        sizes, starts = tuple(space.nvec.tolist()), space.start.tolist()
+    elif isinstance(space, gymnasium.spaces.Tuple) and all(isinstance(x, Discrete) for x in space):
         parts: Any = space.spaces
-        if tuple(int(part.n) for part in parts) == states.shape:
-            return partial(_components, states, [int(part.start) for part in parts])
+        sizes = tuple(int(part.n) for part in parts)
+        starts = [int(part.start) for part in parts]
+    if sizes == states.shape:
+        return partial(_components, states, starts)
     raise SettingError(
         f"observations must number the task's {states.size} states, as a whole or component by "
         f"component, or encode= must say how: got {space}"
@@ -244,14 +214,7 @@ def _components(states: Space, starts: list[int], observation: Any) -> Any:
         with suppress(ValueError):  # outside the box: encode says so
             return np.ravel_multi_index(tuple(offsets), states.shape)
     components = zip(states.components, offsets, strict=True)
-    return states.encode(**{each.name: offset + each.low for each, offset in components})
-
-
-def _fixed(potential: StatePotential | MappedPotential) -> FloatArray | None:
-    if isinstance(potential, MappedPotential):
-        return None
-    alone = len(potential.values) == 1 and potential.weight.shape == CONSTANT
-    return potential.at(0) if alone else None
+    return states.encode(**{part.name: offset + part.low for part, offset in components})
 
 
 def _values(
@@ -263,28 +226,25 @@ def _values(
         terminal = generative_model(potential.task).terminal
         return phi if terminal is None else np.where(terminal[states], 0.0, phi)
     frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
-    return np.asarray(weights(potential.weight, steps) * potential.values[frame, states])
-
-
-Finals = Callable[[int], Any]
-"""The observation at which a sub-environment's episode was cut off, None if unknown."""
+    weights = np.array([potential.weight(step) for step in each_step(steps, len(states))])
+    return np.asarray(weights * potential.values[frame, states])
 
 
 def _one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
     """Return the one discount that the potentials' tasks and the caller state."""
     stated = {}
-    for name, each in potentials.items():
-        if over_a_task(each):
-            stated[f"the task of {name!r}"] = generative_model(each.task).discount
-        elif isinstance(each, ObservationPotential):
-            stated[f"the task of {name!r}"] = each.task.discount
+    for name, potential in potentials.items():
+        if over_a_task(potential):
+            stated[f"the task of {name!r}"] = generative_model(potential.task).discount
+        elif isinstance(potential, ObservationPotential):
+            stated[f"the task of {name!r}"] = potential.task.discount
     if discount is not None:
         stated["the argument"] = number("discount", discount, SettingError, 0, 1)
     if not stated:
         raise SettingError("a discount must be given where no potential has a task that states it")
     if len(set(stated.values())) > 1:
-        each_one = ", ".join(f"{value:g} by {name}" for name, value in stated.items())
-        raise SettingError(f"there must be one discount: got {each_one}")
+        discounts = ", ".join(f"{value:g} by {name}" for name, value in stated.items())
+        raise SettingError(f"there must be one discount: got {discounts}")
     return next(iter(stated.values()))
 
 
@@ -316,57 +276,51 @@ class ShapingPotential:
             aggregate = aggregation.mean
         self.space = space
         self.sources = {
-            name: source(name, each, space, encode, batched) for name, each in named.items()
+            name: source(name, potential, space, encode, batched)
+            for name, potential in named.items()
         }
         self.discount = _one_discount(named, discount)
         self.weight = schedule(weight)  # w(t)
+        self._constant = self.weight.first if self.weight.shape == CONSTANT else None
         self.aggregate = aggregate  # g, called with n observations as S and A = 1
         # The largest telescoping residual allowed, as a share of the largest |Phi|.
         self.allowed = math.inf
         if tolerance is not None:
-            self.allowed = max(tolerance, *(each.rounding for each in self.sources.values()))
-        self._batched = any(each.batched for each in self.sources.values())
+            self.allowed = max(tolerance, *(source.rounding for source in self.sources.values()))
+        self._batched = any(source.batched for source in self.sources.values())
 
-    def one(self, observation: Any, step: int) -> list[float]:
-        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, all finite."""
-        values = []
-        for name, each in self.sources.items():
-            value = each.one(observation, step)
-            if not math.isfinite(value):
-                raise _not_finite(name, value, observation)
-            values.append(value)
-        together = values[0]
-        if self.aggregate is not None:
-            together = aggregation.aggregate_numbers(self.aggregate, values)
-        weight = weights(self.weight, step)
-        return [weight * together, *[weight * value for value in values]]
+    def read(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
+        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, of n observations.
 
-    def each(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
-        """Return :meth:`one` of each of n observations, in one batch if some source is batched.
-
-        `steps` is t of all, or of each, (n,) int64; `stacked` are the observations as a vector
-        environment stacks them, if at hand.
+        `stacked` are the observations as a vector environment stacks them, if at hand.
         """
-        if not self._batched or not rows:
-            return [self.one(*row) for row in zip(rows, each_step(steps), strict=False)]
-        n = len(rows)
-        stacked = stack(self.space, rows) if stacked is None else stacked
-        values = np.empty((1 + len(self.sources), n))
-        for i, (name, each) in enumerate(self.sources.items(), start=1):
-            if isinstance(each, FunctionSource) or not each.batched:
-                values[i] = [each.one(*row) for row in zip(rows, each_step(steps), strict=False)]
-            else:
-                values[i] = each.many(n, stacked, steps)
-            finite = np.isfinite(values[i])
-            if np.count_nonzero(finite) < n:
-                place = int(finite.argmin())
-                raise _not_finite(name, values[i, place], rows[place])
-        if self.aggregate is None:
-            values[0] = values[1]
-        else:
-            values[0] = aggregation.aggregate(self.aggregate, values[1:, :, None])[:, 0]
-        values *= weights(self.weight, steps)
-        return values.T.tolist()
+        if not rows:
+            return []
+        if self._batched and stacked is None:
+            stacked = stack(self.space, rows)
+        columns = []
+        for name, source in self.sources.items():
+            column = source.read(rows, stacked, steps)
+            if not all(map(math.isfinite, column)):
+                place = [*map(math.isfinite, column)].index(False)
+                raise PotentialError(
+                    f"a potential must be finite: {name!r} is {column[place]} at observation "
+                    f"{rows[place]!r}"
+                )
+            columns.append(column)
+        together = columns[0]
+        if self.aggregate is not None and self._batched:
+            arrays = np.array(columns)[:, :, None]
+            together = aggregation.aggregate(self.aggregate, arrays)[:, 0].tolist()
+        elif self.aggregate is not None:
+            g = self.aggregate
+            together = [aggregation.aggregate_numbers(g, values) for values in zip(*columns)]  # noqa: B905 - all are n
+        values_of_rows = [*map(list, zip(together, *columns))]  # noqa: B905
+        if self._constant == 1.0:
+            return values_of_rows
+        weights = [self.weight(step) for step in each_step(steps, len(rows))]
+        pairs = zip(weights, values_of_rows, strict=True)
+        return [[w * phi for phi in values] for w, values in pairs]
 
 
 def check_unshaped(info: Mapping[str, Any]) -> None:
@@ -378,13 +332,7 @@ def check_unshaped(info: Mapping[str, Any]) -> None:
         )
 
 
-def _not_finite(name: str, value: float, observation: Any) -> PotentialError:
-    return PotentialError(
-        f"a potential must be finite: {name!r} is {value} at observation {observation!r}"
-    )
-
-
-@dataclass
+@dataclass(eq=False)
 class Episode:
     """One episode under shaping; lists hold Phi and, after it, each source's Phi_i."""
 
@@ -402,9 +350,7 @@ class Episode:
 
     def step(self, there: list[float], reward: float, discount: float) -> list[float]:
         """Step to a state of potentials `there`; return F = gamma Phi(s') - Phi(s) of each."""
-        shaping = [
-            discount * after - before for after, before in zip(there, self.here, strict=True)
-        ]
+        shaping = [discount * after - before for after, before in zip(there, self.here)]  # noqa: B905
         self.here = there
         self.largest = max(self.largest, abs(there[0]))
         self.shaped += self.power * shaping[0]
@@ -413,11 +359,7 @@ class Episode:
         return shaping
 
     def end(self, potential: ShapingPotential, start: float, place: str) -> dict[str, float]:
-        """Return what is reported of an ended episode, given Phi(s_0) computed anew.
-
-        The residual is sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)); PotentialError where it
-        exceeds the tolerance.
-        """
+        """Return the report of an ended episode, whose Phi(s_0), computed anew, is `start`."""
         residual = self.shaped - (self.power * self.here[0] - start)
         if abs(residual) > potential.allowed * self.largest:
             raise PotentialError(
@@ -429,83 +371,66 @@ class Episode:
 
 
 class ShapedStep(NamedTuple):
-    """What shaping makes of one step of n sub-environments."""
+    """What shaping makes of one step of n environments."""
 
-    stepped: list[bool]
-    """Which made a step of an episode; the others only reset."""
-    shaping: list[list[float]]
-    """(n, 1 + N): F and after it each source's F_i; 0 where the sub-environment only reset."""
-    potential: list[float]
-    """(n,): Phi(s')."""
-    ended: dict[int, dict[str, float]]
-    """Of each sub-environment whose episode ended, what :meth:`Episode.end` returns."""
+    stepped: list[bool]  # which made a step of an episode; the others only reset
+    shaping: list[list[float]]  # (n, 1 + N): F and after it each source's F_i; 0 of a reset
+    there: list[list[float]]  # (n, 1 + N): Phi(s') and after it w Phi_i(s') of each source
+    ended: dict[int, dict[str, float]]  # what :meth:`Episode.end` returns, where episodes ended
 
 
 class Episodes:
-    """The episodes of n sub-environments.
+    """The episodes of n environments that step together; n is 1 of a single environment.
 
     `finals_in` says, for messages, where the observations are at which episodes were cut off. It
     is given if a step that ends an episode returns the observation with which the next one begins.
     """
 
-    def __init__(
-        self,
-        potential: ShapingPotential,
-        space: gymnasium.Space[Any],
-        n: int,
-        finals_in: str | None = None,
-    ):
-        self._potential, self._space, self._finals_in = potential, space, finals_in
-        self._steps = 0  # of all sub-environments together
+    def __init__(self, potential: ShapingPotential, n: int, finals_in: str | None = None):
+        self._potential, self._finals_in = potential, finals_in
+        self._steps = 0  # of all environments together
         self._running: list[Episode | None] = [None] * n
+        self._all = [True] * n
 
-    def begin(self, observations: Any, mask: Sequence[bool] | BoolArray | None = None) -> None:
-        """Begin episodes, everywhere or where `mask` is true, given all observations, stacked."""
-        rows = unstack(self._space, observations)
+    def begin(
+        self, rows: list[Any], stacked: Any = None, mask: Sequence[bool] | BoolArray | None = None
+    ) -> None:
+        """Begin episodes at the n observations, everywhere or where `mask` is true."""
         begun = [i for i in range(len(rows)) if mask is None or mask[i]]
-        stacked = observations if mask is None else None
-        here = self._potential.each([rows[i] for i in begun], self._steps, stacked)
+        stacked = stacked if mask is None else None
+        here = self._potential.read([rows[i] for i in begun], self._steps, stacked)
         for i, phi in zip(begun, here, strict=True):
             self._running[i] = Episode(rows[i], self._steps, phi)
 
     def step(
         self,
-        observations: Any,
-        rewards: npt.NDArray[Any],
-        terminated: BoolArray,
-        truncated: BoolArray,
-        final: Finals,
+        rows: list[Any],
+        rewards: Sequence[float],
+        terminated: Sequence[bool],
+        truncated: Sequence[bool],
+        final: Callable[[int], Any] | None = None,
+        stacked: Any = None,
     ) -> ShapedStep:
-        """Return what shaping makes of a step; the arguments are as the step returned them."""
-        rows = unstack(self._space, observations)
-        running, same_step = self._running.copy(), self._finals_in is not None
-        self._steps += sum(episode is not None for episode in running)
-        over = np.flatnonzero(terminated | truncated).tolist()
-        ended = {i: episode for i in over if (episode := running[i]) is not None}
-        finals = self._finals(truncated & ~terminated, final) if same_step and over else {}
-        here, there, starts = self._read(rows, observations, terminated, ended, finals)
-        discount, nothing = self._potential.discount, [0.0] * len(here[0])
-        steps = zip(running, there, rewards.tolist(), strict=True)
-        shaping = [
-            nothing if episode is None else episode.step(phi, reward, discount)
-            for episode, phi, reward in steps
-        ]
-        for i, episode in enumerate(running):
-            if episode is None or (i in ended and same_step):
-                self._running[i] = Episode(rows[i], self._steps, here[i])
-            elif i in ended:
-                self._running[i] = None
-        place = "at the end of an episode of sub-environment"
-        reported = {
-            i: episode.end(self._potential, starts[i], f"{place} {i}")
-            for i, episode in ended.items()
-        }
-        stepped = [episode is not None for episode in running]
-        return ShapedStep(stepped, shaping, [phi[0] for phi in there], reported)
+        """Return what shaping makes of a step, given what the step returned.
 
-    def _finals(self, cut_off: BoolArray, final: Finals) -> dict[int, Any]:
-        """Return the observations at which episodes were cut off, by sub-environment."""
-        finals = {i: final(i) for i in np.flatnonzero(cut_off).tolist()}
+        ``final(i)`` is the observation at which episode i was cut off, None if unknown.
+        """
+        running, discount = self._running.copy(), self._potential.discount
+        steps: Any
+        if not (None in running or True in terminated or True in truncated):
+            # Most steps, which must be quick.
+            self._steps += len(rows)
+            there = self._potential.read(rows, self._steps, stacked)
+            shaping, steps = [], zip(running, there, rewards)  # noqa: B905 - all are n
+            for episode, phi, reward in steps:
+                shaping.append(episode.step(phi, reward, discount))
+            return ShapedStep(self._all, shaping, there, {})
+        same_step = self._finals_in is not None
+        self._steps += sum(episode is not None for episode in running)
+        over = [i for i in range(len(rows)) if terminated[i] or truncated[i]]
+        ended = {i: episode for i in over if (episode := running[i]) is not None}
+        cut_off = [i for i in over if same_step and not terminated[i]]
+        finals = {} if final is None else {i: final(i) for i in cut_off}
         for i, observation in finals.items():
             if observation is None:
                 raise SettingError(
@@ -513,13 +438,30 @@ class Episodes:
                     f"observation at which it cut an episode off, in {self._finals_in}: "
                     f"sub-environment {i} did not"
                 )
-        return finals
+        here, there, starts = self._read(rows, stacked, terminated, ended, finals)
+        of_reset, steps = [0.0] * len(there[0]), zip(running, there, rewards, strict=True)
+        shaping = [
+            of_reset if episode is None else episode.step(phi, reward, discount)
+            for episode, phi, reward in steps
+        ]
+        for i, episode in enumerate(running):
+            if episode is None or (i in ended and same_step):
+                self._running[i] = Episode(rows[i], self._steps, here[i])
+            elif i in ended:
+                self._running[i] = None
+        reported = {}
+        for i, episode in ended.items():
+            place = f"at the end of an episode of sub-environment {i}"
+            if len(running) == 1:
+                place = f"after {self._steps - episode.begun} steps"
+            reported[i] = episode.end(self._potential, starts[i], place)
+        return ShapedStep([e is not None for e in running], shaping, there, reported)
 
     def _read(
         self,
         rows: list[Any],
         stacked: Any,
-        terminated: BoolArray,
+        terminated: Sequence[bool],
         ended: Mapping[int, Episode],
         finals: Mapping[int, Any],
     ) -> tuple[list[list[float]], list[list[float]], dict[int, float]]:
@@ -529,19 +471,19 @@ class Episodes:
         Observations that ended an episode by termination are not read: their potential is 0.
         """
         if not ended:
-            here = self._potential.each(rows, self._steps, stacked)
+            here = self._potential.read(rows, self._steps, stacked)
             return here, here, {}
         same_step = self._finals_in is not None
         read = [i for i in range(len(rows)) if same_step or not terminated[i]]
         asked = [rows[i] for i in read] + [*finals.values()] + [e.first for e in ended.values()]
         now = [self._steps] * (len(read) + len(finals))
         steps = np.array([*now, *(episode.begun for episode in ended.values())])
-        values = iter(self._potential.each(asked, steps))
-        nothing = [0.0] * (1 + len(self._potential.sources))
-        here = [nothing] * len(rows)
+        values = iter(self._potential.read(asked, steps))
+        of_end = [0.0] * (1 + len(self._potential.sources))
+        here = [of_end] * len(rows)
         for i in read:
             here[i] = next(values)
-        there = [nothing if end else phi for end, phi in zip(terminated, here, strict=True)]
+        there = [of_end if end else phi for end, phi in zip(terminated, here, strict=True)]
         for i in finals:
             there[i] = next(values)
         return here, there, {i: phi[0] for i, phi in zip(ended, values, strict=True)}
@@ -564,12 +506,11 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     - ``potential``: Phi(s'), which is 0 where the step terminated;
     - at an episode's end ``original_return``, the undiscounted sum of the original rewards, and
       ``telescoping_residual``: sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), with Phi(s_0)
-      computed anew from a copy of the observation. It is 0, but for rounding, where Phi is a
-      function of the observation (and t) alone.
+      computed anew. It is 0, but for rounding, where Phi depends on the observation and t alone.
 
-    A step after an episode's end is taken to be the reset of an environment that resets itself
-    (`gymnasium.wrappers.Autoreset`): its reward stays as it is. Wrappers that record returns belong
-    inside, where rewards are the original ones: ``PotentialShaping(RecordEpisodeStatistics(env))``.
+    A step after an episode's end is taken to be the reset of `gymnasium.wrappers.Autoreset`: its
+    reward stays as it is. Wrappers that record returns belong inside, where rewards are the
+    original ones: ``PotentialShaping(RecordEpisodeStatistics(env))``.
 
     Parameters
     ----------
@@ -586,15 +527,14 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         w(t), which multiplies Phi; t counts the steps taken through this wrapper, episode after
         episode, also for a `StatePotential` that changes with time (Devlin, Kudenko 2012).
     aggregate : callable, optional
-        g of Phi = w g(Phi_1, ..., Phi_N), (N, S, A) -> (S, A), called with S = A = 1; the mean
-        unless given.
+        g of Phi = w g(Phi_1, ..., Phi_N), (N, S, A) -> (S, A), with A = 1; by default the mean.
     encode : callable, optional
         observation -> number of the state, for potentials over a task.
     tolerance : float or None
-        The largest residual allowed, as a share of the largest size of Phi in the episode; for a
+        The largest residual allowed, as a share of the largest |Phi| in the episode; for a
         `ValueSource` at least 0.001, as networks round. None allows any, for potentials that
-        change, such as a network in training. Shaping is sound for these too (Devlin, Kudenko
-        2012): what is subtracted on leaving s is the number that was added on arriving there.
+        change, such as a network in training: shaping subtracts on leaving s what it added on
+        arriving there, so it is sound for these too (Devlin, Kudenko 2012).
 
     Raises
     ------
@@ -633,8 +573,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **settings)
         gymnasium.Wrapper.__init__(self, env)
         self._potential = ShapingPotential(space=env.observation_space, **settings)
-        self._steps = 0
-        self._episode: Episode | None = None
+        self._episodes = Episodes(self._potential, 1)
 
     @property
     def discount(self) -> float:
@@ -646,7 +585,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environment and return what it returns."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._begin(observation)
+        self._episodes.begin([observation])
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -654,46 +593,22 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         observation, reward, terminated, truncated, info = self.env.step(action)
         reward = np.asarray(reward).item()  # some environments return arrays of shape (1,)
         check_unshaped(info)
-        episode = self._episode
-        if episode is None:
-            here = self._begin(observation)
-            shown = self._shown(reward, [0.0] * len(here), here)
-            return observation, reward, terminated, truncated, {**info, **shown}
-        self._steps += 1
-        if terminated:
-            there = [0.0] * len(episode.here)
-        else:
-            there = self._potential.one(observation, self._steps)
-        shaping = episode.step(there, float(reward), self.discount)
-        shown = self._shown(reward, shaping, there)
-        if terminated or truncated:
-            self._episode = None
-            start = self._potential.one(episode.first, episode.begun)[0]
-            place = f"after {self._steps - episode.begun} steps"
-            shown |= episode.end(self._potential, start, place)
-        return observation, float(reward) + shaping[0], terminated, truncated, {**info, **shown}
-
-    def _begin(self, observation: Any) -> list[float]:
-        here = self._potential.one(observation, self._steps)
-        self._episode = Episode(observation, self._steps, here)
-        return here
-
-    def _shown(
-        self, reward: SupportsFloat, shaping: list[float], there: list[float]
-    ) -> dict[str, Any]:
-        return {
+        done = self._episodes.step([observation], [reward], [terminated], [truncated])
+        shaping, *terms = done.shaping[0]
+        shown = {
             "original_reward": reward,
-            "shaping": shaping[0],
-            "shaping_terms": dict(zip(self._potential.sources, shaping[1:], strict=True)),
-            "potential": there[0],
+            "shaping": shaping,
+            "shaping_terms": dict(zip(self._potential.sources, terms, strict=True)),
+            "potential": done.there[0][0],
+            **done.ended.get(0, {}),
         }
+        return observation, reward + shaping, terminated, truncated, {**info, **shown}
 
 
 class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
 
-    It is :class:`PotentialShaping` for vector environments: the same potentials, the same rules,
-    episode by episode of each sub-environment. Where ``metadata["autoreset_mode"]`` is
+    It is :class:`PotentialShaping` for vector environments. Where ``metadata["autoreset_mode"]`` is
 
     - NEXT_STEP, the step that only resets a sub-environment has F = 0 and keeps its reward;
     - SAME_STEP, s' of a step that cuts an episode off is ``infos["final_obs"]``, and the
@@ -701,10 +616,9 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
     - DISABLED, an episode begins where ``reset(options={"reset_mask": ...})`` says so.
 
     ``infos`` holds the entries of `PotentialShaping` as (n,) float64 arrays, each with its mask
-    under the name with an underscore in front, ``shaping_terms`` as a dict of such arrays. The
-    masks leave out the sub-environments that only reset; ``telescoping_residual`` and
-    ``original_return`` are there when an episode ended, with the mask of the ended. ``potential``
-    is Phi(s') of the state the step arrived in, in SAME_STEP too.
+    under its name after an underscore, ``shaping_terms`` as a dict of such arrays. Masks leave out
+    sub-environments that only reset; those of ``telescoping_residual`` and ``original_return`` are
+    true where an episode ended. ``potential`` is Phi of the state the step arrived in.
 
     Parameters
     ----------
@@ -713,11 +627,11 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
         As in :class:`PotentialShaping`. The t of potentials that change with time counts the steps
         of all sub-environments together, as a budget does.
     batched : bool
-        Whether potential functions return an (m,) array for m observations, stacked as the vector
-        environment does it, and `encode` an (m,) array of integers. m is n, or more where episodes
-        end: then the observations at which they were cut off and began are read as well. Otherwise
-        functions are called with one observation after another. Observations that ended an episode
-        by termination are never read. Sources of values always read stacked observations.
+        Whether potential functions return an (m,) array for m stacked observations, and `encode`
+        an (m,) array of integers. m is n, or more where episodes end, as the observations at which
+        they were cut off and began are read too. Otherwise functions are called with one
+        observation after another. Observations in which an episode terminated are never read.
+        Sources of values always read stacked observations.
 
     Raises
     ------
@@ -759,7 +673,7 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
             )
         finals_in = "infos['final_obs']" if mode is AutoresetMode.SAME_STEP else None
         self._potential = ShapingPotential(space=env.single_observation_space, **settings)
-        self._episodes = Episodes(self._potential, env.observation_space, env.num_envs, finals_in)
+        self._episodes = Episodes(self._potential, env.num_envs, finals_in)
 
     @property
     def discount(self) -> float:
@@ -773,17 +687,24 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
         options = None if options is None else dict(options)  # environments take the mask out of it
         mask = (options or {}).get("reset_mask")
         observations, infos = self.env.reset(seed=seed, options=options)
-        self._episodes.begin(observations, mask)
+        rows = unstack(self.env.observation_space, observations)
+        self._episodes.begin(rows, observations, mask)
         return observations, infos
 
     def step(self, actions: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Return what the environments return, with shaped rewards and their parts in the infos."""
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         check_unshaped(infos)
-        finals = infos.get("final_obs", [None] * self.num_envs)
-        done = self._episodes.step(observations, rewards, terminated, truncated, finals.__getitem__)
+        done = self._episodes.step(
+            unstack(self.env.observation_space, observations),
+            rewards.tolist(),
+            terminated.tolist(),
+            truncated.tolist(),
+            infos.get("final_obs", [None] * self.num_envs).__getitem__,
+            observations,
+        )
         shaping, stepped = np.array(done.shaping).T, np.array(done.stepped)
-        potential = np.array(done.potential)
+        potential = np.array([phi[0] for phi in done.there])
         infos = {
             **infos,
             **_shown(stepped, original_reward=rewards, shaping=shaping[0], potential=potential),

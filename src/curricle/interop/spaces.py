@@ -1,7 +1,9 @@
-"""Gymnasium's discrete spaces and Curricle's spaces of named components, both ways."""
+"""Gymnasium's discrete spaces and Curricle's spaces of named components, both ways.
+
+At the end: the names and the transition tables of Gymnasium's toy-text environments.
+"""
 
 import math
-import operator
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -9,7 +11,13 @@ from typing import Any, Literal, TypeGuard
 
 import gymnasium as gym
 import numpy as np
+import numpy.typing as npt
+from gymnasium.envs.toy_text.blackjack import BlackjackEnv
+from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
+from gymnasium.envs.toy_text.taxi import TaxiEnv
 from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 
 from curricle.array_types import IntArray
 from curricle.checks import text
@@ -25,77 +33,12 @@ def space_of(space: gym.Space[Any], name: str) -> Space:
     """Return the points of a discrete Gymnasium space, one component for each number in them.
 
     Components are called `name`, or `name_1`, `name_2`, ... if there are several; those of a
-    ``Dict`` have its keys as names if these are all different. TaskError when a part of it is not
-    discrete.
+    ``Dict`` have its keys as names if these are all different.
     """
     components = list(_components(space, name))
     if len({component.name for component in components}) < len(components):
         components = [replace(c, name=f"{name}_{i + 1}") for i, c in enumerate(components)]
     return Space(components)
-
-
-def with_names(space: Space, names: Sequence[str], sizes: Sequence[int] | None = None) -> Space:
-    """Return a space of states whose components have other names, in their order.
-
-    With `sizes`, of the values of each, one number is split; the last component counts fastest.
-    """
-    if sizes is not None:
-        return _split(space, names, sizes)
-    if len(names) != len(space.names):
-        raise TaskError(
-            f"names must be one for each component of a state, in the order of "
-            f"{', '.join(space.names)}: got {len(names)}, {', '.join(names) or 'none'}"
-        )
-    components = [replace(c, name=name) for c, name in zip(space.components, names, strict=True)]
-    return Space(components, space.points)
-
-
-def _split(space: Space, names: Sequence[str], sizes: Any) -> Space:
-    """Return a space of one component as one of several."""
-    if isinstance(sizes, str) or not isinstance(sizes, Sequence):
-        raise TaskError(f"sizes must be a list of whole numbers: got {sizes!r}")
-    if len(space.components) > 1:
-        raise TaskError(
-            f"sizes are for observations that are one number: these have {', '.join(space.names)}"
-        )
-    if len(sizes) != len(names):
-        raise TaskError(
-            f"sizes must be of each name, {', '.join(names)}: got {len(sizes)}, {list(sizes)}"
-        )
-    split = Space([Component(*part) for part in zip(names, sizes, strict=True)])
-    if split.size != space.size:
-        raise TaskError(
-            f"sizes must make the environment's {space.size:,} states when multiplied: "
-            f"{' x '.join(map(str, sizes))} is {split.size:,}"
-        )
-    return split
-
-
-def with_labels(space: Space, labels: Sequence[str]) -> Space:
-    """Return a space of actions, of one component, with a label for each action."""
-    listed = name_list(labels, "labels of actions")
-    if len(space.components) > 1:
-        raise TaskError(
-            "labels are for actions that are one number, and others are named by a Space: these "
-            f"have {', '.join(space.names)}"
-        )
-    if len(listed) != space.size:
-        raise TaskError(
-            f"actions must have one label each, {space.size} in all: got {len(listed)}, "
-            f"{', '.join(listed) or 'none'}"
-        )
-    return Space([replace(space.components[0], labels=listed)])
-
-
-def name_list(given: Sequence[str], what: str = "names of a state's components") -> tuple[str, ...]:
-    """Return names as a tuple; TaskError where they are no list of different texts."""
-    if isinstance(given, str) or not isinstance(given, Sequence):
-        raise TaskError(f"{what} must be a list of text: got {given!r}")
-    for one in given:
-        text(f"one of the {what}", one, TaskError)
-    if len(set(given)) < len(given):
-        raise TaskError(f"{what} must differ: got {', '.join(given)}")
-    return tuple(given)
 
 
 def is_discrete(space: gym.Space[Any]) -> bool:
@@ -119,20 +62,17 @@ class Number:
     def __call__(self, point: Any) -> int:
         """Return the number of a point, negative where it is none."""
         try:
-            return self._place(self._flatten(point))
-        except TypeError:  # of what is no whole number
+            return self._place(point)
+        except (TypeError, ValueError):  # of what is no whole number, or no array of them
             return MISSING
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"space": self.space}  # the functions below cannot be pickled
+        return {"space": self.space}  # the function below cannot be pickled
 
     @cached_property
-    def _flatten(self) -> Flatten:
-        return _flattening(self.space)
-
-    @cached_property
-    def _place(self) -> Callable[[tuple[Any, ...]], int]:
-        return space_of(self.space, "part").encode_one
+    def _place(self) -> Callable[[Any], int]:
+        flatten, encode = _flattening(self.space), space_of(self.space, "part").encode_one
+        return lambda point: encode(flatten(point))
 
 
 @dataclass(frozen=True)
@@ -173,7 +113,7 @@ def _components(space: gym.Space[Any], name: str) -> Iterator[Component]:
 
 
 def _flattening(space: gym.Space[Any]) -> Flatten:
-    """Return the function from a point to the tuple of the numbers in it."""
+    """Return the function from a point to its numbers; Gymnasium's `flatten` makes them one-hot."""
     if isinstance(space, Discrete):
         return lambda point: (point,)
     if not isinstance(space, Tuple | Dict):
@@ -202,18 +142,14 @@ class Coding:
 
     def __init__(self, space: Space, form: Form):
         self.space, self.form = space, form
+        self.gym_space: Discrete[np.int64] | MultiDiscrete[np.int64] = (
+            Discrete(space.size) if form == "index" else MultiDiscrete(list(space.shape))
+        )
+        self._number = Number(self.gym_space)
         self._rows: IntArray | None = None
         if not space.is_box:
             lows = [component.low for component in space.components]
             self._rows = np.stack(list(space.decode().values()), axis=1) - lows
-
-    # The type is quoted: in older versions of Gymnasium these classes are not generic.
-    @cached_property
-    def gym_space(self) -> "Discrete[np.int64] | MultiDiscrete[np.int64]":
-        """Gymnasium's space: ``Discrete(size)`` or ``MultiDiscrete(shape)``."""
-        if self.form == "index":
-            return Discrete(self.space.size)
-        return MultiDiscrete(list(self.space.shape))
 
     def coded(self, point: int) -> Any:
         """Return a point in Gymnasium's space: an int, or an int64 array."""
@@ -230,11 +166,192 @@ class Coding:
         named = zip(self.space.components, self.offsets(point), strict=True)
         return " ".join(f"{part.name}={part.label(part.low + offset)}" for part, offset in named)
 
-    def number(self, given: Any) -> int:
-        """Return the number of a box's point that is given in Gymnasium's space."""
-        shape = (self.space.size,) if self.form == "index" else self.space.shape
-        try:
-            values = [given] if self.form == "index" else np.asarray(given).tolist()
-            return int(np.ravel_multi_index(tuple(map(operator.index, values)), shape))
-        except (TypeError, ValueError):
-            raise SettingError(f"an action must lie in {self.gym_space}: got {given!r}") from None
+    def number(self, point: Any) -> int:
+        """Return the number of a box's point in Gymnasium's space."""
+        number = self._number(point)
+        if number == MISSING:
+            raise SettingError(f"an action must lie in {self.gym_space}: got {point!r}")
+        return number
+
+
+# -- names that a caller gives ---------------------------------------------------------------------
+
+
+def name_list(names: Sequence[str], what: str = "names of a state's components") -> tuple[str, ...]:
+    """Return names as a tuple; TaskError where they are no list of different texts."""
+    if isinstance(names, str) or not isinstance(names, Sequence):
+        raise TaskError(f"{what} must be a list of text: got {names!r}")
+    for name in names:
+        text(f"one of the {what}", name, TaskError)
+    if len(set(names)) < len(names):
+        raise TaskError(f"{what} must differ: got {', '.join(names)}")
+    return tuple(names)
+
+
+def with_space(what: str, space: Space, other: Space | None) -> Space:
+    """Return the space that a caller gives instead of another with as many points, if any."""
+    if other is not None and other.size != space.size:
+        raise TaskError(
+            f"{what} must name the environment's {space.size}: got {other.size} of them"
+        )
+    return space if other is None else other
+
+
+def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
+    """Return a space of states whose components have other names, in their order.
+
+    `sizes`, how many values each name has, split a single number; the last counts fastest.
+    """
+    here = ", ".join(space.names)
+    if sizes is None and len(names) == len(space.names):
+        pairs = zip(space.components, names, strict=True)
+        return Space([replace(c, name=name) for c, name in pairs], space.points)
+    if sizes is None:
+        raise TaskError(
+            f"names must be one for each component of a state, in the order of {here}: got "
+            f"{len(names)}, {', '.join(names) or 'none'}"
+        )
+    if isinstance(sizes, str) or not isinstance(sizes, Sequence):
+        raise TaskError(f"sizes must be a list of whole numbers: got {sizes!r}")
+    if len(space.components) > 1:
+        raise TaskError(f"sizes are for observations that are one number: these have {here}")
+    if len(sizes) != len(names):
+        raise TaskError(
+            f"sizes must be of each name, {', '.join(names)}: got {len(sizes)}, {list(sizes)}"
+        )
+    split = Space([Component(name, size) for name, size in zip(names, sizes, strict=True)])
+    if split.size != space.size:
+        raise TaskError(
+            f"sizes must make the environment's {space.size:,} states when multiplied: "
+            f"{' x '.join(map(str, sizes))} is {split.size:,}"
+        )
+    return split
+
+
+def with_labels(space: Space, labels: Sequence[str]) -> Space:
+    """Return a space of actions, of one component, with a label for each action."""
+    listed = name_list(labels, "labels of actions")
+    if len(space.components) > 1:
+        raise TaskError(
+            "labels are for actions that are one number, and others are named by a Space: these "
+            f"have {', '.join(space.names)}"
+        )
+    if len(listed) != space.size:
+        raise TaskError(
+            f"actions must have one label each, {space.size} in all: got {len(listed)}, "
+            f"{', '.join(listed) or 'none'}"
+        )
+    return Space([replace(space.components[0], labels=listed)])
+
+
+# -- Gymnasium's toy-text environments -------------------------------------------------------------
+
+TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
+HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
+"""Wrappers that change no transition; the time limit is read from the specification."""
+STANDS = ("red", "green", "yellow", "blue")
+Outcomes = list[list[list[tuple[float, int, float, bool]]]]
+
+
+def acts_as(env: Any, *kinds: type, methods: Sequence[str] = ("step", "reset")) -> bool:
+    """Return whether an environment is of one of these classes, with the class's own methods."""
+    kind = next((kind for kind in kinds if isinstance(env, kind)), None)
+    return kind is not None and all(
+        getattr(type(env), name) is getattr(kind, name) and name not in vars(env)
+        for name in methods
+    )
+
+
+def has_table(env: gym.Env[Any, Any]) -> bool:
+    """Return whether an environment has a transition table that describes it completely.
+
+    Its `step` and `reset` are Gymnasium's, which follow ``P`` and the start distribution. It has no
+    wrapper that changes what it does, and no time limit beside the specification's.
+    """
+    while isinstance(env, gym.Wrapper):
+        if not acts_as(env, *HARMLESS) or (isinstance(env, TimeLimit) and env.spec is None):
+            return False
+        env = env.env
+    states, actions, table = env.observation_space, env.action_space, getattr(env, "P", None)
+    if not (acts_as(env, *TOY_TEXT) and counts_from_0(states) and counts_from_0(actions)):
+        return False
+    if getattr(env, "fickle_passenger", False):  # a taxi's moves with it are not in its table
+        return False
+    try:
+        pairs: Any = [table[s][a] for s in range(int(states.n)) for a in range(int(actions.n))]  # type: ignore[index]
+        lists_outcomes = all(len(outcome) == 4 for pair in pairs for outcome in pair)
+        return lists_outcomes and len(table) == states.n  # type: ignore[arg-type]
+    except (TypeError, KeyError, IndexError):
+        return False
+
+
+def outcomes_of(world: Any) -> Outcomes:
+    """Return a table's outcome lists, in which entering a state ends the episode always or never.
+
+    If the table has states that end an episode only sometimes, those ends go to one more state,
+    the last.
+    """
+    n_states, n_actions = int(world.observation_space.n), int(world.action_space.n)
+    outcomes: Outcomes = [
+        [[(p, int(after), r, bool(ended)) for p, after, r, ended in world.P[s][a]]
+         for a in range(n_actions)]
+        for s in range(n_states)
+    ]  # fmt: skip
+    both = _entered_both_ways(outcomes, world.initial_state_distrib)
+    if not both:
+        return outcomes
+    apart: Outcomes = [
+        [[(p, n_states if ended and after in both else after, r, ended)
+          for p, after, r, ended in pair]
+         for pair in pairs]
+        for pairs in outcomes
+    ]  # fmt: skip
+    return [*apart, [[] for _ in range(n_actions)]]
+
+
+def _entered_both_ways(outcomes: Outcomes, start: npt.ArrayLike) -> set[int]:
+    """Return the states, entered or started in, where an episode may end or go on."""
+    continuing = set(np.flatnonzero(start).tolist())
+    queue, ends = list(continuing), set[int]()
+    while queue:
+        for pair in outcomes[queue.pop()]:
+            for probability, after, _, ended in pair:
+                if ended and probability > 0:
+                    ends.add(after)
+                elif probability > 0 and after not in continuing:
+                    continuing.add(after)
+                    queue.append(after)
+    return continuing & ends
+
+
+def names_of(world: Any) -> tuple[Space | None, Space | None]:
+    """Return named state and action spaces of a known environment, None for others.
+
+    Directions and coordinates have the names of :class:`GridWorld`, so that mappings by name work
+    between the two.
+    """
+    if isinstance(world, FrozenLakeEnv):
+        moves = _moves(world, "west", "south", "east", "north")
+        return _cells(*np.asarray(world.desc).shape), moves
+    if isinstance(world, CliffWalkingEnv):
+        return _cells(*world.shape), _moves(world, "north", "east", "south", "west")
+    if isinstance(world, TaxiEnv):
+        passenger = Component("passenger", 5, labels=(*STANDS, "taxi"))
+        destination = Component("destination", 4, labels=STANDS)
+        states = Space([*_cells(5, 5).components, passenger, destination])
+        return states, _moves(world, "south", "north", "east", "west", "pick up", "drop off")
+    if isinstance(world, BlackjackEnv):
+        ace = Component("ace", 2, labels=("none", "usable"))
+        states = Space([Component("player", 32), Component("dealer", 11), ace])
+        return states, _moves(world, "stick", "hit")
+    return None, None
+
+
+def _cells(rows: int, columns: int) -> Space:
+    return Space([Component("row", int(rows)), Component("column", int(columns))])
+
+
+def _moves(world: Any, *labels: str) -> Space:
+    # A subclass with a step of its own may go anywhere, so that its actions have no labels.
+    known = acts_as(world, *TOY_TEXT, methods=["step"])
+    return Space([Component("move", len(labels), labels=labels if known else None)])

@@ -11,8 +11,8 @@ from gymnasium.utils.env_checker import check_env
 
 from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space, from_gymnasium
 from curricle.errors import SettingError, TaskError
-from curricle.interop.environment import to_gymnasium
-from curricle.interop.registration import register
+from curricle.interop import register
+from curricle.interop.gymnasium import to_gymnasium
 from curricle.planning import rollout
 from curricle.tasks.mdp import generative_model
 from tests.refusals import check_values
@@ -64,7 +64,7 @@ def test_ids_are_made_by_module_too_and_with_a_task_s_own_settings():
 
 def test_registering_imports_nothing_heavy():
     code = (
-        "import sys; from curricle.interop.registration import register; register(); "
+        "import sys; from curricle.interop import register; register(); "
         "sys.exit(bool({'numba', 'PIL', 'matplotlib'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

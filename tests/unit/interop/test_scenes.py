@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from curricle import Pursuit
-from curricle.interop.environment import to_gymnasium
+from curricle.interop.gymnasium import to_gymnasium
 from curricle.tasks import (
     BlockDude,
     CliffWalking,

@@ -12,7 +12,7 @@ import curricle as cr
 from curricle.archives import read_saved, write_saved
 from curricle.errors import StoreError, TaskError
 from curricle.interop import DeepCopy
-from curricle.interop.tabulation.tables import KIND
+from curricle.interop.tabulation import KIND
 from tests.worlds_to_tabulate import Corridor, Counting, Slippery
 
 
@@ -128,6 +128,6 @@ def test_nothing_is_written_where_nothing_is_made(tmp_path):
 
 
 def test_a_cache_that_cannot_be_written_is_refused_before_states_are_visited(tmp_path, monkeypatch):
-    monkeypatch.setattr("curricle.interop.tabulation.tabulate.Search", None)
+    monkeypatch.setattr("curricle.interop.tabulation.Search", None)
     with pytest.raises(StoreError, match="a cache must be a file in a folder that can be written"):
         tabulated(tmp_path / "no folder" / "lamps")

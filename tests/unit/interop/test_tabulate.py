@@ -13,7 +13,7 @@ from gymnasium.wrappers import TimeLimit, TransformReward
 import curricle as cr
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.interop import DeepCopy, MiniGridState
-from curricle.interop.tabulation.states import SaveAndRestore
+from curricle.interop.states import SaveAndRestore
 from curricle.transfer import UNMAPPED
 from tests.refusals import check_values
 from tests.worlds_to_tabulate import (
@@ -75,20 +75,6 @@ def test_a_listed_table_is_its_reachable_part():
     shown = task.observations.batch()
     np.testing.assert_allclose(cr.solve(task).values, cr.solve(known).values[shown], atol=1e-9)
     assert task.states.label(task.state(6)) == known.states.label(6) == "row=1 column=2"
-
-
-def test_taxi_by_two_functions_is_its_own_table():
-    functions = (lambda env: env.s, lambda env, s: setattr(env, "s", s))
-    listed = cr.tabulate("Taxi-v4", discount=0.9, seeds=[3, 4])
-    stepped = cr.tabulate("Taxi-v4", discount=0.9, seeds=[3, 4], state=functions)
-    assert listed.states.size == stepped.states.size
-    states = stepped.many(listed.observations.batch())
-    assert (states != UNMAPPED).all()
-    mine, known = cr.solve(stepped).values, cr.solve(listed).values
-    np.testing.assert_allclose(mine[states], known, atol=1e-9)
-    assert (
-        stepped.record.drawing == stepped.record.transitions
-    )  # it draws even where none is needed
 
 
 @pytest.mark.parametrize("state", [None, (save, restore)], ids=["copies", "functions"])

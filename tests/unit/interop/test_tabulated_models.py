@@ -64,7 +64,7 @@ def test_a_model_is_evaluated_from_other_starts():
 
 
 def test_large_tasks_are_asked_in_batches(monkeypatch):
-    from curricle.interop.tabulation import tabulated_task
+    from curricle.interop import tabulated_task
 
     monkeypatch.setattr(tabulated_task, "BATCH", 3)
     task, model = cr.tabulate(Corridor, discount=0.9), Rule(lambda seen: 1)

@@ -19,7 +19,7 @@ from pydantic import (
 from curricle.deep.miniature import HELD_OUT, MOST_STATES, RESETS, miniatures
 from curricle.errors import ConfigError, TaskError
 from curricle.interop.gymnasium import from_gymnasium, observation_task
-from curricle.interop.tabulation.tabulate import tabulate
+from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import solve, visit_distribution
 from curricle.study.config.settings import SHAPINGS, Settings
 from curricle.study.config.tables import (

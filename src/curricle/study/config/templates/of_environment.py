@@ -11,8 +11,7 @@ from gymnasium.envs.registration import registry
 from gymnasium.spaces import Box, Dict, Discrete
 
 from curricle.errors import ConfigError
-from curricle.interop.spaces import is_discrete
-from curricle.interop.toy_text import has_table
+from curricle.interop.spaces import has_table, is_discrete
 
 SHOWN = 3
 """Ids that are named where one is unknown."""

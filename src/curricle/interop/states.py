@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from curricle.errors import SettingError, TaskError
-from curricle.interop.toy_text import HARMLESS, TOY_TEXT, acts_as
+from curricle.interop.spaces import HARMLESS, TOY_TEXT, acts_as
 
 GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
 SHARED: tuple[Any, ...] = random.getstate.__self__, np.random.get_state.__self__  # type: ignore[attr-defined]
@@ -35,20 +35,20 @@ class Streams:
 
     def resume(self, generators: Sequence[Any]) -> None:
         """Let each generator go on where the generator in its place was left."""
-        for place, each in enumerate(generators):
-            kind = _kind(each)
-            _set(each, self._left.get((place, kind)) or _fresh(kind, place, 0))
+        for place, generator in enumerate(generators):
+            kind = _kind(generator)
+            _set(generator, self._left.get((place, kind)) or _fresh(kind, place, 0))
 
     def leave(self, generators: Sequence[Any]) -> None:
         """Note where each generator is left."""
-        for place, each in enumerate(generators):
-            self._left[place, _kind(each)] = state_of(each)
+        for place, generator in enumerate(generators):
+            self._left[place, _kind(generator)] = state_of(generator)
 
 
 def restart(generators: Sequence[Any], repetition: int) -> None:
     """Let each generator draw other numbers than in other repetitions, the same for its kind."""
-    for place, each in enumerate(generators):
-        _set(each, _fresh(_kind(each), place, repetition))
+    for place, generator in enumerate(generators):
+        _set(generator, _fresh(_kind(generator), place, repetition))
 
 
 @contextmanager
@@ -108,15 +108,16 @@ def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
     """Return a digest of a value and all that it refers to, 16 bytes.
 
     Equal for values that are equal part by part, with the same parts shared between the same
-    places. Random generators, spaces, and wrappers of Gymnasium that change nothing are left out,
-    and attributes with names `left_out`. TaskError when a part holds what cannot be read, such as
-    an open file.
+    places; attributes with names `left_out` make no difference.
     """
     return _Reader(value, frozenset(left_out)).digest.digest()
 
 
 class _Reader:
-    """Feeds a value to a digest; each shared part once, then by its number."""
+    """Feeds a value to a digest; each shared part once, then by its number.
+
+    A pickle would not do: equal sets and dicts have several, and equal strings are shared or not.
+    """
 
     def __init__(self, value: Any, left_out: frozenset[str], *, strict: bool = True):
         self.left_out, self.strict = left_out, strict
@@ -127,17 +128,16 @@ class _Reader:
         self.alive = list[Any]()  # so that no number in `met` is given to another object
         self.read(value)
 
-    def tell(self, *words: Any) -> None:
-        for word in words:
-            content = word if isinstance(word, bytes) else str(word).encode()
+    def tell(self, *parts: Any) -> None:
+        for part in parts:
+            content = part if isinstance(part, bytes) else str(part).encode()
             self.digest.update(b"%d:" % len(content) + content)
 
     def read(self, value: Any) -> None:
         if isinstance(value, np.generic):
             value = value.item()
         if isinstance(value, PLAIN) and not isinstance(value, Enum):
-            content = value if isinstance(value, bytes) else repr(value)
-            self.tell(type(value).__name__, content)
+            self.tell(type(value).__name__, value if isinstance(value, bytes) else repr(value))
         elif isinstance(value, CONSTANT):
             self.tell("constant")
             if isinstance(value, GENERATORS):
@@ -161,41 +161,34 @@ class _Reader:
             self.tell("enum", type(value).__qualname__, value.name)
         elif isinstance(value, NAMED):
             self.tell("name", getattr(value, "__module__", ""), value.__name__)
-        elif isinstance(value, FunctionType | MethodType | CodeType):
-            self._read_function(value)
-        elif isinstance(value, tuple | list | deque | np.ndarray):
-            self.tell(type(value).__name__, np.shape(value) if hasattr(value, "shape") else "")
-            self._read_all(list(value))
-        elif isinstance(value, dict):
-            self._read_dict(value)
-        elif isinstance(value, set | frozenset):
-            self.tell("set", *sorted(fingerprint(one, self.left_out) for one in value))
-        else:
-            self._read_object(value)
-
-    def _read_all(self, values: Collection[Any]) -> None:
-        self.tell(len(values))
-        for each in values:
-            self.read(each)
-
-    def _read_dict(self, value: dict[Any, Any]) -> None:
-        self.tell(type(value).__name__, len(value))
-        for key in sorted(value, key=repr):
-            self.read(key)
-            self.read(value[key])
-
-    def _read_function(self, value: Any) -> None:
-        if isinstance(value, MethodType):
+        elif isinstance(value, MethodType):
             self.tell("method", value.__func__.__qualname__)
             self.read(value.__self__)
         elif isinstance(value, CodeType):
             self.tell("code", value.co_code, repr(value.co_names))
             self._read_all(value.co_consts)
-        else:
+        elif isinstance(value, FunctionType):
             self.tell("function", value.__module__, value.__qualname__)
             self.read(value.__code__)
             self.read(value.__defaults__)
             self._read_all([cell.cell_contents for cell in value.__closure__ or ()])
+        elif isinstance(value, tuple | list | deque | np.ndarray):
+            self.tell(type(value).__name__, np.shape(value) if hasattr(value, "shape") else "")
+            self._read_all(list(value))
+        elif isinstance(value, dict):
+            self.tell(type(value).__name__, len(value))
+            for key in sorted(value, key=repr):
+                self.read(key)
+                self.read(value[key])
+        elif isinstance(value, set | frozenset):
+            self.tell("set", *sorted(fingerprint(part, self.left_out) for part in value))
+        else:
+            self._read_object(value)
+
+    def _read_all(self, values: Collection[Any]) -> None:
+        self.tell(len(values))
+        for value in values:
+            self.read(value)
 
     def _read_object(self, value: Any) -> None:
         """Read an object by its attributes, or where it has none by what pickle would keep."""
@@ -211,12 +204,12 @@ class _Reader:
         for name in sorted(attributes.keys() - self.left_out):
             self.tell(name)
             self.read(attributes[name])
-        if not attributes and not isinstance(value, gym.Env):
-            try:
-                self.read(list(value.__reduce_ex__(4)[1:]))
-            except TypeError as error:
-                if not self.strict:
-                    return
+        if attributes or isinstance(value, gym.Env):
+            return
+        try:
+            self.read(list(value.__reduce_ex__(4)[1:]))
+        except TypeError as error:
+            if self.strict:
                 raise TaskError(
                     "states must be told apart to be tabulated, by all that an environment holds "
                     f"or by functions state=(save, restore): a {kind.__qualname__} in it cannot be "
@@ -301,10 +294,10 @@ class DeepCopy:
     ignore: Collection[str] = ()
 
     def __post_init__(self) -> None:
-        given = self.ignore
-        if not isinstance(given, Collection) or isinstance(given, str):
-            raise SettingError(f"ignore must be a list of attributes' names: got {given!r}")
-        object.__setattr__(self, "ignore", tuple(map(str, given)))
+        names = self.ignore
+        if not isinstance(names, Collection) or isinstance(names, str):
+            raise SettingError(f"ignore must be a list of attributes' names: got {names!r}")
+        object.__setattr__(self, "ignore", tuple(map(str, names)))
 
     def open(self) -> StateAccess:
         """Return what saves and restores by copies."""
@@ -337,7 +330,7 @@ class Copies(StateAccess):
         """Return a copy, and its generators."""
         saved, generators = content
         copy, memo = copied(saved)
-        return copy, [memo[id(each)] for each in generators if id(each) in memo]
+        return copy, [memo[id(part)] for part in generators if id(part) in memo]
 
     def describe(self, env: Environment) -> Words:
         """Return the plain attributes of the environment."""
@@ -385,10 +378,10 @@ class SaveAndRestore(StateAccess):
 
 def layers_of(env: Environment) -> list[Any]:
     """Return an environment's wrappers from the outermost, and it itself last."""
-    found: list[Any] = [env]
-    while isinstance(found[-1], gym.Wrapper):
-        found.append(found[-1].env)
-    return found
+    layers: list[Any] = [env]
+    while isinstance(layers[-1], gym.Wrapper):
+        layers.append(layers[-1].env)
+    return layers
 
 
 def left_out(env: Environment) -> frozenset[str]:
@@ -398,14 +391,13 @@ def left_out(env: Environment) -> frozenset[str]:
 
 def copied(env: Any) -> tuple[Any, dict[int, Any]]:
     """Return a deep copy that shares what is constant, and the memo of copying; or TaskError."""
-    memo: dict[int, Any] = {}
     shared = CONSTANTS | TOY_CONSTANTS if acts_as(env.unwrapped, *TOY_TEXT) else CONSTANTS
-    layer: Any = env
-    while layer is not None:
-        for name, value in vars(layer).items():
-            if name in shared or isinstance(value, gym.Space):
-                memo[id(value)] = value
-        layer = vars(layer).get("env")
+    memo: dict[int, Any] = {
+        id(value): value
+        for layer in layers_of(env)
+        for name, value in vars(layer).items()
+        if name in shared or isinstance(value, gym.Space)
+    }
     try:
         return deepcopy(env, memo), memo
     except Exception as error:
@@ -416,21 +408,18 @@ def copied(env: Any) -> tuple[Any, dict[int, Any]]:
 
 
 def words_of_state(state: Any, before: str = "") -> Words:
-    """Return the whole numbers and words in a state, alone or in a short list, under their names.
-
-    Names have `before` before them.
-    """
+    """Return the whole numbers and words in a state, alone or in a short list, by name."""
     named = state._asdict() if hasattr(state, "_asdict") else state
-    found = dict[str, Any]()
+    values = dict[str, Any]()
     for name, value in (named if isinstance(named, Mapping) else {"state": state}).items():
         if isinstance(value, tuple | list | np.ndarray):
             flat = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
             if len(flat) <= MOST_CELLS:
-                found |= {f"{before}{name}_{i + 1}": each for i, each in enumerate(flat)}
+                values |= {f"{before}{name}_{i + 1}": entry for i, entry in enumerate(flat)}
         else:
-            found[f"{before}{name}"] = value
+            values[f"{before}{name}"] = value
     return {
         name: value if isinstance(value, str) else int(value)
-        for name, value in found.items()
+        for name, value in values.items()
         if isinstance(value, bool | int | np.integer | np.bool_ | str) and value != ""
     }

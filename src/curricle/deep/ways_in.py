@@ -1,24 +1,33 @@
-"""Networks that compute phi(s, a) + residual(s, a): Q-initialisation for deep Q-learning.
+"""What a source hands on to a network, inside the algorithms of Stable-Baselines3.
 
-Wiewiora 2003: look-ahead advice learns what Q-learning from phi learns. A network cannot be started
-at phi, but the sum of phi and a network that starts at 0 can be learnt; acting, bootstrapping and
-evaluation all read the sum, so nothing else of the algorithm changes.
+Q-initialisation, or look-ahead advice, which learns the same (Wiewiora 2003): a network cannot be
+started at phi, but the sum of phi and a network that starts at 0 can be learnt; acting,
+bootstrapping and evaluation all read the sum, so nothing else of the algorithm changes.
+
+Beside its values: a policy that is acted on at first, parameters, a pull to the source's policy.
 """
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
+from stable_baselines3.common.distributions import kl_divergence
 from stable_baselines3.dqn import policies as dqn
 from stable_baselines3.dqn.policies import QNetwork
 
 from curricle.checks import one_of
-from curricle.deep.networks import plain_layers
+from curricle.deep.networks import NetworkValues, plain_layers
 from curricle.errors import SettingError
+from curricle.learning.shaping import Shaping
 from curricle.transfer.observation_mapping import no_actions
 from curricle.transfer.potentials import ObservationPotential
 
+VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
+"""Prefixes of the critic's parameters in an actor-critic."""
+REUSED = 0.5
+"""Part of the budget in which the sources' policy is acted on, or pulls, less and less."""
 READS = "actions", "state", "nothing"
 """What a residual reads beside the observation: phi(s, .), Phi(s) = max_a phi(s, a), or nothing."""
 MANY_ACTIONS = 32
@@ -67,13 +76,13 @@ class _Residual:
 
     def make_q_net(self) -> Any:
         """Return a network that starts at phi."""
-        given = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
-        network = ResidualQNetwork(**given, cache=self.cache, reads=self.reads)
+        settings = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
+        network = ResidualQNetwork(**settings, cache=self.cache, reads=self.reads)
         return network.to(self.device)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        own = {"potential": self.potential, "reads": self.reads}
-        return {**super()._get_constructor_parameters(), **own}  # type: ignore[misc]
+        arguments = super()._get_constructor_parameters()  # type: ignore[misc]
+        return {**arguments, "potential": self.potential, "reads": self.reads}
 
 
 class ResidualMlpPolicy(_Residual, dqn.MlpPolicy):
@@ -143,14 +152,14 @@ class ResidualQNetwork(QNetwork):
 
     def _features(self, obs: Any, phi: torch.Tensor, best: torch.Tensor) -> torch.Tensor:
         """Return what the residual reads, (n, features); phi is (n, A), best Phi(s), (n, 1)."""
-        own: torch.Tensor = self.extract_features(obs, self.features_extractor)
+        features: torch.Tensor = self.extract_features(obs, self.features_extractor)
         if self.reads == "nothing":
-            return own
+            return features
         read = phi if self.reads == "actions" else best
         if self.untrained and torch.is_grad_enabled():
             self._standardise(read)
         scaled = torch.addcmul(self.running_shift, read, self.running_scale)
-        return torch.cat([own, scaled], dim=1)
+        return torch.cat([features, scaled], dim=1)
 
     def _standardise(self, read: torch.Tensor) -> None:
         """Set shift and scale by the mean and spread of a batch, until something is learnt."""
@@ -163,10 +172,9 @@ class ResidualQNetwork(QNetwork):
 
 
 class PotentialCache:
-    """phi(s, a) of every action, cached, so that replayed observations are not computed anew.
+    """phi(s, a) of every action, cached: replayed observations that are arrays are computed once.
 
-    Both networks of a policy share one. It is emptied when it is too large. Observations that are
-    dicts are not cached.
+    Both networks of a policy share a cache. It is emptied when it is too large.
     """
 
     def __init__(self, potential: ObservationPotential):
@@ -178,19 +186,17 @@ class PotentialCache:
         """Return phi(s, a), (n, A), and Phi(s) = max_a phi(s, a), (n, 1), of tensors."""
         if isinstance(obs, dict):
             device = next(iter(obs.values())).device
-            found = self.read({name: part.cpu().numpy() for name, part in obs.items()})
+            arrays = self.read({name: part.cpu().numpy() for name, part in obs.items()})
         else:
-            device, found = obs.device, self.read(obs.cpu().numpy())
-        phi, best = map(torch.from_numpy, found)
+            device, arrays = obs.device, self.read(obs.cpu().numpy())
+        phi, best = map(torch.from_numpy, arrays)
         return phi.to(device), best.to(device)
 
     def read(self, seen: Any) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Return phi(s, a), (n, A), and Phi(s), (n, 1), of arrays."""
-        if isinstance(seen, dict):
-            found = self._computed(seen)
-        else:
-            found = self._cached(np.ascontiguousarray(seen))
-        return found[:, 1:], found[:, :1]
+        cached = not isinstance(seen, dict)
+        both = self._cached(np.ascontiguousarray(seen)) if cached else self._computed(seen)
+        return both[:, 1:], both[:, :1]
 
     def _computed(self, seen: Any) -> npt.NDArray[np.float32]:
         """Return Phi(s) and phi(s, a), (n, 1 + A)."""
@@ -215,3 +221,147 @@ class PotentialCache:
             self.values = larger
         self.values[used:needed] = self._computed(seen[list(new.values())])
         self.places |= zip(new, range(used, needed), strict=True)
+
+
+# -- a source's parameters ------------------------------------------------------------------------
+
+
+def check_mappings(shaping: Shaping) -> None:
+    """Raise SettingError where a mapping would not be heeded, as no values are read by it."""
+    for edge in shaping.potential.edges:
+        mapping = edge.mapping
+        # Weights are compared by shape, so that a mapping may bridge spaces of other bounds.
+        if mapping.actions is not None or mapping.status is not None:
+            raise SettingError(
+                f"{shaping.name} from this source takes observations and actions as they are: the "
+                f"mapping of {edge.source!r} has {mapping.description}"
+            )
+
+
+def carry_over(model: Any, potential: ObservationPotential, *, actor_alone: bool) -> None:
+    """Load the parameters of the one source into a model: all of them, or those of its actor.
+
+    What actor and critic share goes with the actor.
+    """
+    (source, *others) = potential.values
+    if others or not isinstance(source, NetworkValues):
+        raise SettingError(
+            "weights are carried over from one source that is a network: got "
+            f"{', '.join(type(values).__name__ for values in potential.values)}"
+        )
+    if hasattr(source.policy, "potential"):
+        raise SettingError(
+            "weights are carried over from a network that computes all of Q: got a residual on a "
+            "potential"
+        )
+    mine, theirs = model.policy.state_dict(), source.policy.state_dict()
+    left = (*VALUE_HEAD, "critic") if actor_alone else ()
+    names = [name for name in theirs if not name.startswith(left)]
+    for name in names:
+        if name not in mine or mine[name].shape != theirs[name].shape:
+            here = tuple(mine[name].shape) if name in mine else "missing"
+            raise SettingError(
+                "weights are carried over between networks of one shape: "
+                f"{name} is {tuple(theirs[name].shape)} in the source and {here} in the target"
+            )
+    model.policy.load_state_dict({**mine, **{name: theirs[name] for name in names}})
+
+
+def pull(progress_remaining: float) -> float:
+    """Return what is left of a source's pull: 1 at the start, 0 from the half of the budget on."""
+    return max(0.0, 1.0 - (1.0 - progress_remaining) / REUSED)
+
+
+# -- acting on a source's values at first (Fernandez, Veloso 2006) -----------------------------
+
+
+class _Reuse:
+    """Acts on phi with a probability that falls from 1 to 0; learning is unchanged."""
+
+    guide: ObservationPotential
+
+    def _sample_action(
+        self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
+    ) -> Any:
+        left = pull(self._current_progress_remaining)  # type: ignore[attr-defined]
+        if np.random.rand() < left:  # noqa: NPY002 - as Stable-Baselines3 draws
+            actions = self.guide.pairs(self._last_obs).argmax(axis=1)  # type: ignore[attr-defined]
+            return actions, actions
+        return super()._sample_action(learning_starts, action_noise, n_envs)  # type: ignore[misc]
+
+
+def reusing(algorithm: type) -> type:
+    """Return an off-policy algorithm that explores by its attribute ``guide``, a potential."""
+    return type(f"Reusing{algorithm.__name__}", (_Reuse, algorithm), {})
+
+
+# -- an actor-critic that is kept near a source's policy at first (Schmitt et al. 2018) --------
+
+
+class _WithLoss(torch.autograd.Function):
+    """x as it is; whatever loss is computed from it, a further loss is added to that."""
+
+    @staticmethod
+    def forward(ctx: Any, x: torch.Tensor, loss: torch.Tensor) -> torch.Tensor:
+        return x.view_as(x)
+
+    @staticmethod
+    def backward(ctx: Any, *gradient: torch.Tensor) -> Any:
+        return *gradient, gradient[0].new_ones(())
+
+
+class _NearSource:
+    """Makes an actor-critic policy add w KL(source || pi) to the loss that is computed from it.
+
+    PPO and A2C compute their losses within one method, which has no place for a further term: it
+    comes in where they differentiate, through the log probabilities that every loss reads.
+    """
+
+    source: Any  # the frozen policy to be near to
+    kl_weight: float
+
+    def evaluate_actions(
+        self, obs: Any, actions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+        values, log_prob, entropy = super().evaluate_actions(obs, actions)  # type: ignore[misc]
+        if self.kl_weight > 0:
+            loss = self.kl_weight * self._distance(obs).mean()
+            log_prob = _WithLoss.apply(log_prob, loss)
+        return values, log_prob, entropy
+
+    def _distance(self, obs: Any) -> torch.Tensor:
+        """Return KL(source's policy || this one) in the observations just evaluated, (n,)."""
+        with torch.no_grad():
+            wanted = self.source.get_distribution(obs)
+        distances = kl_divergence(wanted, self.action_dist)  # type: ignore[attr-defined]
+        return distances if distances.dim() == 1 else distances.sum(dim=1)
+
+
+class _Kickstarted:
+    """Makes an on-policy algorithm lower the weight of the KL before each of its updates."""
+
+    kl: float
+
+    def train(self) -> None:
+        self.policy.kl_weight = self.kl * pull(self._current_progress_remaining)  # type: ignore[attr-defined]
+        super().train()  # type: ignore[misc]
+        self.logger.record("train/kl_weight", self.policy.kl_weight)  # type: ignore[attr-defined]
+
+
+def kickstarted(algorithm: type, policy: Any) -> tuple[type, type]:
+    """Return the algorithm and the policy class of a learner that is kept near a source."""
+    plain = algorithm.policy_aliases[policy] if isinstance(policy, str) else policy  # type: ignore[attr-defined]
+    near = type(f"Near{plain.__name__}", (_NearSource, plain), {})
+    return type(f"Kickstarted{algorithm.__name__}", (_Kickstarted, algorithm), {}), near
+
+
+def begin_near(model: Any, kl: float) -> None:
+    """Let a model, whose actor is that of its source now, stay near it with a weight."""
+    policy = model.policy
+    source = deepcopy(policy)
+    source.set_training_mode(False)
+    for parameter in source.parameters():
+        parameter.requires_grad_(requires_grad=False)
+    # Not as a part of the policy: it is neither learnt nor saved with it.
+    object.__setattr__(policy, "source", source)
+    policy.kl_weight = model.kl = kl

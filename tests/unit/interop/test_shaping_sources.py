@@ -6,31 +6,40 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import SyncVectorEnv
+from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Text, Tuple
+from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector.utils import concatenate, create_empty_array
+from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.errors import CurriculumError, PotentialError, SettingError
+from curricle.interop.gymnasium import observation_task
 from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 from curricle.learning.value_lookup import no_sources
+from curricle.tasks.observation_task import stack
+from curricle.transfer.aggregation import aggregate, aggregate_numbers
+from curricle.transfer.observation_mapping import FunctionValues, TableValues
+from curricle.transfer.potentials import ObservationPotential
 from tests.refusals import check_values
 
 from .shaping import (
     DISCOUNT,
-    N_ACTIONS,
     N_STATES,
     NONE,
     PHI,
     PICTURE,
     RNG,
+    SOME,
     actions_of,
     always,
     as_picture,
     by_function,
-    episodes_of,
     paid,
     shaped_steps,
     table,
     task,
+    vector_steps,
     world,
 )
 
@@ -40,12 +49,6 @@ def test_a_state_potential_brings_its_discount():
     assert env.discount == DISCOUNT
     assert env.get_wrapper_attr("discount") == DISCOUNT
     assert paid(env) == by_function()
-
-
-def test_a_pair_potential_is_worth_its_best_action():
-    pairs = RNG.normal(size=(N_STATES, N_ACTIONS))
-    env = PotentialShaping(world(), cr.StateActionPotential(task(), pairs))
-    assert paid(env) == by_function(pairs.max(axis=1))
 
 
 HUNT, CHASE = cr.Pursuit(size=2, predators=2), cr.Pursuit(size=2, predators=1)
@@ -141,14 +144,14 @@ def test_encode_gives_the_state_of_an_observation():
 def test_several_sources_are_averaged_unless_an_aggregate_is_given():
     other = RNG.normal(size=N_STATES)
     both = {"phi": cr.StatePotential(task(), PHI), "other": lambda s: other[s]}
-    for aggregate, together in {
+    for function, together in {
         None: (PHI + other) / 2,
         cr.mean: (PHI + other) / 2,
         cr.total: PHI + other,
         cr.maximum: np.maximum(PHI, other),
         cr.minimum: np.minimum(PHI, other),
     }.items():
-        env = PotentialShaping(world(), both, aggregate=aggregate)
+        env = PotentialShaping(world(), both, aggregate=function)
         assert paid(env) == pytest.approx(by_function(together), abs=1e-12)
 
 
@@ -170,31 +173,6 @@ def test_terms_are_what_each_source_would_pay_alone(aggregate):
         assert (terms.min(axis=1) - 1e-12 <= shaping).all()
         assert (shaping <= terms.max(axis=1) + 1e-12).all()
         assert abs(aggregate(terms.T) - shaping).max() > 0.1
-
-
-def test_a_changing_potential_goes_by_the_steps_taken():
-    frames = RNG.normal(size=(3, N_STATES))
-    weight = cr.learning.linear(1.0, 0.2, steps=80)
-    phi = cr.StatePotential(task(NONE), frames, frame_steps=[0, 10, 31], weight=weight)
-    actions = actions_of(60)
-    steps = [move for episode in episodes_of(world(NONE), actions) for move in episode]
-    got = shaped_steps(PotentialShaping(world(NONE), phi), actions)
-    for t, ((state, reward, following, _), (shaped, info)) in enumerate(
-        zip(steps, got, strict=True)
-    ):
-        assert info["shaping"] == phi.shaping_reward(state, following, step=t)
-        assert shaped == reward + info["shaping"]
-        assert abs(info.get("telescoping_residual", 0.0)) < 1e-12
-
-
-def test_a_weight_scales_any_potential_and_may_change_too():
-    assert paid(PotentialShaping(world(), table, discount=DISCOUNT, weight=2)) == by_function(
-        2 * PHI
-    )
-    weight = cr.learning.linear(1.0, 0.2, steps=80)
-    weighed = cr.StatePotential(task(NONE), PHI, weight=weight)
-    env = PotentialShaping(world(NONE), table, discount=DISCOUNT, weight=weight)
-    assert paid(env) == pytest.approx(paid(PotentialShaping(world(NONE), weighed)), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -283,3 +261,86 @@ def test_an_environment_is_shaped_once():
     envs.reset(seed=0)
     with pytest.raises(SettingError, match="must be shaped once"):
         envs.step(np.array([0]))
+
+
+KNOWN = np.where(SOME, np.nan, PHI)  # the value of the end is never read
+PAIRS = np.stack([PHI - 2, PHI - 1, PHI], axis=1)
+
+
+def paid_in_vectors(envs, steps=100):
+    return np.array([rewards for rewards, _ in vector_steps(envs, actions_of(steps, 3))])
+
+
+def in_parts(state):
+    return {"state": state, "more": (as_picture(state), state % 2)}
+
+
+SEEN = {
+    "vectors": (PICTURE, as_picture, lambda o: KNOWN[o.argmax(axis=1)]),
+    "numbers": (Discrete(N_STATES), int, lambda o: KNOWN[o]),
+    "dicts": (
+        Dict({"state": Discrete(N_STATES), "more": Tuple([PICTURE, Discrete(2)])}),
+        in_parts,
+        lambda o: KNOWN[o["more"][0].argmax(axis=1)],
+    ),
+    "tuples": (
+        Tuple([Discrete(2), PICTURE]),
+        lambda state: (state % 2, as_picture(state)),
+        lambda o: KNOWN[o[1].argmax(axis=1)],
+    ),
+}
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("seen", SEEN)
+def test_values_of_observations_pay_what_their_numbers_do(seen, mode):
+    space, observe, read = SEEN[seen]
+    envs = SyncVectorEnv([lambda: world(observe=observe, space=space)] * 3, autoreset_mode=mode)
+    values = FunctionValues(state_values=read)
+    shaped = VectorPotentialShaping(envs, values, discount=DISCOUNT)
+    envs = SyncVectorEnv([world] * 3, autoreset_mode=mode)
+    plain = VectorPotentialShaping(envs, KNOWN.__getitem__, discount=DISCOUNT)
+    np.testing.assert_array_equal(paid_in_vectors(shaped), paid_in_vectors(plain))
+
+
+def test_a_potential_over_observations_states_the_discount_and_the_space():
+    task = observation_task(world, discount=0.8)
+    phi = ObservationPotential.of(task, TableValues(PAIRS))
+    env = PotentialShaping(world(), phi)
+    assert env.discount == 0.8
+    expected = PotentialShaping(world(), PHI.__getitem__, discount=0.8)
+    assert paid(env) == paid(expected)
+    with pytest.raises(SettingError, match=r"0.8 by the task of 'potential', 0.9 by the argument"):
+        PotentialShaping(world(), phi, discount=0.9)
+    with pytest.raises(SettingError, match="read from those of its task: 'potential' is one of"):
+        PotentialShaping(world(observe=as_picture, space=PICTURE), phi)
+    with pytest.raises(SettingError, match="a discount must be given"):
+        PotentialShaping(world(), TableValues(np.zeros((N_STATES, 1))))
+
+
+@given(st.data())
+def test_observations_are_stacked_as_gymnasium_stacks_them(data):
+    spaces = [
+        PICTURE,
+        Discrete(7, start=3),
+        MultiDiscrete([2, 3]),
+        MultiBinary(4),
+        SEEN["dicts"][0],
+    ]
+    space = data.draw(st.sampled_from([*spaces, SEEN["tuples"][0], Text(5)]))
+    space.seed(data.draw(st.integers(0, 99)))
+    rows = [space.sample() for _ in range(data.draw(st.integers(1, 4)))]
+    expected = concatenate(space, rows, create_empty_array(space, len(rows)))
+    assert data_equivalence(stack(space, rows), expected, exact=True)
+
+
+def sideways(potentials):
+    return potentials[0] - 1
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=12))
+def test_numbers_are_aggregated_as_arrays_are(numbers):
+    column = np.array(numbers).reshape(-1, 1, 1)
+    for function in (cr.mean, cr.total, cr.maximum, cr.minimum, sideways):
+        expected = aggregate(function, column)[0, 0]
+        assert aggregate_numbers(function, numbers) == pytest.approx(expected, rel=1e-12, abs=1e-7)

@@ -25,7 +25,7 @@ POSITION = "#"
 
 
 class Unseen:
-    """Stands for an observation that a step did not make, as nobody may look at it."""
+    """Stands for an observation that a step did not make, as it may never be read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +78,8 @@ class ObservationTable(Frozen):
         """Return the states that n stacked observations show, (n,) int64; as :meth:`state`."""
         stacked = parts_of(observations)
         rows = range(batch_size(observations))
-        found = (self._key({name: a[i] for name, a in stacked.items()}) for i in rows)
-        return np.array([self._states.get(key, UNMAPPED) for key in found], dtype=np.int64)
+        keys = (self._key({name: a[i] for name, a in stacked.items()}) for i in rows)
+        return np.array([self._states.get(key, UNMAPPED) for key in keys], dtype=np.int64)
 
     @cached_property
     def ambiguous(self) -> BoolArray:
@@ -91,44 +91,44 @@ class ObservationTable(Frozen):
     @cached_property
     def _states(self) -> dict[bytes, int]:
         """The state of each observation, `UNMAPPED` where several look the same."""
-        found = dict[bytes, int]()
+        states = dict[bytes, int]()
         for ends in (False, True):
-            of_these = dict[bytes, int]()
+            alike = dict[bytes, int]()  # of the states that end an episode, or do not
             for state in np.flatnonzero(self.terminal == ends).tolist():
                 key = self._key({name: a[state] for name, a in self.parts.items()})
-                of_these[key] = UNMAPPED if key in of_these else state
-            found = of_these | found
-        return found
+                alike[key] = UNMAPPED if key in alike else state
+            states = alike | states
+        return states
 
     def _key(self, parts: Mapping[str, Any]) -> bytes:
         """Return what is equal for equal observations; of another shape, equal to no other."""
         if parts.keys() != self.parts.keys():
             return b""
-        words = []
+        contents = []
         for name, kept in self.parts.items():
             part = np.asarray(parts[name])
             if kept.dtype.kind == "U" or part.dtype.kind == "U":
-                words.append(str(part).encode())
+                contents.append(str(part).encode())
             else:
                 same = part.astype(kept.dtype, copy=False)
-                words.append(same.tobytes() if (same == part).all() else b"other")
-            words.append(b"%r" % (part.shape,))
-        return b"\0".join(words)
+                contents.append(same.tobytes() if (same == part).all() else b"other")
+            contents.append(b"%r" % (part.shape,))
+        return b"\0".join(contents)
 
 
 def stacked_observations(observations: Sequence[Any], terminal: Iterable[bool]) -> ObservationTable:
     """Return the table of the observations of S states; TaskError where they cannot be stacked."""
-    of_states = [parts_of(one) for one in observations]
+    of_states = [parts_of(observation) for observation in observations]
     parts = dict[str, Leaf]()
     for name in of_states[0]:
-        each: list[Any] = [parts.get(name) for parts in of_states]
-        shapes = {np.shape(part) for part in each}
-        if len(shapes) > 1 or any(len(parts) != len(of_states[0]) for parts in of_states):
+        leaves: list[Any] = [state_parts.get(name) for state_parts in of_states]
+        shapes = {np.shape(leaf) for leaf in leaves}
+        if len(shapes) > 1 or any(len(others) != len(of_states[0]) for others in of_states):
             raise TaskError(
                 f"observations must have one shape to be tabulated: {name or 'they'} came in "
                 f"{len(shapes)} shapes"
             )
-        parts[name] = np.array(each)
+        parts[name] = np.array(leaves)
         if parts[name].dtype.kind not in "biufU":
             raise TaskError(
                 "observations must be numbers or text, or tuples and dicts of these, to be "
@@ -152,18 +152,15 @@ def parts_of(observation: Any) -> dict[str, Any]:
     }
 
 
-def same_observation(one: Any, other: Any) -> bool:
-    """Return whether two observations are equal, part by part; one that is unseen equals all."""
-    if isinstance(one, Unseen) or isinstance(other, Unseen):
+def same_observation(first: Any, second: Any) -> bool:
+    """Return whether two observations are equal, part by part; what is unseen equals all."""
+    if isinstance(first, Unseen) or isinstance(second, Unseen):
         return True
-    mine, yours = parts_of(one), parts_of(other)
+    mine, yours = parts_of(first), parts_of(second)
     return mine.keys() == yours.keys() and all(
-        np.array_equal(mine[name], yours[name], equal_nan=_is_float(mine[name])) for name in mine
+        np.array_equal(part, yours[name], equal_nan=np.asarray(part).dtype.kind == "f")
+        for name, part in mine.items()
     )
-
-
-def _is_float(value: Any) -> bool:
-    return bool(np.asarray(value).dtype.kind == "f")
 
 
 def assembled(parts: Mapping[str, Leaf]) -> Any:
@@ -191,28 +188,25 @@ class TabulationRecord:
     ----------
     environment : str
     seeds : tuple of int
-        Those of the resets, each a start as likely as the others.
+        The seeds of the resets, each a start as likely as the others.
     samples : int or None
         Steps by which each pair's outcomes were estimated; None if outcomes are exact.
     transitions : int
         Pairs of a state and an action that were tried or listed.
     drawing : int
-        Of them those that drew random numbers, and led to one state in each of 8 repetitions all
-        the same.
+        The pairs that drew random numbers, and still led to one state in all 8 repetitions.
     checked : int
-        Steps of episodes in the environment itself that were found in the tables.
+        Steps of episodes in the environment itself that agree with the tables.
     cut : int
         States in which episodes are only ever truncated: every action stays there, with reward 0.
     explored : int
-        States found, before those that are alike were made one.
-    seconds : float
-        Those of the search, by the wall clock.
-    observing : float
-        Of them those in which states that were found were looked at and described.
+        States before equivalent states were merged.
+    seconds, observing : float
+        Wall-clock time of the search, and the part in which new states were observed and described.
     note : str
-        What the tables say in another way than the environment, such as rewards.
+        How the tables differ from the environment, such as in rewards.
     cached : bool
-        Whether they were found on disk.
+        Whether the tables were read from a file.
     several : bool
         Whether resets with other seeds, of which 8 are tried, start in other states or levels.
     """
@@ -328,8 +322,8 @@ class TabulatedTask(Frozen):
         table, n_states = self._observations(), self.states.size
         rows = [np.arange(i, min(i + BATCH, n_states)) for i in range(0, n_states, BATCH)]
         if not deterministic:
-            return np.concatenate([action_probabilities(model, table.batch(each)) for each in rows])
-        chosen = np.concatenate([_actions(model, table.batch(each), len(each)) for each in rows])
+            return np.concatenate([action_probabilities(model, table.batch(b)) for b in rows])
+        chosen = np.concatenate([_actions(model, table.batch(b), len(b)) for b in rows])
         if chosen.min() < 0 or chosen.max() >= self.actions.size:
             raise SettingError(
                 f"a model's actions must lie in 0..{self.actions.size - 1}: got "
@@ -377,8 +371,8 @@ def check_sight(model: Any) -> None:
 
 def _actions(model: Any, observations: Any, n: int) -> IntArray:
     """Return the actions that a model predicts for n observations, (n,)."""
-    found = model.predict(observations, deterministic=True)
-    actions = np.asarray(found[0] if isinstance(found, tuple) else found)
+    predicted = model.predict(observations, deterministic=True)
+    actions = np.asarray(predicted[0] if isinstance(predicted, tuple) else predicted)
     if actions.shape != (n,) or actions.dtype.kind not in "iu":
         raise SettingError(
             f"a model must predict one action for each of {n} observations: got an array of "
@@ -392,11 +386,11 @@ def action_probabilities(model: Any, observations: Any) -> FloatArray:
     try:
         policy = model.policy
         tensor, _ = policy.obs_to_tensor(observations)
-        found = policy.get_distribution(tensor).distribution.probs
+        tensors = policy.get_distribution(tensor).distribution.probs
     except AttributeError as error:
         raise SettingError(
             "a policy that is not deterministic must have a distribution over numbered actions, as "
             f"those of A2C and PPO have: a {type(model).__name__} has none ({error})"
         ) from error
-    p = found.detach().cpu().numpy().astype(np.float64)
+    p = tensors.detach().cpu().numpy().astype(np.float64)
     return np.asarray(p / p.sum(axis=1, keepdims=True))

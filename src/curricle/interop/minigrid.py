@@ -13,7 +13,7 @@ import numpy as np
 
 from curricle.checks import instance
 from curricle.errors import SettingError, TaskError
-from curricle.interop.tabulation.states import (
+from curricle.interop.states import (
     Copies,
     Environment,
     StateAccess,
@@ -21,7 +21,7 @@ from curricle.interop.tabulation.states import (
     fingerprint,
     left_out,
 )
-from curricle.interop.tabulation.tabulated_task import Unseen
+from curricle.interop.tabulated_task import Unseen
 from curricle.tasks.spaces import Component, Space
 
 MOVED = frozenset({"agent_pos", "agent_dir", "carrying", "step_count"})
@@ -35,8 +35,6 @@ DIRECTIONS = "right", "down", "left", "up"
 DOOR_STATES = "open", "closed", "locked"
 CARRIED, AWAY = -1, -2
 """Coordinates of an object that the agent carries; of one in a box, or gone."""
-STANDARD = "minigrid.core.world_object"
-"""The module of objects of which it is known what steps change."""
 STILL = {"wall", "floor", "goal", "lava"}
 """Types of objects without a state."""
 
@@ -50,39 +48,36 @@ class Level:
             name: value for name, value in vars(env).items() if name not in MOVED | SHOWN | REPLACED
         }
         self.plain = [name for name, value in self.constants.items() if _is_plain(value)]
-        self.objects = [each for each in _objects(env.grid.grid) if each.type not in STILL]
         self.values_of_plain = itemgetter(*self.plain, "mission")
-        self.doors = [each for each in self.objects if each.type == "door"]
-        self.movable = [each for each in self.objects if each.type != "door"]
-        standard = [each for each in self.objects if type(each).__module__ == STANDARD]
-        self.standard_doors = [each for each in standard if each.type == "door"]
-        self.standard_movable = [each for each in standard if each.type != "door"]
-        self.others = [each for each in self.objects if type(each).__module__ != STANDARD]
+        objects = [thing for thing in _objects(env.grid.grid) if thing.type not in STILL]
+        self.doors = [thing for thing in objects if thing.type == "door"]
+        self.movable = [thing for thing in objects if thing.type != "door"]
+        self.standard_doors = [door for door in self.doors if _is_standard(door)]
+        self.standard_movable = [thing for thing in self.movable if _is_standard(thing)]
+        self.others = [thing for thing in objects if not _is_standard(thing)]
         self.names = dict[int, str]()
-        for kind in {each.type for each in self.objects}:
-            alike = [each for each in self.objects if each.type == kind]
-            for i, each in enumerate(alike, start=1):
-                self.names[id(each)] = kind if len(alike) == 1 else f"{kind}_{i}"
+        for kind in {thing.type for thing in objects}:
+            alike = [thing for thing in objects if thing.type == kind]
+            for i, thing in enumerate(alike, start=1):
+                self.names[id(thing)] = kind if len(alike) == 1 else f"{kind}_{i}"
 
     def object_states(self) -> tuple[Any, ...]:
         """Return what steps may change of the objects."""
-        return (
-            tuple([(door.is_open, door.is_locked) for door in self.standard_doors]),
-            tuple(
-                [(_place(each.cur_pos), _place(each.init_pos)) for each in self.standard_movable]
-            ),
-            tuple([_items(each) for each in self.others]),
+        doors = tuple([(door.is_open, door.is_locked) for door in self.standard_doors])
+        places = tuple(
+            [(_place(thing.cur_pos), _place(thing.init_pos)) for thing in self.standard_movable]
         )
+        return doors, places, tuple([_items(thing) for thing in self.others])
 
     def set_objects(self, states: tuple[Any, ...]) -> None:
         """Set the objects to states that were returned before."""
         doors, places, items = states
         for door, state in zip(self.standard_doors, doors, strict=True):
             door.is_open, door.is_locked = state
-        for each, place in zip(self.standard_movable, places, strict=True):
-            each.cur_pos, each.init_pos = place
-        for each, values in zip(self.others, items, strict=True):
-            vars(each).update(values)
+        for thing, place in zip(self.standard_movable, places, strict=True):
+            thing.cur_pos, thing.init_pos = place
+        for thing, values in zip(self.others, items, strict=True):
+            vars(thing).update(values)
 
     def digests(self) -> dict[str, bytes]:
         """Return a digest of each attribute that is not plain, to see whether it has changed."""
@@ -95,7 +90,7 @@ class Level:
     def words(self, env: Any) -> Words:
         """Return the components of the state that an environment of this level is in."""
         x, y = env.agent_pos
-        found: dict[str, int | str] = {
+        words: dict[str, int | str] = {
             "level": self.number,
             "x": int(x),
             "y": int(y),
@@ -103,34 +98,37 @@ class Level:
         }
         for door in self.doors:
             state = 0 if door.is_open else 2 if door.is_locked else 1
-            found[self.names[id(door)]] = DOOR_STATES[state]
-        places = {id(each): i for i, each in enumerate(env.grid.grid) if each is not None}
-        for each in self.movable:
-            x = y = CARRIED if each is env.carrying else AWAY
-            if id(each) in places:
-                y, x = divmod(places[id(each)], env.width)
-            found |= {f"{self.names[id(each)]}_x": x, f"{self.names[id(each)]}_y": y}
+            words[self.names[id(door)]] = DOOR_STATES[state]
+        places = {id(thing): i for i, thing in enumerate(env.grid.grid) if thing is not None}
+        for thing in self.movable:
+            x = y = CARRIED if thing is env.carrying else AWAY
+            if id(thing) in places:
+                y, x = divmod(places[id(thing)], env.width)
+            words |= {f"{self.names[id(thing)]}_x": x, f"{self.names[id(thing)]}_y": y}
         for name in self.plain:
             value = vars(env)[name]
             if isinstance(value, str | bool | int) and value != "":
-                found.setdefault(name, value)
-        return found
+                words.setdefault(name, value)
+        return words
 
 
 def _is_plain(value: Any) -> bool:
-    if isinstance(value, tuple):
-        return all(map(_is_plain, value))
-    return isinstance(value, PLAIN)
+    return all(map(_is_plain, value)) if isinstance(value, tuple) else isinstance(value, PLAIN)
+
+
+def _is_standard(thing: Any) -> bool:
+    """Return whether an object is of MiniGrid's own, of which it is known what steps change."""
+    return type(thing).__module__ == "minigrid.core.world_object"
 
 
 def _objects(cells: Sequence[Any]) -> list[Any]:
     """Return the different objects in the cells and in boxes, in the order of the cells."""
-    found = dict[int, Any]()
-    for each in cells:
-        while each is not None and id(each) not in found:
-            found[id(each)] = each
-            each = each.contains
-    return list(found.values())
+    objects = dict[int, Any]()
+    for thing in cells:
+        while thing is not None and id(thing) not in objects:
+            objects[id(thing)] = thing
+            thing = thing.contains
+    return list(objects.values())
 
 
 def _place(place: Any) -> Any:
@@ -138,16 +136,16 @@ def _place(place: Any) -> Any:
     return place if place is None or type(place) is tuple else tuple(place.tolist())
 
 
-def _items(each: Any) -> tuple[tuple[str, Any], ...]:
+def _items(thing: Any) -> tuple[tuple[str, Any], ...]:
     """Return the attributes of an object that is none of MiniGrid's own."""
     return tuple(
         (name, tuple(value.tolist()) if isinstance(value, np.ndarray) else value)
-        for name, value in vars(each).items()
+        for name, value in vars(thing).items()
     )
 
 
 PROBED = 300
-"""Random steps by which it is found out whether a level has a state beside MiniGrid's own."""
+"""Random steps that show whether a level has a state beside MiniGrid's own."""
 
 
 @dataclass(frozen=True)

@@ -2,21 +2,16 @@
 
 import pickle
 from functools import partial
+from itertools import count
 
+import cloudpickle
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.wrappers import TimeLimit
-from hypothesis import given, settings, strategies as st
-from hypothesis.extra.numpy import arrays
-
-from curricle.interop.gymnasium import observation_task
-
-pytest.importorskip("stable_baselines3")
-
-import cloudpickle
 import torch
+from gymnasium.wrappers import TimeLimit
 from stable_baselines3 import DQN, PPO
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
@@ -29,25 +24,64 @@ import curricle as cr
 from curricle.deep.networks import NetworkValues
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import SettingError
-from curricle.transfer.observation_mapping import FunctionValues
-from curricle.transfer.potentials import ObservationPotential
+from tests.unit.interop import shaping
 
-from .shaped_worlds import (
-    DISCOUNT,
-    LIMIT,
-    PHI,
-    RNG,
-    SIZE,
-    P,
-    R,
-    World,
-    height,
-    monitored,
-    one_hot,
-    shape,
-    world,
-    worlds,
-)
+pytest.importorskip("stable_baselines3")
+
+
+torch.set_num_threads(1)
+DISCOUNT = 0.9
+
+
+class World(shaping.World):
+    """A finite MDP, P and r (S, A, S), that ends in its last state; each has a seed of its own."""
+
+    made = count()
+
+    def __init__(self, p, r, observe=int, space=None):
+        super().__init__(np.arange(len(p)) == len(p) - 1, observe, space, p, r)
+        self.np_random = np.random.default_rng(next(World.made))
+
+
+@pytest.fixture(autouse=True)
+def the_same_worlds():
+    """Have each test play the same worlds whenever it runs."""
+    World.made = count()
+
+
+RNG = np.random.default_rng(0)
+SIZE = 6
+P = RNG.dirichlet(np.full(SIZE, 0.5), size=(SIZE, 2))
+R = RNG.normal(size=(SIZE, 2, SIZE))
+PHI = 3 * RNG.normal(size=SIZE)
+LIMIT = 4
+
+
+def one_hot(state, size=SIZE):
+    return np.eye(size, dtype=np.float32)[state]
+
+
+def world(limit=LIMIT, observe=one_hot):
+    size = len(P)
+    space = gym.spaces.Box(0, 1, (size,)) if observe is one_hot else None
+    return TimeLimit(World(P, R, observe, space), limit)
+
+
+def worlds(n=2, **settings):
+    return DummyVecEnv([partial(world, **settings)] * n)
+
+
+def height(observations):
+    return observations @ PHI
+
+
+def shape(venv, **settings):
+    return ShapedVecEnv(venv, height, **{"discount": DISCOUNT, "batched": True, **settings})
+
+
+def monitored(limit=LIMIT):
+    return Monitor(world(limit))
+
 
 torch.set_num_threads(1)
 
@@ -122,48 +156,6 @@ def test_values_are_read_once_a_step_and_never_of_a_terminal_state():
         cut = sum(info["TimeLimit.truncated"] for info in infos)
         # those returned, those in which episodes were cut off, those with which ended ones began
         assert values.sizes == [3 + cut + dones.sum()]
-
-
-def test_a_potential_over_observations_brings_its_discount_and_its_space():
-    task = observation_task(world, discount=0.8)
-    phi = ObservationPotential.of(task, FunctionValues(state_values=height))
-    assert ShapedVecEnv(worlds(), phi).discount == 0.8
-    with pytest.raises(SettingError, match=r"0.8 by the task of 'potential', 0.9 by the argument"):
-        ShapedVecEnv(worlds(), phi, discount=0.9)
-    with pytest.raises(SettingError, match="must be read from those of its task"):
-        ShapedVecEnv(worlds(observe=int), phi)
-
-
-@st.composite
-def tables(draw):
-    n, a = draw(st.integers(2, 4)), draw(st.integers(1, 3))
-    weights = draw(arrays(np.int64, (n, a, n), elements=st.integers(0, 3)))
-    weights[:, :, -1] += 1
-    reward = draw(arrays(np.int64, (n, a, n), elements=st.integers(-5, 5)))
-    return weights / weights.sum(axis=2, keepdims=True), reward.astype(float)
-
-
-@given(tables(), st.sampled_from([0.0, 0.3, 0.95, 1.0]), st.integers(1, 5), st.data())
-@settings(max_examples=30, deadline=None)
-def test_every_episodes_shaping_telescopes(tables, discount, limit, data):
-    phi = data.draw(arrays(np.float64, len(tables[0]), elements=st.floats(-1e3, 1e3)))
-    n, tolerance = 3, 1e-12 * max(1, abs(phi).max())
-    made = DummyVecEnv([lambda: TimeLimit(World(*tables), limit)] * n)
-    venv = ShapedVecEnv(made, phi.__getitem__, discount=discount)
-    venv.seed(0)
-    first = venv.reset()
-    total, steps = np.zeros(n), np.zeros(n, int)
-    for _ in range(20):
-        observations, rewards, dones, infos = venv.step(np.zeros(n, int))
-        total += discount**steps * (rewards - [info["original_reward"] for info in infos])
-        steps += 1
-        for i in np.flatnonzero(dones):
-            cut = infos[i]["TimeLimit.truncated"]
-            last = phi[infos[i]["terminal_observation"]] if cut else 0.0
-            expected = discount ** steps[i] * last - phi[first[i]]
-            assert abs(total[i] - expected) <= steps[i] * (tolerance + 1e-13)
-            assert abs(infos[i]["telescoping_residual"]) <= steps[i] * tolerance
-            total[i], steps[i], first[i] = 0.0, 0, observations[i]
 
 
 # -- a good citizen of Stable-Baselines3 ---------------------------------------------------------
@@ -258,32 +250,82 @@ def test_networks_may_round():
 # -- pictures and dicts --------------------------------------------------------------------------
 
 
-class Parts(World):
-    """A world whose observations are dicts."""
+# -- what algorithms store -----------------------------------------------------------------------
+
+
+def test_a_replay_buffer_holds_what_the_theory_asks_for():
+    venv = shape(worlds(2))
+    model = DQN(
+        "MlpPolicy", venv, gamma=DISCOUNT, learning_starts=10**6, buffer_size=400, seed=0,
+        replay_buffer_kwargs={"handle_timeout_termination": True},
+        exploration_initial_eps=1.0, exploration_final_eps=1.0,
+    )  # fmt: skip
+    model.learn(400)
+    buffer = model.replay_buffer
+    kinds = {"on": 0, "terminated": 0, "truncated": 0}
+    for t in range(200):
+        for i in range(2):
+            before, after = (
+                int(each[t, i].argmax()) for each in (buffer.observations, buffer.next_observations)
+            )
+            action = int(buffer.actions[t, i, 0])
+            done, timeout = buffer.dones[t, i] == 1, buffer.timeouts[t, i] == 1
+            terminal = after == SIZE - 1
+            phi = 0.0 if terminal else PHI[after]
+            expected = R[before, action, after] + DISCOUNT * phi - PHI[before]
+            assert buffer.rewards[t, i] == pytest.approx(expected, abs=1e-5)
+            assert terminal == (done and not timeout)
+            sampled = buffer._get_samples(np.array([t]))  # what learners are given
+            assert sampled.dones.shape == (1, 1)
+            kind = "terminated" if terminal else "truncated" if timeout else "on"
+            kinds[kind] += 1
+            given_as_done = buffer.dones[t, i] * (1 - buffer.timeouts[t, i])
+            assert given_as_done == (kind == "terminated")
+            if kind == "on" and t < 199:
+                following = buffer.observations[t + 1, i]
+                np.testing.assert_array_equal(buffer.next_observations[t, i], following)
+    assert min(kinds.values()) > 10
+
+
+class Collected(BaseCallback):
+    """Keeps what the environment returned, before an algorithm adds to its rewards."""
 
     def __init__(self):
-        spaces = {"state": gym.spaces.Discrete(SIZE), "hot": gym.spaces.Box(0, 1, (SIZE,))}
-        super().__init__(P, R, self.part, gym.spaces.Dict(spaces))
+        super().__init__()
+        self.steps = []
 
-    def part(self, state):
-        return {"state": state, "hot": one_hot(state)}
+    def _on_step(self):
+        found = self.locals
+        self.steps.append((found["rewards"].copy(), found["dones"].copy(), found["infos"]))
+        return True
 
 
-@pytest.mark.parametrize(
-    ("potential", "batched"),
-    [
-        (lambda o: PHI[o["state"]], True),
-        (lambda o: PHI[o["state"]], False),
-        (FunctionValues(state_values=lambda o: o["hot"] @ PHI), False),
-    ],
-)
-def test_dicts_are_read_as_they_are_stacked(potential, batched):
-    runs = []
-    plain = partial(World, P, R), PHI.__getitem__, False
-    for make, phi, how in ((Parts, potential, batched), plain):
-        made = DummyVecEnv([partial(TimeLimit, make(), LIMIT) for _ in range(2)])
-        venv = ShapedVecEnv(made, phi, discount=DISCOUNT, batched=how)
-        venv.seed(4)
-        venv.reset()
-        runs.append([venv.step([0, 1])[1] for _ in range(40)])
-    np.testing.assert_allclose(*runs, atol=1e-6)
+def test_an_on_policy_algorithm_bootstraps_from_where_it_was_cut_off():
+    venv, collected = shape(worlds(2)), Collected()
+    model = PPO("MlpPolicy", venv, gamma=DISCOUNT, n_steps=64, batch_size=64, n_epochs=1, seed=0)
+    _, callback = model._setup_learn(128, collected)
+    model.collect_rollouts(venv, callback, model.rollout_buffer, 64)
+    stored, met = model.rollout_buffer, {"cut": 0, "terminated": 0}
+    for t, (rewards, dones, infos) in enumerate(collected.steps):
+        for i, info in enumerate(infos):
+            before, action = int(stored.observations[t, i].argmax()), int(stored.actions[t, i, 0])
+            expected = info["original_reward"] + info["shaping"]
+            assert rewards[i] == pytest.approx(expected, abs=1e-9)
+            if dones[i]:
+                after = int(info["terminal_observation"].argmax())
+                cut = info["TimeLimit.truncated"]
+                met["cut" if cut else "terminated"] += 1
+                phi = PHI[after] if cut else 0.0
+                expected = R[before, action, after] + DISCOUNT * phi - PHI[before]
+                if cut:
+                    seen = torch.as_tensor(info["terminal_observation"])[None]
+                    with torch.no_grad():
+                        expected += DISCOUNT * float(model.policy.predict_values(seen)[0])
+            assert stored.rewards[t, i] == pytest.approx(expected, abs=1e-5)
+    assert min(met.values()) > 3
+
+
+# -- the optimum survives ------------------------------------------------------------------------
+
+
+# -- algorithms report the task's own returns ----------------------------------------------------

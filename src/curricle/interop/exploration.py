@@ -5,8 +5,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
 
 import gymnasium as gym
 import numpy as np
@@ -14,7 +14,8 @@ from gymnasium.wrappers import TimeLimit
 
 from curricle.checks import number
 from curricle.errors import TaskError
-from curricle.interop.tabulation.states import (
+from curricle.interop.spaces import HARMLESS, acts_as
+from curricle.interop.states import (
     Environment,
     StateAccess,
     Streams,
@@ -24,8 +25,7 @@ from curricle.interop.tabulation.states import (
     state_of,
     words_of_state,
 )
-from curricle.interop.tabulation.tabulated_task import same_observation
-from curricle.interop.toy_text import HARMLESS, acts_as
+from curricle.interop.tabulated_task import same_observation
 from curricle.tasks.live import RETURNED
 from curricle.tasks.mdp import SINGLE_PRECISION, number_of
 
@@ -75,8 +75,8 @@ class Reached(NamedTuple):
     """One outcome of an action: where it leads, and how likely."""
 
     probability: float
-    key: Hashable
-    content: Any
+    key: Hashable  # equal for equal states
+    content: Any  # what the state is restored from
     reward: float
     terminated: bool
     truncated: bool
@@ -86,34 +86,12 @@ STAY = Reached(1.0, None, None, 0.0, terminated=False, truncated=False)
 """What every action does in a state in which episodes are only ever truncated."""
 
 
-@dataclass
-class Explored:
-    """All states in the order in which they were found, and all outcomes.
-
-    An outcome is a place in `pair` (state x A + action), `next_state`, `probability` and `reward`.
-    """
-
-    observations: list[Any] = field(default_factory=list)
-    words: list[Words] = field(default_factory=list)
-    terminal: list[bool] = field(default_factory=list)
-    start: dict[int, float] = field(default_factory=dict)
-    first: list[int] = field(default_factory=list)  # the state that each start leads to
-    pair: list[int] = field(default_factory=list)
-    next_state: list[int] = field(default_factory=list)
-    probability: list[float] = field(default_factory=list)
-    reward: list[float] = field(default_factory=list)
-    several: bool = False  # whether resets lead to different states
-    cut: int = 0  # states from which nothing goes on, as episodes are truncated there
-    seconds: float = 0.0
-    observing: float = 0.0  # of them those that observations and words took
-
-
 class Search:
-    """Visits every state that can be reached, breadth first from the start.
+    """All states that can be reached and all outcomes, found breadth first from the start.
 
     Entering a state with the end of the episode, and entering it without, are two states. A state
     that is only entered by truncation is not gone on from: every action leads back to it, with
-    reward 0.
+    reward 0. States are in the order in which they were met.
     """
 
     def __init__(
@@ -125,103 +103,106 @@ class Search:
     ):
         self.world, self.show = world, show
         self.max_states, self.max_seconds = max_states, max_seconds
-        self.found = Explored()
-        self.numbers = dict[tuple[Hashable, bool], int]()
-        self.contents = list[Any]()
-        self.queued = list[bool]()
-        self.queue = deque[int]()
-        self.began = self.shown = time.perf_counter()
-        self.expanded = 0
+        self.observations, self.words, self.terminal = list[Any](), list[Words](), list[bool]()
+        self.start = dict[int, float]()  # the probability of each start
+        self.first = list[int]()  # the state that each start leads to
+        # An outcome is a place in each of four lists; a pair is state x A + action.
+        self.pair, self.next_state = list[int](), list[int]()
+        self.probability, self.reward = list[float](), list[float]()
+        self.several = False  # whether resets lead to different states
+        self.cut = 0  # states from which nothing goes on, as episodes are truncated there
+        self.seconds = self.observing = 0.0  # in all, and for observations and words
+        self._numbers = dict[tuple[Hashable, bool], int]()
+        self._contents, self._queued, self._queue = list[Any](), list[bool](), deque[int]()
+        self._began = self._shown = time.perf_counter()
+        self._expanded = 0
 
-    def run(self) -> Explored:
-        """Return all states and outcomes; TaskError when a limit does not suffice."""
-        found, n_actions, seeds = self.found, self.world.n_actions, self.world.seeds
+    def run(self) -> Self:
+        """Return the search when it is done; TaskError when a limit does not suffice."""
+        n_actions, seeds = self.world.n_actions, self.world.seeds
         for seed in seeds:
             state = self._number(self.world.start(seed))
-            found.first.append(state)
-            found.start[state] = found.start.get(state, 0.0) + 1 / len(seeds)
-        while self.queue:
-            state = self.queue.popleft()
-            content, self.contents[state] = self.contents[state], None
+            self.first.append(state)
+            self.start[state] = self.start.get(state, 0.0) + 1 / len(seeds)
+        while self._queue:
+            state = self._queue.popleft()
+            content, self._contents[state] = self._contents[state], None
             for action in range(n_actions):
                 for reached in self.world.outcomes(content, action):
-                    after = self._number(reached)
-                    self._add(state * n_actions + action, after, reached)
+                    self._add(state * n_actions + action, self._number(reached), reached)
                 self._check_time()
-            self.expanded += 1
-        staying = [s for s, queued in enumerate(self.queued) if not (queued or found.terminal[s])]
+            self._expanded += 1
+        staying = [s for s, queued in enumerate(self._queued) if not (queued or self.terminal[s])]
         for state in staying:
-            for action in range(n_actions):
-                self._add(state * n_actions + action, state, STAY)
-        found.cut = len(staying)
+            for pair in range(state * n_actions, (state + 1) * n_actions):
+                self._add(pair, state, STAY)
+        self.cut = len(staying)
         keys = (self.world.start(max(seeds) + k).key for k in range(1, MORE_RESETS + 1))
-        known = (self.numbers.get((key, False)) in found.start for key in keys)
-        found.several = len(found.start) > 1 or not all(known)
-        found.seconds = time.perf_counter() - self.began
-        return found
+        known = (self._numbers.get((key, False)) in self.start for key in keys)
+        self.several = len(self.start) > 1 or not all(known)
+        self.seconds = time.perf_counter() - self._began
+        return self
 
     def _number(self, reached: Reached) -> int:
         """Return the number of a state, a new one if it was not met before."""
         name = reached.key, reached.terminated
-        state = self.numbers.get(name)
+        state = self._numbers.get(name)
         if state is None:
-            state = self.numbers[name] = len(self.contents)
+            state = self._numbers[name] = len(self._contents)
             if state >= self.max_states:
                 raise self._too_many()
             before = time.perf_counter()
             observation, words = self.world.look()
-            self.found.observing += time.perf_counter() - before
-            self.contents.append(reached.content)
-            self.queued.append(False)
-            self.found.terminal.append(reached.terminated)
-            self.found.observations.append(deepcopy(observation))  # which a step may change
-            self.found.words.append({**words, **words_of_state(observation, "_")})
-        if not (self.queued[state] or reached.terminated or reached.truncated):
-            self.contents[state] = reached.content
-            self.queued[state] = True
-            self.queue.append(state)
+            self.observing += time.perf_counter() - before
+            self._contents.append(reached.content)
+            self._queued.append(False)
+            self.terminal.append(reached.terminated)
+            self.observations.append(deepcopy(observation))  # which a step may change
+            self.words.append({**words, **words_of_state(observation, "_")})
+        if not (self._queued[state] or reached.terminated or reached.truncated):
+            self._contents[state] = reached.content
+            self._queued[state] = True
+            self._queue.append(state)
         return state
 
     def _add(self, pair: int, after: int, reached: Reached) -> None:
-        found = self.found
-        found.pair.append(pair)
-        found.next_state.append(after)
-        found.probability.append(reached.probability)
-        found.reward.append(reached.reward)
+        self.pair.append(pair)
+        self.next_state.append(after)
+        self.probability.append(reached.probability)
+        self.reward.append(reached.reward)
 
     def _check_time(self) -> None:
         now = time.perf_counter()
-        if now - self.began > self.max_seconds:
+        seconds, n_states = now - self._began, len(self._contents)
+        if seconds > self.max_seconds:
             raise TaskError(
                 f"a table must be complete within max_seconds, {self.max_seconds:g}: tabulating "
-                f"{self.world.name} had found {len(self.contents):,} states by then and done "
-                f"{self.expanded:,} of them"
+                f"{self.world.name} had found {n_states:,} states by then and done "
+                f"{self._expanded:,} of them"
             )
-        if now - self.shown > INTERVAL:
-            self.shown = now
-            transitions = len(self.found.pair)
-            self.show(Progress(len(self.contents), self.expanded, transitions, now - self.began))
+        if now - self._shown > INTERVAL:
+            self._shown = now
+            self.show(Progress(n_states, self._expanded, len(self.pair), seconds))
 
     def _too_many(self) -> TaskError:
         """Return the error of a state budget, which says in what states differ most."""
-        words = self.found.words
-        everywhere = set(words[0]).intersection(*words)
+        everywhere = set(self.words[0]).intersection(*self.words)
         values = dict[str, set[Any]]()
-        for each in words:
+        for words in self.words:
             parts = dict[str, list[int | str]]()
-            for name, value in each.items():
+            for name, value in words.items():
                 # Entries that some states lack are those of a list that grows.
                 whole = name if name in everywhere else name.rstrip("0123456789").rstrip("_")
                 parts.setdefault(whole, []).append(value)
             for name, part in parts.items():
                 values.setdefault(name, set()).add(tuple(part))
-        name = max(values, key=lambda one: len(values[one]), default="")
+        name = max(values, key=lambda name: len(values[name]), default="")
         hint = ", most of which differ in what is no whole number or word"
-        if 2 * len({frozenset(each.items()) for each in words}) > len(words):
+        if 2 * len({frozenset(words.items()) for words in self.words}) > len(self.words):
             hint = f", which differ most in {name!r}, of {len(values[name]):,} values"
         return TaskError(
             f"a table may have at most max_states, {self.max_states:,} states: tabulating "
-            f"{self.world.name} found more{hint if len(words) > 1 else ''}"
+            f"{self.world.name} found more{hint if len(self.words) > 1 else ''}"
         )
 
 
@@ -231,17 +212,6 @@ RESET, STEP = RETURNED["reset"], RETURNED["step"]
 """What Gymnasium's resets and steps return."""
 LONG_AGO = -(2**62)
 """Steps that the clock of a wrapper shows, so that no time limit is met."""
-
-
-class Arrival(NamedTuple):
-    """What a step or a reset leads to."""
-
-    key: Hashable  # equal for equal states
-    content: Any  # what the state is restored from
-    reward: float
-    terminated: bool
-    truncated: bool
-    observed: Any  # as the step returned it
 
 
 class World:
@@ -263,7 +233,6 @@ class World:
         self.env, self.act, self.n_actions, self.seeds = env, act, n_actions, seeds
         self.samples, self.access, self.name = samples, access, name
         self.transitions = 0
-        self._last: Any = None
         self.core, self.views, self.acts = core_and_views(env, views_apart=not access.copies)
         self.now = self.core
         access.prepare(env)
@@ -271,17 +240,17 @@ class World:
         self.drawing = 0  # pairs whose steps draw random numbers
         self.shared: Sequence[Any] = ()  # the global generators, if steps or resets draw from them
         self._known: list[Any] | None = None  # the generators' states, where nobody has drawn since
+        self._observed: Any = None  # what the last step or reset returned
 
     def start(self, seed: int) -> Reached:
         """Return the state in which an episode begins that is reset with a seed."""
         self._known = None
         if self.access.copies:
             self.now, _ = self.access.restore(self.core, (self.core, []))
-        observed, _ = self._returned(self.now.reset(seed=seed), RESET)
+        self._observed, _ = self._returned(self.now.reset(seed=seed), RESET)
         _rewind_clocks(self.now)
         self.access.begin(self.now)
-        arrival = Arrival(*self.access.save(self.now), 0.0, False, False, observed)
-        return self._reached(arrival, 1.0)
+        return Reached(1.0, *self.access.save(self.now), 0.0, terminated=False, truncated=False)
 
     def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
         """Yield the one outcome, or those met in the samples, as often as they were met."""
@@ -289,23 +258,25 @@ class World:
             self.access.check()
         self.transitions += 1
         if self.samples is None:
-            yield self._reached(self._step(content, action), 1.0)
+            yield self._step(content, action)
             return
         for _ in range(self.samples):
-            yield self._reached(self._sample(content, action), 1 / self.samples)
+            env, generators = self.access.restore(self.core, content)
+            generators = [*generators, *self.shared]
+            self.streams.resume(generators)  # with random numbers not used before
+            self.now = env
+            reached, self._observed = self._arrival(env, action)
+            self.streams.leave(generators)
+            yield reached
 
     def look(self) -> tuple[Any, Words]:
         """Return the observation and the words of the state that was yielded last."""
-        seen = self.access.observation(self.now, self._last)
+        seen = self.access.observation(self.now, self._observed)
         for view in self.views:
             seen = view.observation(seen)
         return seen, self.access.describe(self.now)
 
-    def _reached(self, arrival: Arrival, probability: float) -> Reached:
-        *reached, self._last = arrival
-        return Reached(probability, *reached)
-
-    def _step(self, content: Any, action: int) -> Arrival:
+    def _step(self, content: Any, action: int) -> Reached:
         """Return where the one outcome of an action leads from a saved state."""
         env, generators = self.access.restore(self.core, content)
         generators = [*generators, *self.shared]
@@ -326,52 +297,45 @@ class World:
                 self._check_repeated(first, self._arrival(again, action), action)
         # Where all is one environment it is in the same state now; else `env` is kept as the state.
         self.now = env
-        return first
+        reached, self._observed = first
+        return reached
 
-    def _sample(self, content: Any, action: int) -> Arrival:
-        """Return where one step leads from a saved state, with random numbers not used before."""
-        env, generators = self.access.restore(self.core, content)
-        generators = [*generators, *self.shared]
-        self.streams.resume(generators)
-        self.now = env
-        arrival = self._arrival(env, action)
-        self.streams.leave(generators)
-        return arrival
-
-    def _arrival(self, env: Environment, action: int) -> Arrival:
-        returned = self._returned(env.step(self._core_action(action)), STEP)
+    def _arrival(self, env: Environment, action: int) -> tuple[Reached, Any]:
+        """Return where a step leads, and the observation as the step returned it."""
+        core_action = self.act(action)
+        for wrapper in self.acts:
+            core_action = wrapper.action(core_action)
+        returned = self._returned(env.step(core_action), STEP)
         observed, reward, terminated, truncated, _ = returned
         _rewind_clocks(env)
         earned = number_of(reward)
         if not math.isfinite(earned):
             raise TaskError(f"a reward must be a finite number: got {reward!r} from {self.name}")
-        ends = bool(terminated), bool(truncated)
-        return Arrival(*self.access.save(env), earned, *ends, observed)
+        chance = 1.0 if self.samples is None else 1 / self.samples
+        saved = self.access.save(env)
+        return Reached(chance, *saved, earned, bool(terminated), bool(truncated)), observed
 
-    def _core_action(self, action: int) -> Any:
-        """Return what the core is told to do for an action's number."""
-        told = self.act(action)
-        for wrapper in self.acts:
-            told = wrapper.action(told)
-        return told
-
-    def _returned(self, found: Any, names: tuple[str, ...]) -> tuple[Any, ...]:
+    def _returned(self, returned: Any, names: tuple[str, ...]) -> tuple[Any, ...]:
         """Return what a reset or a step returned, if it has so many parts."""
-        if not isinstance(found, tuple) or len(found) != len(names):
+        if not isinstance(returned, tuple) or len(returned) != len(names):
             what = "reset" if names is RESET else "step"
             raise TaskError(
-                f"a {what} must return ({', '.join(names)}): got {found!r} from {self.name}"
+                f"a {what} must return ({', '.join(names)}): got {returned!r} from {self.name}"
             )
-        return found
+        return returned
 
-    def _check_repeated(self, first: Arrival, again: Arrival, action: int) -> None:
-        same = first.key == again.key
-        if same and first[2:5] == again[2:5]:
-            if same_observation(first.observed, again.observed):
-                return
+    def _check_repeated(
+        self, first: tuple[Reached, Any], again: tuple[Reached, Any], action: int
+    ) -> None:
+        (reached, observed), (repeated, observed_again) = first, again
+        if reached.key != repeated.key:
+            differing = "state"
+        elif reached[3:] != repeated[3:]:
+            differing = "reward or end"
+        elif not same_observation(observed, observed_again):
             differing = "observation"
         else:
-            differing = "state" if not same else "reward or end"
+            return
         raise TaskError(
             "steps must be deterministic to be tabulated, unless outcomes are listed (outcomes=) "
             f"or estimated (samples=){self.access.hint}: action {action}, repeated from one state "
@@ -398,10 +362,8 @@ def core_and_views(
 ) -> tuple[Environment, list[Any], list[Any]]:
     """Return the part of an environment that is stepped, and the wrappers that are apart from it.
 
-    Those of observations come from the innermost, those of actions from the outermost. Wrappers
-    that change nothing are left out, the outer ones. Those that change observations or actions
-    alone are apart if told so: observations are looked through once a state, not once a step, and
-    actions are changed before the step.
+    Those of observations come from the innermost, those of actions from the outermost. Observations
+    are looked through once a state, not once a step, and actions are changed before the step.
     """
     views, acts = list[Any](), list[Any]()
     while isinstance(env, gym.Wrapper):
@@ -434,7 +396,7 @@ class ListedOutcomes:
     ):
         self.env, self.listed, self.n_actions, self.seeds = env, listed, n_actions, seeds
         self.save, self.words, self.name, self.transitions = save, words, name, 0
-        self._last: Any = None
+        self._state: Any = None  # the last that was reached
 
     def start(self, seed: int) -> Reached:
         """Return the state after a reset."""
@@ -471,12 +433,12 @@ class ListedOutcomes:
 
     def look(self) -> tuple[Any, Words]:
         """Return the state, if it is an observation, and its words."""
-        state = self._last
+        state = self._state
         words = words_of_state(state) if self.words is None else self.words(state)
         return state if self.save is None else None, words
 
     def _reached(self, chance: float, state: Any, reward: float, *, ended: bool) -> Reached:
-        self._last = state
+        self._state = state
         return Reached(chance, _key(state), state, reward, ended, truncated=False)
 
 

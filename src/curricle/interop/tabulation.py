@@ -1,0 +1,760 @@
+"""Any Gymnasium environment as tables, by visiting every state that can be reached.
+
+Three things are needed of an environment: to save a state, to restore it, to step. Deep copies do
+for all; their key is a digest of all attributes, and equivalent states are merged by partition
+refinement, so that counters and notes do no harm. Time limits of wrappers are no part of a state,
+and random generators are swapped between repetitions of a step. What a way of saving misses is
+found by playing episodes beside the tables. A file keeps the tables if the user names it.
+"""
+
+import os
+import re
+import sys
+from collections.abc import Callable, Collection, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.wrappers import FrameStackObservation
+
+from curricle.archives import digest_of, read_saved, saved_path, write_saved
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.checks import number, whole_number
+from curricle.errors import SettingError, StoreError, TaskError
+from curricle.interop.exploration import (
+    Listed,
+    ListedOutcomes,
+    Progress,
+    Search,
+    World,
+    core_and_views,
+    time_limit_of,
+)
+from curricle.interop.gymnasium import (
+    Environment,
+    TimeLimit,
+    actions_of,
+    maker_of,
+    opened,
+)
+from curricle.interop.minigrid import (
+    MiniGridAccess,
+    MiniGridState,
+    fitting_state,
+    is_minigrid,
+    named_actions,
+)
+from curricle.interop.spaces import has_table, name_list, names_of, with_names
+from curricle.interop.states import (
+    SHARED,
+    DeepCopy,
+    SaveAndRestore,
+    Words,
+    copied,
+    fingerprint,
+    layers_of,
+    shared_draws,
+)
+from curricle.interop.tabulated_task import (
+    ObservationTable,
+    TabulatedTask,
+    TabulationRecord,
+    parts_of,
+    same_observation,
+    stacked_observations,
+)
+from curricle.learning.seeds import seed_tuple
+from curricle.progress import check_progress, shown
+from curricle.tasks.mdp import FiniteMDP, number_of
+from curricle.tasks.spaces import Component, Space, values_of
+from curricle.transfer.partition_refinement import merged_outcomes, numbered_rows
+
+WIDEST = 10_000
+"""Values of a component that is numbered from its lowest to its highest value."""
+ABSENT = "absent"
+"""The value of a component in states that lack it."""
+ANY = "any"
+"""The value of a component that makes no difference in a state."""
+MOST_SAMPLES = 1_000_000
+"""Steps by which the outcomes of a pair are estimated, at most."""
+STEPS = 1000
+"""Steps that are compared with the tables."""
+WALKS = 20
+"""Times that an episode goes to a state drawn at random, before it goes on at random."""
+CLOSE = 1e-9
+"""Relative difference of rewards that is rounding."""
+KIND = "TabulatedTask"
+OBSERVED = "observed "
+"""Begins the names of arrays of observations."""
+ARRAYS = ("probability", "next_state", "reward", "terminal", "start", "first")
+MOST_STATES = 1_000_000
+"""States of a table by default, at most."""
+MOST_SECONDS = 3600.0
+"""Seconds that a tabulation takes by default, at most."""
+
+
+class Tables(NamedTuple):
+    """The tables of S states and A actions; each pair has an outcome row of its own."""
+
+    states: Space
+    probability: FloatArray  # (S A, O)
+    next_state: IntArray  # (S A, O)
+    reward: FloatArray  # (S A, O)
+    terminal: BoolArray  # (S,)
+    start: FloatArray  # (S,)
+    first: IntArray  # the state that each reset leads to
+    observations: ObservationTable | None
+
+    def mdp(self, actions: Space, discount: float, time_limit: int | None) -> FiniteMDP:
+        """Return the task of these tables."""
+        rows = np.arange(len(self.probability)).reshape(-1, actions.size)
+        tables = self.probability, self.next_state, self.reward, self.terminal, self.start
+        return FiniteMDP(self.states, actions, rows, *tables, discount, time_limit)
+
+
+Made = tuple[Tables, TabulationRecord]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How an environment is tabulated."""
+
+    seeds: tuple[int, ...]
+    state: Any
+    outcomes: Listed | None
+    samples: int | None
+    max_states: int
+    max_seconds: float
+    progress: bool | Callable[[Progress], Any] | None
+    cache: Path | None = None
+
+    def check(self) -> None:
+        """Raise SettingError if settings are invalid or contradict each other."""
+        pair = isinstance(self.state, tuple) and len(self.state) == 2
+        known = self.state is None or callable(getattr(self.state, "open", None))
+        if not known and not (pair and all(map(callable, self.state))):
+            raise SettingError(
+                "state must be DeepCopy(...), MiniGridState(...) or two functions, (save, "
+                f"restore): got {self.state!r}"
+            )
+        check_progress(self.progress)
+        if self.outcomes is not None and not callable(self.outcomes):
+            raise SettingError(f"outcomes must be a function: got {self.outcomes!r}")
+        if self.samples is not None:
+            samples = whole_number("samples", self.samples, 1, SettingError)
+            number("samples", samples, SettingError, high=MOST_SAMPLES)
+            if self.outcomes is not None:
+                raise SettingError("outcomes are listed or estimated: got outcomes and samples")
+
+    def carried_out(self, env: Any, act: Callable[[int], Any], n_actions: int, name: str) -> Made:
+        """Return an environment's tables, and how they came about; from the cache if there."""
+        how = self._how(env)
+
+        def made(access: Any) -> Made:
+            return self._made(World(env, act, n_actions, self.seeds, self.samples, access, name))
+
+        def made_anew() -> Made:
+            if self.state is not None or how != MiniGridState():
+                return made(SaveAndRestore(*how) if isinstance(how, tuple) else how.open())
+            fast = MiniGridAccess(own_reward=False)
+            try:
+                return made(fast)
+            except TaskError:
+                if not fast.missed(env.unwrapped):
+                    raise
+                fast.release()
+                return made(MiniGridState(copies=True).open())
+
+        if self.cache is None:
+            return made_anew()
+        ways = [*how] if isinstance(how, tuple) else [how]
+        ways += [self.outcomes, self.samples, self.state is None]
+        origin = made_of(env, name, self.seeds, ways)
+        tables = read_tables(self.cache, origin)
+        if tables is None:
+            tables = made_anew()
+            write_tables(self.cache, origin, *tables)
+        return tables
+
+    def _how(self, env: Any) -> Any:
+        """Return how states are saved and restored."""
+        if isinstance(self.state, MiniGridState) and not is_minigrid(env):
+            raise SettingError(f"state={self.state!r} is for MiniGrid's environments: got {env}")
+        if self.state is not None:
+            return self.state
+        if is_minigrid(env):
+            core, _, _ = core_and_views(env, views_apart=True)
+            return fitting_state(env, core, self.seeds[0])
+        return DeepCopy()
+
+    def _made(self, world: World) -> Made:
+        """Return the tables of a world, and how they came about."""
+        source = self._source(world)
+        with shared_draws() as drawn:
+            search = self._explored(source)
+            if source is world and drawn():  # seldom, and to ask at every step would take long
+                world.shared, world.transitions, world.drawing = SHARED, 0, 0
+                search = self._explored(source)
+            sampled, merge = self.samples is not None, world.access.copies and source is world
+            tables = assembled(search, world.n_actions, sampled=sampled, merge=merge)
+            world.access.end()
+            checked = 0 if sampled else Checker(world, tables).check(self.seeds)
+        record = TabulationRecord(
+            environment=world.name,
+            seeds=self.seeds,
+            samples=self.samples,
+            transitions=source.transitions,
+            drawing=world.drawing,
+            checked=checked,
+            cut=search.cut,
+            several=search.several,
+            explored=len(search.terminal),
+            seconds=search.seconds,
+            observing=search.observing,
+            note=world.access.note,
+        )
+        return tables, record
+
+    def _source(self, world: World) -> World | ListedOutcomes:
+        """Return what is explored: listed outcomes where there are any, else steps."""
+        env, base = world.env, world.env.unwrapped
+        known = world.n_actions, self.seeds, world.name
+        if self.outcomes is not None:
+            save = self.state[0] if isinstance(self.state, tuple) else None
+            return ListedOutcomes(env, self.outcomes, *known, save)
+        if self.state is None and self.samples is None and has_table(env):
+            table: Any = base
+            return ListedOutcomes(env, lambda s, a: table.P[s][a], *known, words=words_of(base))
+        return world
+
+    def _explored(self, source: Any) -> Search:
+        """Return all states, and show the progress if asked to."""
+        line = f"tabulating {source.name}"
+        with shown(self.progress, lambda: line) as bars:
+
+            def show(now: Progress) -> None:
+                nonlocal line
+                line = now.in_words(source.name)
+                bars.at(source.name, now.expanded, now.states)
+                bars.tell(now)
+
+            return Search(source, self.max_states, self.max_seconds, show).run()
+
+
+def tabulate(
+    environment: Environment,
+    *,
+    discount: float,
+    seeds: Any = 1,
+    time_limit: TimeLimit = "own",
+    names: Sequence[str] | None = None,
+    actions: Space | Sequence[str] | None = None,
+    state: Any = None,
+    outcomes: Listed | None = None,
+    samples: int | None = None,
+    max_states: int = MOST_STATES,
+    max_seconds: float = MOST_SECONDS,
+    progress: bool | Callable[[Progress], Any] | None = False,
+    cache: str | Path | None = None,
+    **make_arguments: Any,
+) -> TabulatedTask:
+    """Return a Gymnasium environment as tables of every state that can be reached.
+
+    States are visited breadth first from those that resets lead to: each action is taken in each
+    state. The tables are the environment's own, so what :func:`solve`, :func:`certify` and
+    :func:`evaluate` prove of them holds for it.
+
+    Steps must be deterministic, which is checked: each is taken twice, and 8 times if it draws
+    random numbers. At the end up to 1,000 steps are played in the environment and must agree with
+    the tables. Outcomes of random steps must be listed or estimated; the table says which.
+
+    Parameters
+    ----------
+    environment : str, gymnasium.EnvSpec, gymnasium.Env or callable
+        As in :func:`from_gymnasium`. An environment is copied, and itself stepped only if it cannot
+        be copied and there are functions to restore it.
+    discount : float
+    seeds : int or sequence of int
+        Of the resets that starts are taken from, each as likely; K stands for 0 .. K-1.
+    time_limit : int, None or "own"
+        Steps after which episodes are truncated; by default the least of the environment's own.
+        Time is no part of a state, unless the environment counts it itself.
+    names : sequence of str, optional
+        Other names for the components of a state, in their order.
+    actions : sequence of str or Space, optional
+        As in :func:`from_gymnasium`.
+    state : DeepCopy, MiniGridState or (save, restore), optional
+        How states are saved and restored: by default :class:`DeepCopy`, in MiniGrid's environments
+        :class:`MiniGridState`, where the goal's reward is 1. Two functions are faster:
+        ``save(env)`` returns the state, hashable, ``restore(env, state)`` puts the environment,
+        without wrappers, back into it. The fields of a named tuple name components.
+    outcomes : callable, optional
+        ``outcomes(state, action)`` lists (probability, next state, reward, terminated) of each
+        outcome; states are observations, or what `save` returns. An environment's own table ``P``
+        is used unless `state` is given.
+    samples : int, optional
+        Estimate outcomes from so many steps of each pair.
+    max_states, max_seconds : int, float
+        What the tabulation may need at most.
+    progress : bool or callable, optional
+        True shows how far it is; a function is called with a :class:`Progress`.
+    cache : str or Path, optional
+        A file that the tables are read from, or written to if it does not exist. It notes the
+        environment's name, classes and content after each reset, the settings above and versions of
+        packages; a file of others is refused. Name another file when you change your environment's
+        code, which is not compared.
+    **make_arguments
+        Arguments of ``gymnasium.make``, or of the class or function.
+
+    Returns
+    -------
+    TabulatedTask
+        States have a component for each number or word that differs between them, in the
+        environment's attributes or what `save` returns, then in private attributes and
+        observations.
+
+    Raises
+    ------
+    TaskError
+        When the environment cannot be copied or its states not be told apart, frames are stacked,
+        steps are random, a budget does not suffice, or an episode in the environment is not in the
+        tables.
+    SettingError
+        When a setting makes no sense.
+    StoreError
+        When the cache holds other tables, is damaged or cannot be written to.
+
+    Examples
+    --------
+    >>> import curricle as cr
+    >>> taxi = tabulate("Taxi-v4", discount=0.9, seeds=3)
+    >>> taxi
+    TabulatedTask(Taxi-v4: 202 states, ..., time limit 200, 3 of several resets seen)
+    >>> taxi.states.label(0)
+    'row=3 column=0 passenger=blue destination=yellow'
+    """
+    plan = Plan(
+        seeds=seed_tuple(seeds),
+        state=state,
+        outcomes=outcomes,
+        samples=samples,
+        max_states=whole_number("max_states", max_states, 1, SettingError),
+        max_seconds=number("max_seconds", max_seconds, SettingError, low=0),
+        progress=progress,
+        cache=None if cache is None else saved_path(cache),
+    )
+    plan.check()
+    discount = number("discount", discount, TaskError, low=0, high=1)
+    names = None if names is None else name_list(names)
+    make = maker_of(environment, time_limit, make_arguments)
+    with _opened(environment, make, state) as env:
+        if any(isinstance(layer, FrameStackObservation) for layer in layers_of(env)):
+            raise TaskError(
+                "an environment with stacked frames cannot be tabulated, as each history of frames "
+                f"would be a state: tabulate it without them, got {env}"
+            )
+        name = str(make) if make.what is not None else type(env.unwrapped).__name__
+        named = names_of(env.unwrapped)[1] or named_actions(env)
+        act, moves = actions_of(env.action_space, actions, named)
+        tables, record = plan.carried_out(env, act, moves.size, name)
+        limit: Any = time_limit
+        if time_limit == "own":  # the least of its limits
+            limits = time_limit_of(env), env.unwrapped.max_steps if is_minigrid(env) else None
+            limit = min((int(steps) for steps in limits if steps is not None), default=None)
+    if names is not None:
+        tables = tables._replace(states=with_names(tables.states, names))
+    return TabulatedTask(tables.mdp(moves, discount, limit), tables.observations, record)
+
+
+def _opened(environment: Any, make: Any, state: Any) -> AbstractContextManager[Any]:
+    """Return a context with an environment that is nobody else's."""
+    if isinstance(environment, gym.Env):
+        try:
+            return nullcontext(copied(environment)[0])
+        except TaskError:
+            if not isinstance(state, tuple):
+                raise
+    return opened(environment, make)
+
+
+def words_of(world: Any) -> Callable[[Any], Words] | None:
+    """Return the function from a state of a known environment to its components, if known."""
+    states = names_of(world)[0]
+    if states is None or states.size != len(world.P):
+        return None
+
+    def words(state: Any) -> Words:
+        values = zip(states.components, values_of(states, int(state)).values(), strict=True)
+        return {part.name: part.label(value) if part.labels else value for part, value in values}
+
+    return words
+
+
+# -- tables of explored states --------------------------------------------------------------------
+
+Part = tuple[Component, IntArray]
+"""A component, and its value in each state."""
+
+
+def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
+    """Return the tables of explored states."""
+    observations = None
+    if all(observation is not None for observation in search.observations):
+        observations = stacked_observations(search.observations, search.terminal)
+    rows = _outcome_rows(search, n_actions, sampled)
+    terminal = np.array(search.terminal, dtype=bool)
+    start = np.zeros(len(terminal))
+    start[list(search.start)] = list(search.start.values())
+    space, first = Space([Component("state", len(terminal))]), np.array(search.first)
+    tables = Tables(space, *rows, terminal, start, first, observations)
+    blocks = np.arange(len(terminal))
+    if merge and observations is not None:
+        blocks = alike(tables, n_actions)
+        tables = _merged(tables, blocks, n_actions)
+    words, vague = words_of_blocks(search.words, blocks)
+    space = named_states(words, tables.terminal, vague)
+    return tables._replace(states=space)
+
+
+def _outcome_rows(
+    search: Search, n_actions: int, sampled: bool
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return probabilities, successors and rewards, (S A, O) each; a terminal state has none."""
+    pair, after = np.array(search.pair, np.int64), np.array(search.next_state, np.int64)
+    chance, reward = np.array(search.probability), np.array(search.reward)
+    if sampled:
+        key, which = np.unique(np.stack([pair, after]), axis=1, return_inverse=True)
+        pair, after = key
+        earned = np.bincount(which, weights=chance * reward)
+        chance = np.bincount(which, weights=chance)
+        reward = earned / chance
+    order = np.argsort(pair, kind="stable")
+    pair, after, chance, reward = pair[order], after[order], chance[order], reward[order]
+    n_pairs = len(search.terminal) * n_actions
+    counts = np.bincount(pair, minlength=n_pairs)
+    place = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
+    shape = n_pairs, max(1, int(counts.max(initial=0)))
+    p, s, r = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape)
+    p[pair, place], s[pair, place], r[pair, place] = chance, after, reward
+    return p, s, r
+
+
+# -- states that are alike ------------------------------------------------------------------------
+
+
+def alike(tables: Tables, n_actions: int) -> IntArray:
+    """Return the block of each state in the coarsest partition that keeps all that matters, (S,).
+
+    States of a block show the same observation, and every action has the same rewards and leads to
+    the same blocks with the same probabilities (stochastic bisimulation: Givan, Dean, Greig 2003).
+    """
+    assert tables.observations is not None
+    seen = _observation_rows(tables.observations)
+    blocks = _in_order(numbered_rows(np.column_stack([seen, tables.terminal])))
+    different, rewards = np.unique(tables.reward, return_inverse=True)
+    while True:
+        outcomes = blocks[tables.next_state] * len(different) + rewards.reshape(tables.reward.shape)
+        after, chance = merged_outcomes(outcomes, tables.probability)
+        bits = chance.round(12).view(np.int64)  # equal where the rounded chances are
+        pairs = numbered_rows(np.column_stack([after, bits])).reshape(-1, n_actions)
+        finer = _in_order(numbered_rows(np.column_stack([blocks, pairs])))
+        if finer.max() == blocks.max():
+            return finer
+        blocks = finer
+
+
+def _observation_rows(observations: ObservationTable) -> npt.NDArray[Any]:
+    """Return the observations as rows of which equal ones are equal, (S, n)."""
+    parts = [part.reshape(len(part), -1) for part in observations.parts.values()]
+    numbers = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
+    return np.concatenate(numbers, axis=1)
+
+
+def _in_order(labels: IntArray) -> IntArray:
+    """Return labels renumbered in the order in which they first appear."""
+    _, first, which = np.unique(labels, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[which.reshape(-1)]
+
+
+def _merged(tables: Tables, blocks: IntArray, n_actions: int) -> Tables:
+    """Return the tables of blocks instead of states; the first state stands for its block."""
+    first = np.unique(blocks, return_index=True)[1]
+    pairs = (first[:, None] * n_actions + np.arange(n_actions)).ravel()
+    seen = tables.observations
+    assert seen is not None
+    return Tables(
+        tables.states,
+        tables.probability[pairs],
+        blocks[tables.next_state[pairs]],
+        tables.reward[pairs],
+        tables.terminal[first],
+        np.asarray(np.bincount(blocks, weights=tables.start), dtype=np.float64),
+        blocks[tables.first],
+        ObservationTable(
+            {name: part[first] for name, part in seen.parts.items()}, seen.terminal[first]
+        ),
+    )
+
+
+# -- names ----------------------------------------------------------------------------------------
+
+
+def words_of_blocks(words: Sequence[Words], blocks: IntArray) -> tuple[list[Words], set[str]]:
+    """Return the words of each block, `ANY` where they differ, and the names of which some do."""
+    words_of_block = dict[int, dict[str, int | str]]()
+    vague = set[str]()
+    for state_words, block in zip(words, blocks.tolist(), strict=True):
+        shared = words_of_block.setdefault(block, dict(state_words))
+        for name in {**shared, **state_words}:
+            if shared.get(name) != state_words.get(name):
+                shared[name] = ANY
+                vague.add(name)
+    return [words_of_block[block] for block in sorted(words_of_block)], vague
+
+
+def named_states(words: Sequence[Words], terminal: BoolArray, vague: Collection[str]) -> Space:
+    """Return the space whose components are what differs between states.
+
+    Where several states have the same values they are told apart by those with an underscore, then
+    those that are vague, by whether they end the episode, `ended`, then by a number, `variant`.
+    """
+    names = dict.fromkeys(name for state_words in words for name in state_words)
+    parts = list[Part]()
+    for name in sorted(names, key=lambda name: 2 if name in vague else name.startswith("_")):
+        public = name not in vague and not name.startswith("_")
+        if not public and _count(parts) == len(words):
+            break
+        values = [state_words.get(name, ABSENT) for state_words in words]
+        part = _component(_free(name.lstrip("_") or name, parts), values)
+        # Of the rest only what tells states apart that are alike so far.
+        if part[0].size > 1 and (public or _count([*parts, part]) > _count(parts)):
+            parts.append(part)
+    if not parts:
+        return Space([Component("state", len(words), arbitrary=True)])
+    if _copy_numbers(parts).any() and terminal.any() and not terminal.all():
+        ended = Component(_free("ended", parts), 2, labels=("no", "yes"))
+        parts.append((ended, terminal.astype(np.int64)))
+    copies = _copy_numbers(parts)
+    if copies.any():
+        size = int(copies.max()) + 1
+        parts.append((Component(_free("variant", parts), size, arbitrary=True), copies))
+    points = np.stack([values for _, values in parts], axis=1)
+    return Space([component for component, _ in parts], points)
+
+
+def _component(name: str, values: Sequence[int | str]) -> Part:
+    """Return the component of these values, one a state, and the values as its numbers."""
+    if not any(isinstance(value, str) for value in values):
+        array = np.array(values, dtype=np.int64)
+        low, size = int(array.min()), int(array.max()) - int(array.min()) + 1
+        if size <= WIDEST:
+            return Component(name, size, low), array
+    labels = list(dict.fromkeys(map(str, values)))
+    number = {label: i for i, label in enumerate(labels)}
+    numbers = np.array([number[str(value)] for value in values], dtype=np.int64)
+    return Component(name, len(labels), labels=tuple(labels)), numbers
+
+
+def _count(parts: Sequence[Part]) -> int:
+    """Return how many states are told apart."""
+    return int((_copy_numbers(parts) == 0).sum()) if parts else 1
+
+
+def _copy_numbers(parts: Sequence[Part]) -> IntArray:
+    """Return how many states before each have the same values, (S,)."""
+    which = numbered_rows(np.stack([values for _, values in parts], axis=1))
+    order = np.argsort(which, kind="stable")
+    counts = np.bincount(which)
+    copies = np.empty_like(which)
+    copies[order] = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return copies
+
+
+def _free(name: str, parts: Sequence[Part]) -> str:
+    """Return a name that no component has yet."""
+    return _free(f"{name}_", parts) if name in [part.name for part, _ in parts] else name
+
+
+# -- comparing tables with the environment --------------------------------------------------------
+
+
+class Checker:
+    """Plays episodes and follows them in the tables.
+
+    What saves and restores a state may miss a part of it; then the tables and the environment
+    differ sooner or later.
+    """
+
+    def __init__(self, world: World, tables: Tables):
+        self.world, self.tables, self.n_actions = world, tables, world.n_actions
+        self.rng = np.random.default_rng(0)
+        self.steps = 0
+
+    def check(self, seeds: Sequence[int]) -> int:
+        """Return how many steps were compared; TaskError where one is not in the tables."""
+        for walk in range(WALKS):
+            k = walk % len(seeds)
+            self._play(seeds[k], int(self.tables.first[k]))
+            if self.steps >= STEPS:
+                break
+        return self.steps
+
+    def _play(self, seed: int, first: int) -> None:
+        """Play one episode: on the way to some state, then at random."""
+        way, env = self._way(first), self.world.env
+        observed, _ = env.reset(seed=seed)
+        possible, truncated, taken = {first}, False, 0
+        self._compare(possible, observed, f"a reset with seed {seed}")
+        most = len(way) + STEPS // WALKS
+        while not truncated and taken < most and not self.tables.terminal[list(possible)].any():
+            action = way[taken] if taken < len(way) else int(self.rng.integers(self.n_actions))
+            observed, reward, ended, truncated, _ = env.step(self.world.act(action))
+            taken += 1
+            self.steps += 1
+            possible = {
+                after
+                for state in possible
+                for after in self._successors(state, action, number_of(reward), bool(ended))
+            }
+            where = f"step {taken} after a reset with seed {seed}, action {action}"
+            possible = self._compare(possible, observed, where)
+
+    def _successors(self, state: int, action: int, reward: float, ended: bool) -> list[int]:
+        """Return the states that the tables give for what a step returned."""
+        tables, pair = self.tables, state * self.n_actions + action
+        fits = (
+            (tables.probability[pair] > 0)
+            & np.isclose(tables.reward[pair], reward, rtol=CLOSE, atol=CLOSE)
+            & (tables.terminal[tables.next_state[pair]] == ended)
+        )
+        return tables.next_state[pair][fits].tolist()  # type: ignore[no-any-return]
+
+    def _compare(self, possible: set[int], observed: Any, where: str) -> set[int]:
+        """Return the possible states that look like what was observed, at least one."""
+        if self.tables.observations is not None:
+            seen = self.tables.observations.parts
+            possible = {
+                state
+                for state in possible
+                if same_observation({n: a[state] for n, a in seen.items()}, parts_of(observed))
+            }
+        if not possible:
+            raise TaskError(
+                "tables must say what the environment does, so that all that matters of a state "
+                f"must be saved and compared: {where} led elsewhere in {self.world.name}"
+            )
+        return possible
+
+    def _way(self, first: int) -> list[int]:
+        """Return actions that lead to a state drawn at random if their most likely outcomes do."""
+        tables = self.tables
+        likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
+        parent = _breadth_first(likely.reshape(-1, self.n_actions), tables.terminal, first)
+        state, way = int(self.rng.choice(np.flatnonzero(parent[:, 0] >= 0))), list[int]()
+        while state != first:
+            state, action = parent[state].tolist()
+            way.append(action)
+        return way[::-1]
+
+
+def _breadth_first(after: IntArray, terminal: Any, first: int) -> IntArray:
+    """Return the state and action from which each state is first reached, (S, 2); -1 where not."""
+    parent = np.full((len(after), 2), -1)
+    parent[first] = first, 0
+    front = np.array([first])
+    while front.size:
+        front = front[~terminal[front]]
+        new = after[front]
+        state, action = np.nonzero(parent[new, 0] < 0)
+        reached, which = np.unique(new[state, action], return_index=True)
+        parent[reached, 0], parent[reached, 1] = front[state[which]], action[which]
+        front = reached
+    return parent
+
+
+# -- tables in a file -----------------------------------------------------------------------------
+
+
+def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
+    """Return the tables of a file, None if there is no file."""
+    if not path.exists():
+        if not os.access(path.parent, os.W_OK):
+            raise StoreError(f"a cache must be a file in a folder that can be written to: {path}")
+        return None
+    file = read_saved(path, KIND)
+    arrays, about = file.arrays, file.about
+    for what, value in made_of.items():
+        if about.get(what) != value:
+            raise StoreError(
+                f"a cache must hold tables of the same {what}, or another file be named: {path} "
+                f"has {about.get(what)}, got {value}"
+            )
+    try:
+        components = [
+            Component(**{**component, "labels": component["labels"] and tuple(component["labels"])})
+            for component in about["components"]
+        ]
+        observations = None
+        if about["observed"]:
+            names = [name for name in arrays if name.startswith(OBSERVED)]
+            parts = {name.removeprefix(OBSERVED): arrays[name] for name in names}
+            observations = ObservationTable(parts, arrays["terminal"])
+        states = Space(components, arrays.get("points"))
+        plain: dict[str, Any] = {name: arrays[name] for name in ARRAYS}
+        tables = Tables(states=states, observations=observations, **plain)
+        settings = {"seeds": tuple(about["record"]["seeds"]), "cached": True}
+        return tables, TabulationRecord(**{**about["record"], **settings})
+    except (KeyError, TypeError, ValueError) as error:
+        raise StoreError(f"{path} is not as tabulate() writes it: {error!r}") from None
+
+
+def write_tables(
+    path: Path, made_of: dict[str, Any], tables: Tables, record: TabulationRecord
+) -> None:
+    """Write tables, and what they were made of."""
+    arrays: dict[str, npt.NDArray[Any]] = {name: getattr(tables, name) for name in ARRAYS}
+    if tables.states.points is not None:
+        arrays["points"] = tables.states.points
+    if tables.observations is not None:
+        for part, array in tables.observations.parts.items():
+            arrays[OBSERVED + part] = array
+    about = {
+        "components": [asdict(component) for component in tables.states.components],
+        "observed": tables.observations is not None,
+        "record": asdict(record),
+    }
+    write_saved(path, KIND, arrays, about | made_of)
+
+
+def made_of(
+    env: gym.Env[Any, Any], name: str, seeds: Sequence[int], ways: Sequence[Any]
+) -> dict[str, Any]:
+    """Return what tables are made of, as JSON has it: not the code of environments or functions."""
+    layers = layers_of(env)
+    classes = [f"{type(layer).__module__}.{type(layer).__qualname__}" for layer in layers]
+    content = b""  # arguments are in it too, of an environment that is no id but a function or made
+    for seed in seeds:
+        env.reset(seed=seed)
+        content += fingerprint(layers, {"_np_random_seed"})
+    packages = {"curricle", "gymnasium", type(env.unwrapped).__module__.partition(".")[0]}
+    shown = [getattr(way, "__qualname__", repr(way)) for way in ways]
+    # MiniGrid's space of missions prints a function with its address, another in every process.
+    spaces = re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}")
+    return {
+        "environment": name,
+        "classes": classes,
+        "spaces": spaces,
+        "seeds": list(seeds),
+        "settings": shown,
+        "content after a reset": digest_of(content),
+        "versions": {
+            package: str(getattr(sys.modules[package], "__version__", ""))
+            for package in sorted(packages)
+        },
+    }

@@ -1,1 +1,0 @@
-"""Tables of Gymnasium environments: every state that can be reached, breadth first."""

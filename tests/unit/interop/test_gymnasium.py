@@ -1,0 +1,568 @@
+"""Gymnasium environments with transition tables as tasks, and their names."""
+
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv, generate_random_map
+from gymnasium.envs.toy_text.taxi import TaxiEnv
+from gymnasium.wrappers import TimeLimit, TransformReward
+
+import curricle as cr
+from curricle.interop.states import words_of_state
+from curricle.interop.tabulated_task import parts_of
+from curricle.interop.tabulation import named_states, words_of_blocks
+from curricle.tasks.mdp import same_task
+from curricle.tasks.observation_task import EnvironmentMaker
+from tests.refusals import check_values
+
+from .environments import OFF, TWO, Echo, Ring
+
+WORLDS = {
+    "lake": ("FrozenLake-v1", {}),
+    "large lake": ("FrozenLake-v1", {"map_name": "8x8"}),
+    "lake without chance": ("FrozenLake-v1", {"is_slippery": False}),
+    "cliff": ("CliffWalking-v1", {}),
+    "slippery cliff": ("CliffWalking-v1", {"is_slippery": True}),
+    "taxi": ("Taxi-v4", {}),
+    "taxi in the rain": ("Taxi-v4", {"is_rainy": True}),
+}
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_a_table_has_the_outcomes_of_its_environment(name):
+    """Acted at random: every step is one of the table's outcomes, about as often as it says."""
+    world, settings = WORLDS[name]
+    task = cr.from_gymnasium(world, discount=0.9, **settings)
+    assert isinstance(task, cr.FiniteMDP)
+    n_states, n_actions = task.states.size, task.actions.size
+    rng, env = np.random.default_rng(0), gym.make(world, **settings)
+    state, _ = env.reset(seed=0)
+    assert task.start[state] > 0
+    seen = np.zeros((n_states, n_actions, task.probability.shape[1]))
+    for _ in range(20_000):
+        action = int(rng.integers(n_actions))
+        after, reward, terminated, truncated, _ = env.step(action)
+        row = task.outcome_row[state, action]
+        match = (
+            (task.next_state[row] == after)
+            & (task.reward[row] == reward)
+            & (task.probability[row] > 0)
+        )
+        assert match.any()
+        assert terminated == task.terminal[after]
+        # Outcomes that look alike share what was seen of them.
+        seen[state, action, match] += (
+            task.probability[row][match] / task.probability[row][match].sum()
+        )
+        state = after
+        if terminated or truncated:
+            state, _ = env.reset()
+            assert task.start[state] > 0
+    tried = seen.sum(axis=2)
+    often = tried > 100
+    shares = seen[often] / tried[often][:, None]
+    said = task.probability[task.outcome_row[often]]
+    # Five standard deviations of a share.
+    assert (abs(shares - said) < 5 * np.sqrt(0.25 / tried[often][:, None])).all()
+
+
+def test_horizons_are_those_of_the_environments():
+    limits = {
+        "FrozenLake-v1": 100,
+        "FrozenLake8x8-v1": 200,
+        "Taxi-v4": 200,
+        "CliffWalking-v1": None,
+    }
+    for name, limit in limits.items():
+        assert cr.from_gymnasium(name, discount=0.9).time_limit == limit
+    assert cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=7).time_limit == 7
+    assert cr.from_gymnasium("Taxi-v4", discount=0.9, max_episode_steps=9).time_limit == 9
+    for live in (False, True):
+        endless = cr.from_gymnasium("Taxi-v4", discount=0.9, time_limit=None, live=live)
+        assert endless.time_limit is None
+    walked = cr.planning.rollout(endless, np.zeros(500, int), steps=250)  # south, for ever
+    assert len(walked) == 250
+    assert cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9).time_limit == 100
+
+
+def test_the_optimum_is_the_one_that_gymnasium_states():
+    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.999)
+    evaluation = cr.GreedyEvaluation("exact", discounted=False)
+    assert cr.planning.Target.of(lake, evaluation).optimum == pytest.approx(0.74, abs=0.005)
+    cliff = cr.from_gymnasium("CliffWalking-v1", discount=0.999, time_limit=100)
+    assert cr.planning.Target.of(cliff, evaluation).optimum == -13
+
+
+def test_moves_go_where_their_names_say():
+    moves = {"north": (-1, 0), "south": (1, 0), "east": (0, 1), "west": (0, -1)}
+    lake = cr.from_gymnasium("FrozenLake8x8-v1", discount=0.9, is_slippery=False)
+    cliff = cr.from_gymnasium("CliffWalking-v1", discount=0.9)
+    taxi = cr.from_gymnasium("Taxi-v4", discount=0.9)
+    for task, row, column in ((lake, 1, 1), (cliff, 1, 1), (taxi, 2, 1)):
+        rest = {name: 0 for name in task.states.names if name not in ("row", "column")}
+        here = int(task.states.encode(row=row, column=column, **rest))
+        labels = task.actions.components[0].labels
+        assert set(moves) <= set(labels)
+        for label, (down, right) in moves.items():
+            pair = task.outcome_row[here, labels.index(label)]
+            there = task.states.decode(int(task.next_state[pair, 0]))
+            assert (there["row"], there["column"]) == (row + down, column + right)
+
+
+def test_an_end_that_depends_on_the_transition_is_a_state_of_its_own():
+    tabled = cr.from_gymnasium(Ring, discount=0.5)
+    live = cr.from_gymnasium(Ring, discount=0.5, live=True)
+    assert tabled.states.size == 4
+    assert tabled.terminal.tolist() == [False, False, False, True]
+    np.testing.assert_array_equal(cr.solve(tabled).action_values[:3, 0], [1.75, 1.5, 1.0])
+    learner = cr.QLearning(learning_rate=1.0, epsilon=0.5)
+    learnt = [cr.learn(task, learner, 500, evaluation=OFF).values[0] for task in (tabled, live)]
+    np.testing.assert_array_equal(learnt[0][:3], learnt[1])
+    np.testing.assert_array_equal(learnt[1][:, 0], [1.75, 1.5, 1.0])
+
+
+class Doubled(gym.Wrapper):
+    def step(self, action):
+        observation, reward, *rest = self.env.step(action)
+        return observation, 2 * reward, *rest
+
+
+class Rotated(FrozenLakeEnv):
+    def step(self, action):
+        return super().step((action + 1) % 4)
+
+
+class FromAnywhere(TaxiEnv):
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.s = int(self.np_random.integers(500))
+        return self.s, {}
+
+
+class ImpatientLimit(TimeLimit):
+    def step(self, action):
+        observation, reward, *rest = super().step(action)
+        return observation, reward - 1, *rest
+
+
+class OwnTable(gym.Env):
+    """Has a table that its `step` need not follow."""
+
+    observation_space, action_space = gym.spaces.Discrete(1), gym.spaces.Discrete(1)
+    initial_state_distrib, P = np.ones(1), {0: {0: [(1.0, 0, 0.0, False)]}}
+
+
+def replaced(method):
+    env = CliffWalkingEnv()
+    setattr(env, method, getattr(env, method))
+    return env
+
+
+NOT_IN_THE_TABLE = {
+    "a subclass's step": lambda: Rotated(),
+    "a subclass's reset": lambda: FromAnywhere(),
+    "a step that was replaced": lambda: replaced("step"),
+    "a reset that was replaced": lambda: replaced("reset"),
+    "a time limit's own step": lambda: ImpatientLimit(gym.make("FrozenLake-v1"), 100),
+    "a table beside a step": lambda: OwnTable(),
+    "a wrapper that changes rewards": lambda: TransformReward(
+        gym.make("FrozenLake-v1"), lambda r: -r
+    ),
+    "an unknown wrapper": lambda: Doubled(gym.make("FrozenLake-v1")),
+    "a time limit nowhere told": lambda: TimeLimit(FrozenLakeEnv(), 5),
+    "passengers who change their minds": lambda: gym.make("Taxi-v4", fickle_passenger=True),
+    "no table": lambda: gym.make("Blackjack-v1"),
+}
+
+
+@pytest.mark.parametrize("why", NOT_IN_THE_TABLE)
+def test_what_a_table_does_not_describe_is_live(why):
+    task = cr.from_gymnasium(NOT_IN_THE_TABLE[why], discount=0.9)
+    assert isinstance(task, cr.tasks.LiveMDP)
+
+
+def test_a_step_of_its_own_is_what_is_learnt_and_tabulated():
+    """Random maps: the optimal policy of the tables earns its value where `step` is overridden."""
+    for seed in range(5):
+        desc = generate_random_map(4, seed=seed)
+
+        def make(desc=desc):
+            return Rotated(desc=desc, is_slippery=False)
+
+        task = cr.tabulate(make, discount=0.9, time_limit=50)
+        env, solution = make(), cr.solve(task)
+        observation, _ = env.reset()
+        earned, over, steps = 0.0, False, 0
+        while not over and steps < 50:
+            action = int(solution.action_values[task.state(observation)].argmax())
+            observation, reward, over, *_ = env.step(action)
+            earned += 0.9**steps * reward
+            steps += 1
+        assert solution.start_value > 0
+        assert earned == pytest.approx(solution.start_value)
+    live = cr.from_gymnasium(make, discount=0.9, time_limit=50)
+    assert live.actions.components[0].labels is None  # west leads south
+    learnt = cr.learn(live, cr.QLearning(learning_rate=0.5, epsilon=0.3), 20_000, seeds=1)
+    assert learnt.greedy_return[0, -1] == pytest.approx(earned)
+
+
+def test_a_table_that_was_changed_is_read_as_it_is():
+    env = gym.make("FrozenLake-v1", is_slippery=False)
+    env.unwrapped.P[0] = {a: [(1.0, 15, 7.0, True)] for a in range(4)}
+    assert cr.solve(cr.from_gymnasium(env, discount=0.9)).start_value == 7
+    with pytest.raises(
+        cr.errors.TaskError, match="cannot be made again for each seed; give a function"
+    ):
+        cr.from_gymnasium(env, discount=0.9, live=True)
+
+
+def test_an_environment_whose_step_was_replaced_cannot_be_made_again():
+    env = gym.make("FrozenLake-v1")
+    env.unwrapped.step = lambda action: (15, 1.0, True, False, {})
+    with pytest.raises(cr.errors.TaskError, match="give a function that makes it so"):
+        cr.from_gymnasium(env, discount=0.9)
+
+
+@pytest.mark.parametrize("table", [np.eye(16), [[1.0]], {3: 4}, None, [[[(1.0, 0)]] * 4] * 16])
+def test_what_is_no_list_of_outcomes_is_no_table(table):
+    class Odd(FrozenLakeEnv):
+        def __init__(self):
+            super().__init__()
+            self.P = table
+
+    assert isinstance(cr.from_gymnasium(Odd, discount=0.9), cr.tasks.LiveMDP)
+
+
+OBSERVATIONS = {
+    "discrete": (spaces.Discrete(4), [0, np.int64(3)], [0, 3], ["state"]),
+    "with a start": (spaces.Discrete(4, start=-1), [-1, 2], [0, 3], ["state"]),
+    "several": (
+        spaces.MultiDiscrete([2, 3], start=[0, 5]),
+        [np.array([0, 5]), np.array([1, 6])],
+        [0, 4],
+        ["state_1", "state_2"],
+    ),
+    "binary": (
+        spaces.MultiBinary([2, 1]),
+        [np.array([[0], [1]], np.int8)] * 2,
+        [1, 1],
+        ["state_1", "state_2"],
+    ),
+    "tuple": (
+        spaces.Tuple([spaces.Discrete(3), spaces.Tuple([spaces.Discrete(2), spaces.Discrete(2)])]),
+        [(2, (0, 1)), (0, (1, 0))],
+        [9, 2],
+        ["state_1", "state_2_1", "state_2_2"],
+    ),
+    "dict": (
+        spaces.Dict(dice=spaces.MultiDiscrete([6, 6]), card=spaces.Discrete(3)),
+        [{"dice": np.array([1, 2]), "card": 1}, {"card": 2, "dice": np.array([5, 5])}],
+        None,
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", OBSERVATIONS)
+def test_observations_are_numbered(kind):
+    space, observations, expected, names = OBSERVATIONS[kind]
+    task = cr.from_gymnasium(Echo, discount=0.9, time_limit=9, observation_space=space,
+                             action_space=TWO, observations=observations)  # fmt: skip
+    seen = cr.planning.rollout(task, np.zeros(task.states.size, int)).states.tolist()
+    if kind == "dict":  # in the order in which Gymnasium has the keys
+        points = [{"dice_1": 1, "dice_2": 2, "card": 1}, {"dice_1": 5, "dice_2": 5, "card": 2}]
+        expected = [int(task.states.encode(**point)) for point in points]
+        names = sorted(points[0])
+        assert sorted(task.states.names) == names
+    else:
+        assert list(task.states.names) == names
+    assert seen == expected
+
+
+def played_actions(space):
+    notes = []
+    task = cr.from_gymnasium(lambda: Echo(TWO, space, [0, 1], notes), discount=0.9, time_limit=9)
+    for action in range(task.actions.size):
+        cr.planning.rollout(task, [action, action])
+    return task, notes
+
+
+def test_joint_actions_are_what_the_environment_takes():
+    task, notes = played_actions(spaces.MultiDiscrete([2, 3], start=[0, 5]))
+    assert task.actions.names == ("action_1", "action_2")
+    assert [note.tolist() for note in notes] == [[0, 5], [0, 6], [0, 7], [1, 5], [1, 6], [1, 7]]
+    assert all(task.make().action_space.contains(note) for note in notes)
+    assert not notes[0].flags.writeable
+    _, notes = played_actions(spaces.Discrete(2, start=4))
+    assert notes == [4, 5]
+    _, notes = played_actions(spaces.Tuple([TWO, TWO]))
+    assert notes == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    _, notes = played_actions(spaces.Dict(a=TWO))
+    assert notes == [{"a": 0}, {"a": 1}]
+
+
+def test_names_may_be_given():
+    table = cr.Space([cr.Component("down", 4), cr.Component("right", 4)])
+    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9, states=table)
+    assert lake.states.label(6) == "down=1 right=2"
+    live = cr.from_gymnasium("FrozenLake-v1", discount=0.9, states=table, live=True)
+    assert live.states == lake.states
+    assert live.actions == lake.actions
+    jack = cr.from_gymnasium("Blackjack-v1", discount=0.9)
+    assert jack.states.label(5) == "player=0 dealer=2 ace=usable"
+    with pytest.raises(cr.errors.TaskError, match="actions must name the environment's 4: got 5"):
+        cr.from_gymnasium("FrozenLake-v1", discount=0.9, actions=cr.Space([cr.Component("a", 5)]))
+
+
+def test_an_encode_of_ones_own():
+    place = cr.Space([cr.Component("side", 2), cr.Component("lean", 3, low=-1)])
+
+    def encode(observation):
+        return int(observation[0] > 0), int(np.clip(10 * observation[2], -1, 1))
+
+    task = cr.from_gymnasium("CartPole-v1", discount=0.9, states=place, encode=encode)
+    seen = cr.planning.rollout(task, np.zeros(6, int)).states
+    assert seen[0] in (1, 4)  # upright, on one side
+    by_number = cr.from_gymnasium(
+        "CartPole-v1", discount=0.9, states=place,
+        encode=lambda observation: int(place.encode(side=encode(observation)[0],
+                                                    lean=encode(observation)[1])),
+    )  # fmt: skip
+    np.testing.assert_array_equal(cr.planning.rollout(by_number, np.zeros(6, int)).states, seen)
+    listed = cr.Space(place.components, [[1, 0], [0, 0], [0, -1], [1, -1], [0, 1], [1, 1]])
+    numbered = cr.from_gymnasium("CartPole-v1", discount=0.9, states=listed, encode=encode)
+    again = cr.planning.rollout(numbered, np.zeros(6, int)).states
+    for name, values in listed.decode(again).items():
+        np.testing.assert_array_equal(values, place.decode(seen)[name])
+
+
+EDGES = {"position": [-1.2, -0.5, 0.6], "velocity": np.linspace(-0.07, 0.07, 8)}
+
+
+def test_bins_make_numbers_states():
+    bins = cr.interop.Bins(EDGES)
+    task = cr.from_gymnasium("MountainCar-v0", discount=0.9, encode=bins)
+    assert task.states == bins.states
+    assert task.states.shape == (2, 7)
+    env = gym.make("MountainCar-v0")
+    observation, _ = env.reset(seed=1)
+    here = task.states.decode(bins(observation))
+    assert here["position"] == np.digitize(observation[0], [-0.5])
+    assert here["velocity"] == 3
+    assert bins.states.components[0].labels == ("below -0.5", "-0.5 and above")
+    assert cr.interop.Bins({"x": [0, 1]}).states.components[0].labels == ("any",)
+    close = cr.interop.Bins({"x": [0, 1, 1 + 1e-12, 1 + 2e-12, 2]}).states.components[0].labels
+    assert len(set(close)) == 4
+
+
+BOX = spaces.Box(0, 1, (2,))
+REFUSED = {
+    "a box": ({"observation_space": BOX, "action_space": TWO}, "observations must be discrete"),
+    "no states": (
+        {"observation_space": BOX, "action_space": TWO, "encode": int},
+        "needs the states it encodes to",
+    ),
+    "too few bins": (
+        {"observation_space": BOX, "action_space": TWO, "encode": cr.interop.Bins({"x": [0, 1]})},
+        r"edges for each entry of an observation, \(2,\): they have edges for 1",
+    ),
+    "no end in sight": (
+        {"observation_space": TWO, "action_space": TWO, "discount": 1},
+        "a live task with discount 1 needs a time limit",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_a_task_is_refused_in_a_sentence(name):
+    settings, message = REFUSED[name]
+    with pytest.raises(cr.errors.TaskError, match=message):
+        cr.from_gymnasium(Echo, **{"discount": 0.9, **settings})
+
+
+def test_wrong_bins_are_named():
+    wrong = [[1, 2], {"x": [2, 1]}, {"x": [1, np.nan]}, {"x": [[1, 2]]}]
+    for edges in wrong:
+        with pytest.raises(cr.errors.TaskError, match=r"bins need a dict|'x' has"):
+            cr.interop.Bins(edges)
+    for observation in ([0.0, np.nan], [0.0]):
+        with pytest.raises(cr.errors.TaskError, match=r"must be of numbers|must have 2 entries"):
+            cr.interop.Bins(EDGES)(np.array(observation))
+
+
+def test_what_cannot_be_made_is_refused_in_a_sentence():
+    made = partial(cr.from_gymnasium, discount=0.9)
+    check_values(cr.errors.TaskError, made, {"environment": [5, None, dict]})
+    with pytest.raises(cr.errors.TaskError, match="takes no arguments: got map_name"):
+        made(gym.make("FrozenLake-v1"), map_name="8x8")
+    with pytest.raises(cr.errors.TaskError, match="cannot be made again for each seed"):
+        made(Echo(TWO, TWO))
+    check_values(cr.errors.TaskError, partial(made, "Taxi-v4"), {"time_limit": [0, 1.5, "5"]})
+    for make in (cr.from_gymnasium, cr.observation_task):
+        for name, arguments, failure in (
+            ("NoSuchThing-v0", {}, "NameNotFound"),
+            ("nomodule:NoSuchThing-v0", {}, "ModuleNotFoundError"),
+            ("FrozenLake-v1", {"frozen": True}, "TypeError"),
+            ("FrozenLake-v1", {"map_name": "9x9"}, "KeyError"),
+        ):
+            with pytest.raises(cr.errors.TaskError, match=f"{name}' failed with {failure}: "):
+                make(name, discount=0.9, **arguments)
+    spaces_of_task = cr.Space([cr.Component("s", 3)]), cr.Space([cr.Component("a", 2)])
+    live = partial(cr.tasks.LiveMDP, *spaces_of_task)
+    check_values(cr.errors.TaskError, live, {"make": [3]})
+    check_values(cr.errors.TaskError, partial(live, Ring), {"encode": [3], "act": [3]})
+
+
+def test_live_tasks_made_of_the_same_are_one():
+    def jack(**settings):
+        return cr.from_gymnasium("Blackjack-v1", **{"discount": 0.9, **settings})
+
+    assert same_task(jack(), jack())
+    assert hash(jack()) == hash(jack())
+    assert not same_task(jack(), jack(sab=False))
+    assert not same_task(jack(), jack(discount=0.8))
+    car = [
+        cr.from_gymnasium("MountainCar-v0", discount=0.9, encode=cr.interop.Bins(EDGES))
+        for _ in range(2)
+    ]
+    assert same_task(*car)
+    assert not same_task(car[0], jack())
+    made = [cr.from_gymnasium(gym.make("Blackjack-v1"), discount=0.9) for _ in range(2)]
+    assert same_task(*made)
+    tuples = spaces.Tuple([spaces.Discrete(2), spaces.Discrete(3)])
+    echoes = [
+        cr.from_gymnasium(Echo, discount=0.9, observation_space=spaces.Tuple(list(tuples)),
+                          action_space=spaces.MultiDiscrete([2, 2]), observations=[np.ones(3)])
+        for _ in range(2)
+    ]  # fmt: skip
+    assert same_task(*echoes)
+
+
+SPACES = {
+    "several": (spaces.MultiDiscrete([2, 3], start=[0, 5]), np.array([1, 6]), 4),
+    "binary": (spaces.MultiBinary(2), np.array([1, 0], np.int8), 2),
+    "tuple": (spaces.Tuple([spaces.Discrete(3), spaces.Discrete(2)]), (2, 1), 5),
+    "dict": (spaces.Dict(a=spaces.Discrete(3), b=spaces.Discrete(2)), {"a": 1, "b": 1}, 3),
+}
+
+
+def echo(space, observation, **settings):
+    return cr.from_gymnasium(
+        Echo,
+        discount=0.9,
+        time_limit=3,
+        **settings,
+        observation_space=space,
+        action_space=TWO,
+        observations=[observation] * 2,
+    )
+
+
+@pytest.mark.parametrize("kind", SPACES)
+def test_the_numbers_in_an_observation_are_named_in_their_order(kind):
+    space, observation, state = SPACES[kind]
+    plain, task = echo(space, observation), echo(space, observation, names=["row", "column"])
+    assert task.states.names == ("row", "column")
+    assert task.states.shape == plain.states.shape
+    assert cr.planning.rollout(task, np.zeros(task.states.size, int)).states[0] == state
+
+
+def test_numbers_and_actions_are_named():
+    one = echo(spaces.Discrete(12, start=1), 8, names=["place"])
+    assert one.states.label(7) == "place=8"
+    split = echo(spaces.Discrete(12, start=1), 8, names=["row", "column"], sizes=[3, 4])
+    assert split.states.label(cr.planning.rollout(split, np.zeros(12, int)).states[0]) == (
+        "row=1 column=3"
+    )
+    ring = cr.from_gymnasium(Ring, discount=0.9, names=["place"])
+    assert ring.mdp.states.names == ("place",)  # by its table
+    bins = cr.interop.Bins({"x": [0, 1, 2], "v": [0, 1]})
+    car = cr.from_gymnasium("MountainCar-v0", discount=0.9, encode=bins, names=["place", "speed"])
+    assert car.states.names == ("place", "speed")
+    assert car.states.components[0].labels == bins.states.components[0].labels
+    jack = cr.from_gymnasium("Blackjack-v1", discount=0.9, names=["hand", "card", "ace"])
+    assert jack.states.label(5) == "hand=0 card=2 ace=usable"
+    task = echo(TWO, 0, actions=["left", "right"])
+    assert [task.actions.label(a) for a in range(2)] == ["action=left", "action=right"]
+    lake = cr.tabulate("FrozenLake-v1", discount=0.9, actions=list("wsen"))
+    assert lake.actions.label(3) == "move=n"
+
+
+GRID = spaces.MultiDiscrete([2, 3])
+REFUSED_NAMES = {
+    "sizes alone": (TWO, {"sizes": [2]}, r"sizes need names of what has them: got sizes \[2\]"),
+    "sizes of several": (
+        GRID,
+        {"names": ["a", "b"], "sizes": [2, 3]},
+        "sizes are for observations that are one number: these have state_1, state_2",
+    ),
+    "other sizes": (
+        TWO,
+        {"names": ["a", "b"], "sizes": [2, 3]},
+        "must make the environment's 2 states when multiplied: 2 x 3 is 6",
+    ),
+    "states too": (
+        TWO,
+        {"names": ["a"], "states": cr.Space([cr.Component("b", 2)])},
+        r"names go without states, whose components have names: got both, names \['a'\]",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED_NAMES)
+def test_what_names_nothing_is_refused_in_a_sentence(name):
+    space, settings, sentence = REFUSED_NAMES[name]
+    with pytest.raises(cr.errors.TaskError, match=sentence):
+        echo(space, space.sample(), **settings)
+    wrong = {"names": [["row"], ["a", "a"]], "actions": [["a"]]}
+    check_values(cr.errors.TaskError, partial(echo, GRID, GRID.sample()), wrong)
+
+
+def test_the_time_limit_of_a_wrapper_is_the_task_s():
+    def limited():
+        return TimeLimit(Echo(TWO, TWO, [0, 1]), 7)
+
+    assert cr.from_gymnasium(limited, discount=0.9).time_limit == 7
+    assert cr.from_gymnasium(limited, discount=0.9, time_limit=5).time_limit == 5
+
+
+class Room(gym.Env):
+    """An environment whose arguments have names of our own."""
+
+    def __init__(self, discount=1, names=()):
+        self.observation_space, self.action_space = spaces.Discrete(discount), TWO
+        self.names = names
+
+
+def test_a_maker_brings_arguments_of_any_name():
+    maker = EnvironmentMaker(Room, {"discount": 5, "names": ["x"]})
+    task = cr.from_gymnasium(maker, discount=0.9, names=["place"])
+    assert (task.states.size, task.states.names, task.make().names) == (5, ("place",), ["x"])
+    lake = cr.from_gymnasium(
+        EnvironmentMaker("FrozenLake-v1", {"map_name": "8x8"}), discount=0.9, time_limit=9
+    )
+    assert (lake.states.size, lake.time_limit) == (64, 9)
+
+
+def test_the_words_of_states_and_of_their_blocks():
+    assert words_of_state((3, "red")) == {"state_1": 3, "state_2": "red"}
+    assert words_of_state(4) == {"state": 4}
+    assert words_of_state({"at": (1, 2)}, "_") == {"_at_1": 1, "_at_2": 2}
+    words = [{"row": 1, "lit": 0}, {"row": 1, "lit": 2}]
+    assert words_of_blocks(words, np.array([0, 0])) == ([{"row": 1, "lit": "any"}], {"lit"})
+    parts = {"sight/#0": 1, "sight/#1": 2, "goal": "key"}
+    assert parts_of({"sight": (1, 2), "goal": "key"}) == parts
+
+
+def test_states_of_equal_words_are_told_apart_by_whether_they_end_the_episode():
+    words = [{"row": 1, "lamp": "on"}, {"row": 2, "lamp": "off"}, {"row": 2, "lamp": "off"}]
+    space = named_states(words, np.array([False, False, True]), [])
+    assert [*map(space.label, range(3))] == [
+        "row=1 lamp=on ended=no",
+        "row=2 lamp=off ended=no",
+        "row=2 lamp=off ended=yes",
+    ]
