@@ -1,7 +1,7 @@
 """Pages of curricula that were compared in memory, without a folder between."""
 
 from curricle.learning.stopping import ended_by
-from curricle.report.page import ShownStudy, page_of
+from curricle.show.page import ShownStudy, page_of
 from curricle.study.analysis import analysed
 from curricle.study.recording import curricula_record
 

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from curricle.plotting.learning_curves import shown_curve
+from curricle.show.plots import shown_curve
 from curricle.statistics.intervals import mean_interval
 
 DESK, PHONE = {"width": 1300, "height": 900}, {"width": 390, "height": 844}

@@ -3,7 +3,7 @@
 import pytest
 from markupsafe import Markup
 
-from curricle.report.templates import Script, render
+from curricle.show.page import Script, render
 
 from .conftest import ODD
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings, strategies as st
 
 from curricle import solve
 from curricle.errors import TaskError
+from curricle.show.views import GridView
 from curricle.tasks import maze_family, random_maze
 from curricle.tasks.families.mazes import CORNERS
-from curricle.tasks.grid_view import GridView
 
 CHANCES = st.sampled_from(
     [

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import ConfigError
-from curricle.plotting.grids import draw_potential
-from curricle.report.svg import GridDrawing
+from curricle.show.grids import draw_potential
+from curricle.show.replay import GridDrawing
+from curricle.show.views import GridView
 from curricle.study.record import ViewRecord
-from curricle.tasks.grid_view import GridView
 from tests.studies import only, reader
 
 DOMAINS = {

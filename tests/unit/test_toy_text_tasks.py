@@ -12,9 +12,9 @@ from hypothesis import given, settings, strategies as st
 
 from curricle import from_gymnasium, solve
 from curricle.errors import TaskError
+from curricle.show.views import GridView
 from curricle.tasks import CliffWalking, FrozenLake, Taxi
 from curricle.tasks.frozen_lake import random_lake
-from curricle.tasks.grid_view import GridView
 from curricle.tasks.mdp import reachable_states
 from tests.refusals import check_values
 

@@ -33,7 +33,7 @@ from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
 
 if TYPE_CHECKING:
-    from curricle.report.study_report import InterimReport
+    from curricle.show.report import InterimReport
 
 
 # -- Saying that loops are compiled, which happens once for each kind of task and learner ----------
@@ -164,14 +164,14 @@ def run_with_bars(
 
 
 def _page_of_run(path: str | Place, pace: Pace) -> "AbstractContextManager[InterimReport]":
-    from curricle.report.study_report import interim_report
+    from curricle.show.report import interim_report
 
     return interim_report(path, pace.line_in, _complain, open_page)
 
 
 def watch_results(folder: str, out: Path | None) -> None:
     """Show the report of a folder, in which another process may store units, until it is over."""
-    from curricle.report.study_report import default_page, watch_folder
+    from curricle.show.report import default_page, watch_folder
 
     if out is None:
         out = Path(mkdtemp(prefix="curricle-")) / default_page(place_at(folder)).name

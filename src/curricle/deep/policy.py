@@ -13,10 +13,9 @@ from curricle.deep.learner import DeepLearner
 from curricle.errors import CurricleError, SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
 from curricle.interop.tabulation.tabulated_task import check_sight
-from curricle.planning.episode import Episode, played
+from curricle.planning.episode import Episode, frame_of, played, with_pictures
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
-from curricle.tasks.scene import frame_of, with_pictures
 from curricle.transfer.observation_rollouts import (
     Environments,
     ObservationTarget,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.spaces import Coding, Form
+from curricle.show.scenes import Scene, scene_of
 from curricle.tasks.computed import check_answers
 from curricle.tasks.draws import draw
 from curricle.tasks.generative_models import Functions, first_state, transition
@@ -19,9 +20,6 @@ from curricle.tasks.overloads import compiled
 from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
 from curricle.tasks.spaces import MISSING, Component
 from curricle.tasks.task import generative_model
-
-if TYPE_CHECKING:
-    from curricle.tasks.scene import Scene
 
 RenderMode = Literal["rgb_array", "ansi"]
 FIRST_MAZE = """
@@ -169,9 +167,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         return self._state
 
     @cached_property
-    def _scene(self) -> "Scene":
-        from curricle.tasks.scene import scene_of
-
+    def _scene(self) -> Scene:
         return scene_of(self.task)
 
     def _check(self) -> None:

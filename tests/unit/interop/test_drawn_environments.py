@@ -7,8 +7,8 @@ from gymnasium import spaces
 
 import curricle as cr
 from curricle.errors import SettingError
+from curricle.show.views import GridView
 from curricle.tasks.grid_layout import layout_of
-from curricle.tasks.grid_view import GridView
 
 MOVES = ("up", "right", "down", "left")
 

@@ -5,6 +5,7 @@ import pytest
 
 from curricle import Pursuit
 from curricle.interop.environment import to_gymnasium
+from curricle.show.scenes import AGENT, FIGURES, PREY, painted, predator, scene_of
 from curricle.tasks import (
     BlockDude,
     CliffWalking,
@@ -15,7 +16,6 @@ from curricle.tasks import (
     RiverSwim,
     Taxi,
 )
-from curricle.tasks.scene import AGENT, FIGURES, PREY, painted, predator, scene_of
 
 from .environments import TASKS, WALLED
 

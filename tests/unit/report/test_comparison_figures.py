@@ -11,9 +11,7 @@ import curricle as cr
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparison import Comparison
 from curricle.errors import SettingError
-from curricle.plotting.forecast import draw_forecast
-from curricle.plotting.learning_curves import draw_comparison, draw_learning_curves
-from curricle.plotting.picture import plot
+from curricle.show.plots import draw_comparison, draw_forecast, draw_learning_curves, plot
 from curricle.statistics.curves import Curve
 
 from .studies import labelled, texts_of

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.plotting.learning_curves import draw_learning_curves, shown_curve
-from curricle.plotting.styles import arm_styles
-from curricle.report.page import SEEN, curve_data
+from curricle.show.page import SEEN, curve_data
+from curricle.show.plots import draw_learning_curves, shown_curve
+from curricle.show.style import arm_styles
 from curricle.statistics.intervals import mean_interval
 
 from .studies import maze_plan

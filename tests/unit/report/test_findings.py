@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.levels import Level
-from curricle.report.sections import findings, forest, headline, table, too_few
+from curricle.show.findings import findings, forest, headline, table, too_few
 from curricle.statistics.curves import Curve
 
 

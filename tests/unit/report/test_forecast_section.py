@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 import curricle as cr
-from curricle.report.sections import forecast_sections
+from curricle.show.findings import forecast_sections
 from curricle.study import analysis as analysis_module
 from curricle.study.analysis import analysed
 from curricle.study.recording import curricula_record

@@ -1,7 +1,7 @@
 """The curriculum graph of a page."""
 
 import curricle as cr
-from curricle.report.graph import CARD, graphs
+from curricle.show.graph import CARD, graphs
 
 from .studies import hunt_plan, shown
 

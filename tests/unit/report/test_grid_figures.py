@@ -6,9 +6,9 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import CurriculumError, SettingError
-from curricle.plotting.grids import draw_potential, draw_sources, shared_limits
-from curricle.plotting.picture import save
-from curricle.tasks.grid_view import GridView
+from curricle.show.grids import draw_potential, draw_sources, shared_limits
+from curricle.show.plots import save
+from curricle.show.views import GridView
 
 from .studies import texts_of
 

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 from curricle.errors import StoreError, StudyError
-from curricle.report import study_report
-from curricle.report.study_report import (
+from curricle.show import report as study_report
+from curricle.show.report import (
     InterimReport,
     arms_so_far,
     interim_report,

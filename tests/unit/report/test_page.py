@@ -13,7 +13,7 @@ import pytest
 import curricle as cr
 from curricle.comparison.arms import Arm
 from curricle.errors import SettingError
-from curricle.plotting.learning_curves import draw_learning_curves
+from curricle.show.plots import draw_learning_curves
 from curricle.statistics.curves import Curve
 from tests.study_pages import study_page
 

@@ -11,11 +11,10 @@ from curricle.learning.record import Snapshots
 from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
 from curricle.planning.solution import greedy_policy
-from curricle.report import replay as replay_module
-from curricle.report.replay import LEVELS, greedy_choices, mark_of, replays
-from curricle.report.svg import GridDrawing
+from curricle.show import replay as replay_module
+from curricle.show.replay import LEVELS, GridDrawing, greedy_choices, mark_of, replays
+from curricle.show.views import GridView
 from curricle.study.analysis import before_and_after
-from curricle.tasks.grid_view import GridView
 
 from .studies import chain, shown, with_snapshots
 

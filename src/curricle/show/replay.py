@@ -14,19 +14,21 @@ import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, FloatTable, IntArray
 from curricle.learning.record import Snapshots
-from curricle.plotting.grids import MOST_NUMBERS
-from curricle.plotting.scales import minus, rounded
-from curricle.plotting.styles import DIVERGING, SEQUENTIAL, SHADES, shades_of
-from curricle.report.graph import Learnt
-from curricle.report.svg import GridDrawing, move_path, shifted, squares
-from curricle.study.record import (
-    Analysis,
-    CurriculaRecord,
-    EpisodePair,
-    EpisodeRecord,
-    TaskRecord,
+from curricle.show.graph import Learnt
+from curricle.show.style import (
+    COLOURS,
+    DIVERGING,
+    MOST_NUMBERS,
+    SEQUENTIAL,
+    SHADES,
+    TINTS,
+    minus,
+    rounded,
+    shades_of,
 )
-from curricle.tasks.grid_view import GridView
+from curricle.show.views import GridView
+from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord, TaskRecord
+from curricle.tasks.grid_layout import LETTERS
 from curricle.text_tables import counted
 
 CellTexts = tuple[tuple[int, int, str], ...]
@@ -44,11 +46,115 @@ LONGEST_WORD = 9
 """Letters of an action's name up to which it is written into a cell."""
 APART = 0.2
 """Distance of markers from the middle of a cell, where there are several."""
+# Shapes around the middle of a cell one wide: a move north drawn alone, one of several, a stay.
+_HALF = ((0.15, -0.05), (0.05, -0.05), (0.05, 0.26))
+_ARROW = ((0, -0.26), *_HALF, *((-x, y) for x, y in reversed(_HALF)))
+_TIP = ((0, -0.32), (0.1, -0.18), (-0.1, -0.18))
+_STAY = ((0, -0.1), (0.1, 0), (0, 0.1), (-0.1, 0))
+
+
+# -- a grid as SVG ---------------------------------------------------------------------------------
+
+
+def squares(cells: Iterable[tuple[int, int]]) -> str:
+    """Return the path of unit squares with these top-left corners, (column, row) each."""
+    return "".join(f"M{x} {y}h1v1h-1z" for x, y in cells)
+
+
+@dataclass(frozen=True)
+class GridDrawing:
+    """The unchanging parts of a grid, in columns and rows from its top-left cell."""
+
+    columns: int
+    rows: int
+    lines: str  # path of the lines between cells
+    walls: str  # path of the cells in which no state lies
+    ended: str  # path of the terminal states
+    # What lies in a maze: letter, colour, column, row, and whether it ends the episode.
+    objects: tuple[tuple[str, str, int, int, bool], ...]
+    letters: tuple[tuple[str, int, int], ...]  # fixed components of the state: letters, column, row
+    labels: tuple[tuple[int, int, str], ...]  # column, row and number of each state of a strip
+    markers: tuple[tuple[str, str], ...]  # letter and colour of what moves
+
+    @classmethod
+    def of(cls, view: GridView) -> "GridDrawing":
+        """Return the drawing of a view."""
+        (top, left), (rows, columns) = view.origin, view.shape
+        across = "".join(f"M0 {y}h{columns}" for y in range(rows + 1))
+        down = "".join(f"M{x} 0v{rows}" for x in range(columns + 1))
+        numbered = zip(shifted(view, view.cells), view.states.tolist(), strict=True)
+        return cls(
+            columns=columns,
+            rows=rows,
+            lines=across + down,
+            walls=squares(shifted(view, view.walls)),
+            ended=squares(shifted(view, view.cells[view.ended])),
+            objects=tuple(
+                (LETTERS[name], TINTS[name], column - left, row - top, ends)
+                for name, row, column, ends in view.objects
+            ),
+            letters=tuple((x, c - left, r - top) for (r, c), x in view.stacked_letters.items()),
+            labels=() if view.is_map else tuple((x, y, str(n)) for (x, y), n in numbered),
+            markers=tuple((marker.letter, COLOURS[marker.colour]) for marker in view.markers),
+        )
+
+
+def shifted(view: GridView, cells: IntArray) -> list[tuple[int, int]]:
+    """Return column and row from the top-left cell of a view, for (n, 2) rows and columns."""
+    return [(x, y) for y, x in (cells - np.array(view.origin)).tolist()]
+
+
+def move_path(direction: int, *, alone: bool) -> str:
+    """Return a move as a path from the middle of a cell and back to it.
+
+    Directions are 0 stay, 1 north, 2 east, 3 south, 4 west. The only greedy move is an arrow, a
+    move that is as good as others the tip of an arrow.
+    """
+    points: tuple[tuple[float, float], ...] = _STAY
+    if direction:
+        # A quarter turn from north for each direction after it.
+        cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][direction - 1]
+        drawn = _ARROW if alone else _TIP
+        points = tuple((x * cos - y * sin, x * sin + y * cos) for x, y in drawn)
+    way = np.diff(np.array([(0.0, 0.0), *points]), axis=0).round(3).tolist()
+    steps = [f"{x:zg},{y:zg}" for x, y in [*way, (-points[0][0], -points[0][1])]]
+    # A page may hold thousands of them: 0.5 is written .5.
+    return f"m{' '.join(steps[:-1])}zm{steps[-1]}".replace("0.", ".")
+
+
+# -- greedy choices in cells -----------------------------------------------------------------------
+
+
+def _options(view: GridView) -> IntArray:
+    """Return the move of each action, or its number where actions are no moves, (A,)."""
+    return np.arange(len(view.actions)) if view.directions is None else np.array(view.directions)
+
+
+def greedy_choices(view: GridView, values: FloatTable) -> BoolArray:
+    """Return which moves, or else actions, are greedy, ties included: (..., A) -> (..., O)."""
+    greedy = values == values.max(axis=-1, keepdims=True)
+    options = _options(view)
+    chosen = [greedy[..., options == option].any(axis=-1) for option in np.unique(options)]
+    return np.stack(chosen, axis=-1)
+
+
+def mark_of(view: GridView, chosen: BoolArray) -> str:
+    """Return how greedy choices, (O,), are drawn into a cell; empty where all are equally good."""
+    if chosen.all() and len(chosen) > 1:
+        return ""
+    best = np.unique(_options(view))[chosen].tolist()
+    if view.directions is not None:
+        return "".join(move_path(move, alone=len(best) == 1) for move in best)
+    names = [(view.actions[action], str(action)) for action in best]
+    return "/".join(name if len(name) <= LONGEST_WORD else number for name, number in names)
+
+
+# -- replays ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class ShownEpisode:
-    """One greedy episode of n steps on a grid."""
+    """A greedy episode of n steps on a grid."""
 
     record: EpisodeRecord
     columns: int
@@ -89,7 +195,7 @@ class ShownEpisode:
 
 @dataclass(frozen=True)
 class Moment:
-    """One moment of training, ready to be drawn."""
+    """A moment of training, ready to be drawn."""
 
     step: int
     heat: tuple[tuple[str, str], ...]  # colour, and the path of all cells that have it
@@ -139,7 +245,7 @@ class Replay:
         return 0 if max(abs(self.low), abs(self.high)) >= 100 else 1
 
     def moment(self, place: int) -> Moment:
-        """Return one moment; negative places count from the end."""
+        """Return the moment at a place; negative places count from the end."""
         shade = self.levels[place].astype(np.int64) * SHADES // LEVELS
         marks = self._placed(self.marks[number] for number in self.choices[place])
         numbers, middle = CellTexts(), 0.5
@@ -152,9 +258,9 @@ class Replay:
         return Moment(
             step=int(self.steps[place]),
             heat=tuple(
-                (colour, squares(cells[shade == one].tolist()))
-                for one, colour in enumerate(shades_of(self.palette))
-                if (shade == one).any()
+                (colour, squares(cells[shade == number].tolist()))
+                for number, colour in enumerate(shades_of(self.palette))
+                if (shade == number).any()
             ),
             choice="".join(paths) if self.arrows else "",
             texts=() if self.arrows else marks,
@@ -166,18 +272,13 @@ class Replay:
 
     def data(self) -> dict[str, Any]:
         """Return all moments for the script of the page."""
-        return {
+        names = ("marks", "arrows", "low", "high", "digits", "palette")
+        return {name: getattr(self, name) for name in names} | {
             "steps": self.steps.tolist(),
             "cells": [number for cell in self.cells for number in cell],
             "levels": base64.b64encode(self.levels.astype("<u2").tobytes()).decode(),
             "choices": ["".join(chr(48 + number) for number in row) for row in self.choices],
-            "marks": self.marks,
-            "arrows": self.arrows,
-            "low": self.low,
-            "high": self.high,
-            "digits": self.digits,
-            "palette": self.palette,
-            "episodes": {name: one.data() for name, one in self.episodes.items()},
+            "episodes": {name: episode.data() for name, episode in self.episodes.items()},
         }
 
 
@@ -198,7 +299,7 @@ def replays(
             shown.append((name, view, arms))
             cells += size
     most = max(3, min(MOST_MOMENTS, MOST_CELL_MOMENTS // max(1, cells)))
-    found = list[Replay]()
+    made = list[Replay]()
     for name, view, arms in shown:
         alike: dict[Any, tuple[Any, list[str]]] = {}
         for arm in arms:
@@ -206,58 +307,34 @@ def replays(
             same = kept.seed, kept.steps.tobytes(), kept.values.tobytes()
             alike.setdefault(same, (kept, []))[1].append(arm)
         for kept, owners in alike.values():
-            pair = analysis.episodes.get(owners[0], {}).get(name)
-            named = f"r{len(found)}", name, tuple(owners)
-            found.append(
-                Replay(*named, view, **_values(kept, view, most), episodes=_shown(pair, view))
+            episodes = _episodes(analysis.episodes.get(owners[0], {}).get(name), view)
+            values = _values(kept, view, most)
+            made.append(
+                Replay(f"r{len(made)}", name, tuple(owners), view, **values, episodes=episodes)
             )
-    return tuple(found), tuple(left_out)
-
-
-def _shown(pair: EpisodePair | None, view: GridView) -> dict[str, ShownEpisode]:
-    """Return the episodes "before" and "after"; none where the view does not hold them."""
-    each = {} if pair is None else {"before": pair.before, "after": pair.after}
-    rows, columns = view.shape
-    for one in each.values():
-        if one.cells.shape[1] != len(view.markers) or one.cells.max() >= rows * columns:
-            return {}
-    return {which: ShownEpisode(one, columns) for which, one in each.items()}
-
-
-def greedy_choices(view: GridView, values: FloatTable) -> BoolArray:
-    """Return which moves, or else actions, are greedy, ties included: (..., A) -> (..., O)."""
-    greedy = values == values.max(axis=-1, keepdims=True)
-    options = _options(view)
-    chosen = [greedy[..., options == one].any(axis=-1) for one in np.unique(options)]
-    return np.stack(chosen, axis=-1)
-
-
-def mark_of(view: GridView, chosen: BoolArray) -> str:
-    """Return how greedy choices, (O,), are drawn into a cell; empty where all are equally good."""
-    if chosen.all() and len(chosen) > 1:
-        return ""
-    best = np.unique(_options(view))[chosen].tolist()
-    if view.directions is not None:
-        return "".join(move_path(move, alone=len(best) == 1) for move in best)
-    names = [(view.actions[one], str(one)) for one in best]
-    return "/".join(name if len(name) <= LONGEST_WORD else number for name, number in names)
-
-
-def _options(view: GridView) -> IntArray:
-    """Return the move of each action, or its number where actions are no moves, (A,)."""
-    return np.arange(len(view.actions)) if view.directions is None else np.array(view.directions)
+    return tuple(made), tuple(left_out)
 
 
 def _tasks(curricula: CurriculaRecord, learnt: Learnt) -> list[tuple[str, TaskRecord, list[str]]]:
-    """Return each task with snapshots and its arms, sources first; equal names need not be one."""
-    depths, found = dict[str, int](), dict[tuple[str, int], list[str]]()
+    """Return each task with snapshots and its arms, sources first; equal names may be two tasks."""
+    depths, owners = dict[str, int](), dict[tuple[str, int], list[str]]()
     for arm, record in curricula.arms.items():
         for depth, (name, node) in enumerate(record.nodes.items()):
             depths[name] = max(depth, depths.get(name, 0))
             if name in learnt[arm] and learnt[arm][name].snapshots is not None:
-                found.setdefault((name, node.task), []).append(arm)
-    each = [(name, curricula.tasks[task], arms) for (name, task), arms in found.items()]
-    return sorted(each, key=lambda one: depths[one[0]])
+                owners.setdefault((name, node.task), []).append(arm)
+    tasks = [(name, curricula.tasks[task], arms) for (name, task), arms in owners.items()]
+    return sorted(tasks, key=lambda task: depths[task[0]])
+
+
+def _episodes(pair: EpisodePair | None, view: GridView) -> dict[str, ShownEpisode]:
+    """Return the episodes "before" and "after"; none where the view does not hold them."""
+    records = {} if pair is None else {"before": pair.before, "after": pair.after}
+    rows, columns = view.shape
+    for record in records.values():
+        if record.cells.shape[1] != len(view.markers) or record.cells.max() >= rows * columns:
+            return {}
+    return {which: ShownEpisode(record, columns) for which, record in records.items()}
 
 
 def _values(snapshots: Snapshots, view: GridView, most: int) -> dict[str, Any]:

@@ -16,8 +16,7 @@ from typing import Any
 from curricle.checks import listed
 from curricle.errors import StudyError, in_words
 from curricle.files import Place, RemotePath, place_at
-from curricle.report.page import ShownStudy, page_of
-from curricle.report.templates import Script, render, write_page
+from curricle.show.page import Script, ShownStudy, page_of, render, write_page
 from curricle.statistics.curves import SCRATCH
 from curricle.study.effects import effects_of
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord, StudyRecord

@@ -1,7 +1,7 @@
-"""Grids drawn with Matplotlib: mazes, the grid of any view, and values as heat maps."""
+"""Grids by Matplotlib: mazes, the grid of any view, values and potentials as heat maps."""
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -11,28 +11,34 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
-from matplotlib.text import Text
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import numbers, one_of
 from curricle.curriculum.result import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.planning.target import Target
-from curricle.plotting.scales import minus
-from curricle.plotting.styles import COLOURS, DIVERGING, SEQUENTIAL, STYLE, caption, new_figure
+from curricle.show.style import (
+    COLOURS,
+    DIVERGING,
+    MOST_NUMBERS,
+    SEQUENTIAL,
+    STYLE,
+    TINTS,
+    caption,
+    minus,
+    new_figure,
+)
+from curricle.show.views import At, GridView
 from curricle.tasks.grid_layout import LETTERS
-from curricle.tasks.grid_view import At, GridView
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.task import Task, generative_model
 from curricle.transfer.edges import transfer_names
 
-TINTS = {"treasure": "#f2c14e", "fire": "#ee6c4d", "pit": "#3d405b", "goal": "#f2c14e"}
-TINTS |= {"key": "#8ecae6", "lock": "#c9a0dc", "exit": "#90be6d"}
-"""Of the objects on a grid."""
-MOST_NUMBERS = 36
-"""Cells up to which their numbers are written."""
 DARK = 0.45
 """Brightness of a colour below which the text on it is white."""
+PANEL = 2.6
+"""Width of a panel in inches."""
+SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def draw_maze(
@@ -87,59 +93,11 @@ def frame_cells(axes: Axes, maze: GridWorld, marked: BoolArray) -> None:
 
 
 def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = True) -> None:
-    """Draw the grid of a view, its walls and what stands on it.
+    """Draw the grid of a view, north on top, its walls and what stands on it.
 
     Over a heat map the objects of a maze are letters only, in the corners of cells whose numbers
     are written. The legend, below the grid, says what the letters mean.
     """
-    _draw_lines(axes, view)
-    for row, column in view.walls:
-        axes.add_patch(_square(row, column, color="#222222"))
-    aside = 0.32 if heat and view.shape[0] * view.shape[1] <= MOST_NUMBERS else 0
-    for name, row, column, _ in view.objects:
-        white = name == "pit" and not heat
-        letter = _letter(axes, LETTERS[name], row - aside, column - aside, "w" if white else "k")
-        if not heat:
-            axes.add_patch(_square(row, column, color=TINTS[name], alpha=0.8))
-        elif not aside:
-            letter.set_path_effects([withStroke(linewidth=2, foreground="w")])
-    for (row, column), letters in view.stacked_letters.items():
-        written = _letter(axes, letters, row - 0.3, column - 0.3)
-        written.set_bbox({"boxstyle": "circle,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6})
-    if legend and view.words:
-        axes.set_xlabel(f"column\n{view.words}", fontsize=8)
-
-
-def draw_heat(
-    axes: Axes,
-    view: GridView,
-    values: FloatArray,
-    palette: str,
-    limits: tuple[float, float],
-) -> AxesImage:
-    """Draw the values of a view's states, (n,), as colours, and as numbers where cells are few."""
-    low, high = limits
-    (top, left), (height, width) = view.origin, view.shape
-    grid = np.full((height, width), np.nan)
-    row, column = (view.cells - np.array(view.origin))[~view.ended].T
-    grid[row, column] = values[~view.ended]
-    extent = (left - 0.5, left + width - 0.5, top + height - 0.5, top - 0.5)
-    image = axes.imshow(grid, extent=extent, cmap=palette, vmin=low, vmax=high)
-    digits = 0 if max(abs(low), abs(high)) >= 100 else 1
-    for (row, column), value, over in zip(view.cells, values, view.ended, strict=True):
-        if over:
-            axes.add_patch(_square(row, column, fc="#eeeeee", ec="#bbbbbb", hatch="///", lw=0))
-        elif height * width <= MOST_NUMBERS:
-            red, green, blue, _ = image.to_rgba(value)
-            dark = 0.299 * red + 0.587 * green + 0.114 * blue < DARK
-            number = minus(f"{value:z.{digits}f}")
-            place: Any = {"ha": "center", "va": "center", "fontsize": 7}
-            axes.text(column + 0.05, row + 0.2, number, color="w" if dark else "k", **place)
-    return image
-
-
-def _draw_lines(axes: Axes, view: GridView) -> None:
-    """Draw the lines between the cells of a grid, north on top."""
     (top, left), (height, width) = view.origin, view.shape
     axes.set(
         xlim=(left - 0.5, left + width - 0.5),
@@ -154,21 +112,50 @@ def _draw_lines(axes: Axes, view: GridView) -> None:
         axes.axvline(x - 0.5, color="#dddddd", lw=0.5, zorder=0)
     for y in range(top, top + height + 1):
         axes.axhline(y - 0.5, color="#dddddd", lw=0.5, zorder=0)
+    for row, column in view.walls:
+        axes.add_patch(_square(row, column, color="#222222"))
+    middle: Any = {"ha": "center", "va": "center", "fontsize": 8, "fontweight": "bold"}
+    aside = 0.32 if heat and height * width <= MOST_NUMBERS else 0
+    for name, row, column, _ in view.objects:
+        colour = "w" if name == "pit" and not heat else "k"
+        letter = axes.text(column - aside, row - aside, LETTERS[name], color=colour, **middle)
+        if not heat:
+            axes.add_patch(_square(row, column, color=TINTS[name], alpha=0.8))
+        elif not aside:
+            letter.set_path_effects([withStroke(linewidth=2, foreground="w")])
+    for (row, column), letters in view.stacked_letters.items():
+        letter = axes.text(column - 0.3, row - 0.3, letters, color="k", **middle)
+        letter.set_bbox({"boxstyle": "circle,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6})
+    if legend and view.words:
+        axes.set_xlabel(f"column\n{view.words}", fontsize=8)
 
 
 def _square(row: float, column: float, **style: Any) -> Rectangle:
     return Rectangle((column - 0.5, row - 0.5), 1, 1, **style)
 
 
-def _letter(axes: Axes, text: str, row: float, column: float, colour: str = "k") -> Text:
-    """Return a bold letter, drawn in the middle of a place on the grid."""
-    middle: Any = {"ha": "center", "va": "center", "fontsize": 8, "fontweight": "bold"}
-    return axes.text(column, row, text, color=colour, **middle)
-
-
-PANEL = 2.6
-"""Width of a panel in inches."""
-SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+def _draw_heat(
+    axes: Axes, view: GridView, values: FloatArray, palette: str, limits: tuple[float, float]
+) -> AxesImage:
+    """Draw the values of a view's states, (n,), as colours, and as numbers where cells are few."""
+    low, high = limits
+    (top, left), (height, width) = view.origin, view.shape
+    grid = np.full((height, width), np.nan)
+    row, column = (view.cells - np.array(view.origin))[~view.ended].T
+    grid[row, column] = values[~view.ended]
+    extent = (left - 0.5, left + width - 0.5, top + height - 0.5, top - 0.5)
+    image = axes.imshow(grid, extent=extent, cmap=palette, vmin=low, vmax=high)
+    digits = 0 if max(abs(low), abs(high)) >= 100 else 1
+    place: Any = {"ha": "center", "va": "center", "fontsize": 7}
+    for (row, column), value, over in zip(view.cells, values, view.ended, strict=True):
+        if over:
+            axes.add_patch(_square(row, column, fc="#eeeeee", ec="#bbbbbb", hatch="///", lw=0))
+        elif height * width <= MOST_NUMBERS:
+            red, green, blue, _ = image.to_rgba(value)
+            colour = "w" if 0.299 * red + 0.587 * green + 0.114 * blue < DARK else "k"
+            number = minus(f"{value:z.{digits}f}")
+            axes.text(column + 0.05, row + 0.2, number, color=colour, **place)
+    return image
 
 
 def draw_potential(
@@ -237,7 +224,7 @@ def draw_potential(
         low, palette = -high, DIVERGING
     if low == high:
         low, high = low - 1, high + 1
-    image = draw_heat(axes, view, _best(task, values)[view.states], palette, (low, high))
+    image = _draw_heat(axes, view, _best(task, values)[view.states], palette, (low, high))
     draw_view(axes, view, heat=True)
     axes.set_title(label)
     if bar:
@@ -268,14 +255,6 @@ def _best(task: Task, values: npt.ArrayLike) -> FloatArray:
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(table))[0])
         raise SettingError(f"values must be finite: entry {place} is {table[place]}")
     return table if table.ndim == 1 else table.max(axis=1)
-
-
-class _Panel(NamedTuple):
-    """One heat map: its title and its values, (S,) or (S, A)."""
-
-    title: str
-    values: FloatArray
-    difference: bool = False
 
 
 @matplotlib.rc_context(STYLE)
@@ -325,24 +304,35 @@ def draw_sources(
     """
     curriculum = result.curriculum
     name = curriculum.target if target is None else target
-    if not curriculum.in_edges(name):
+    edges = curriculum.in_edges(name)
+    if not edges:
         raise CurriculumError(f"sources to draw need transfers into the task: {name!r} has none")
-    seeds = result[curriculum.in_edges(name)[0].source].seeds
+    seeds, task = result[edges[0].source].seeds, curriculum.tasks[name]
     one_of("seed", seed, seeds, SettingError)
-    panels, aggregate = _potential_panels(result, name, seeds.index(seed))
-    solution = Target.of(curriculum.tasks[name]).solution
+    k, numbered = seeds.index(seed), len(edges) > 1
+    panels = dict[str, npt.ArrayLike]()
+    for i, (edge, words) in enumerate(zip(edges, transfer_names(edges), strict=True), start=1):
+        phi = curriculum.potentials(name, result.sources, transfers=[edge])[k].values
+        panels[f"φ{f'{i}'.translate(SUBSCRIPTS) * numbered}: {words}"] = phi
+    potentials = result.potentials.get(name) or curriculum.potentials(name, result.sources)
+    aggregate = potentials[k].values
+    if numbered or not np.array_equal(aggregate, phi):
+        title = f"φ: {getattr(curriculum.setting('aggregate', name), '__name__', 'aggregate')}"
+        if name in result.calibrations:
+            title += f", calibrated × {result.calibrations[name][k].scale:.2g}"
+        panels[title] = aggregate
+    solution, error = Target.of(task).solution, None
     words = f"Seed {seed}. Values of the best action, all in one scale of return"
     if solution is None:
         words += "; the target cannot be solved, so V* is not drawn."
     else:
-        panels.append(_Panel("V* = max Q*", solution.values))
+        panels["V* = max Q*"] = solution.values
         error = aggregate.max(axis=1) - solution.values
-        panels.append(_Panel("φ(s, a*) − V*(s)", error, difference=True))
         words += (
             ". Last panel, in a scale of its own: φ of the action a* that φ prefers, minus V*; "
             "above 0 it is an overestimate."
         )
-    figure, view = _draw_panels(curriculum.tasks[name], panels, at)
+    figure, view = _draw_panels(task, panels, error, at)
     figure.suptitle(f"{name}: potentials from its sources")
     words += " Hatched: the episode is over." * bool(view.ended.any())
     if view.words:
@@ -351,46 +341,25 @@ def draw_sources(
     return figure
 
 
-def _potential_panels(
-    result: CurriculumResult, name: str, k: int
-) -> tuple[list[_Panel], FloatArray]:
-    """Return the panels of a seed's potentials, and the aggregate, (S, A)."""
-    curriculum, edges = result.curriculum, result.curriculum.in_edges(name)
-    each = [
-        curriculum.potentials(name, result.sources, transfers=[edge])[k].values for edge in edges
-    ]
-    numbers = [f"{i}".translate(SUBSCRIPTS) * (len(edges) > 1) for i in range(1, len(edges) + 1)]
-    panels = [
-        _Panel(f"φ{number}: {words}", values)
-        for number, words, values in zip(numbers, transfer_names(edges), each, strict=True)
-    ]
-    used = result.potentials.get(name) or curriculum.potentials(name, result.sources)
-    aggregate = used[k].values
-    if len(edges) > 1 or not np.array_equal(aggregate, each[0]):
-        function = curriculum.setting("aggregate", name)
-        title = f"φ: {getattr(function, '__name__', 'aggregate')}"
-        if name in result.calibrations:
-            title += f", calibrated × {result.calibrations[name][k].scale:.2g}"
-        panels.append(_Panel(title, aggregate))
-    return panels, aggregate
-
-
-def _draw_panels(task: Task, panels: Sequence[_Panel], at: At | None) -> tuple[Figure, GridView]:
-    """Return a figure of panels and their view; all but the differences share their colours."""
-    alike = [panel.values for panel in panels if not panel.difference]
-    limits, view = shared_limits(task, *alike, at=at), GridView.of(task, at)
-    columns = min(len(panels), 3 if len(panels) <= 6 else 4)
-    rows = -(-len(panels) // columns)
+def _draw_panels(
+    task: Task, panels: Mapping[str, npt.ArrayLike], error: FloatArray | None, at: At | None
+) -> tuple[Figure, GridView]:
+    """Return the figure of panels in the same colours, and of an error in its own; their view."""
+    limits, view = shared_limits(task, *panels.values(), at=at), GridView.of(task, at)
+    n = len(panels) + (error is not None)
+    columns = min(n, 3 if n <= 6 else 4)
+    rows = -(-n // columns)
     high = (PANEL - 0.6) * min(1.5, view.shape[0] / view.shape[1]) + 0.55
     figure, grid = new_figure(rows, columns, width=1 + PANEL * columns, height=0.8 + high * rows)
-    for axes in grid.flat[len(panels) :]:
+    for axes in grid.flat[n:]:
         axes.remove()
-    shared = dict[Axes, AxesImage]()
-    for axes, (title, values, difference) in zip(grid.flat, panels, strict=False):
-        drawn: Any = {"difference": True} if difference else {"limits": limits, "bar": False}
-        image = draw_potential(axes, task, values, label=title, at=at, **drawn)
+    shared = list(grid.flat[: len(panels)])
+    for axes, (title, values) in zip(shared, panels.items(), strict=True):
+        image = draw_potential(axes, task, values, label=title, at=at, limits=limits, bar=False)
+    if error is not None:
+        axes = grid.flat[n - 1]
+        draw_potential(axes, task, error, label="φ(s, a*) − V*(s)", at=at, difference=True)
+    for axes in grid.flat[:n]:
         axes.set_xlabel("column")
-        if not difference:
-            shared[axes] = image
-    figure.colorbar(next(iter(shared.values())), ax=[*shared], label="return", shrink=0.8)
+    figure.colorbar(image, ax=shared, label="return", shrink=0.8)
     return figure, view

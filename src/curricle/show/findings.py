@@ -1,16 +1,17 @@
 """The sections of a page in words and numbers: findings, forecast, and what was swept or tuned."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from markupsafe import Markup
 
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.verdicts import not_asked
 from curricle.learning.result import LearningResult
-from curricle.plotting.scales import minus, rounded, without_seeds
+from curricle.show.style import minus, rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
 from curricle.study.config.sweeps import value_text
@@ -20,31 +21,7 @@ from curricle.study.tuning import TuningRecord
 from curricle.study.units import numbered_seeds
 from curricle.text_tables import counted
 
-# -- The findings of a comparison in words: sentences for each arm, and a table of all measures ----
-
-MEASURES = {
-    "strong_gain": ("gain", "mean return over all steps, above that of scratch"),
-    "asymptotic_gain": ("asymptotic gain", "return at the end of all steps, above that of scratch"),
-    "probability_of_improvement": (
-        "P(improvement)",
-        "probability that a run has a higher mean return than a run from scratch",
-    ),
-    "strong_steps_saved": (
-        "steps saved",
-        "steps to the threshold within the budget, fewer than from scratch",
-    ),
-    "mean_return": ("mean return", "mean height of the curve over all steps"),
-    "weak_gain": ("gain", "mean return over target steps, above that of scratch"),
-    "jumpstart": ("jumpstart", "return at the first target step, above that of scratch"),
-    "weak_steps_saved": (
-        "steps saved",
-        "target steps to the threshold within the budget, fewer than from scratch",
-    ),
-}
-"""Measure of :meth:`Comparison.rows` -> its name, and what it is."""
-WEAK = ("weak_gain", "jumpstart", "weak_steps_saved")
-"""Measures of weak transfer, which do not count source steps."""
-TIMED = ("weak_steps_saved", "strong_steps_saved")
+# -- the findings of a comparison in sentences -----------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -57,14 +34,6 @@ class Finding:
     verdict: str
     sentences: tuple[str, ...]
     gain: Interval  # of strong transfer, in return
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One entry of the table: its text, and below that its interval or a note."""
-
-    text: str
-    below: str = ""
 
 
 def headline(comparison: Comparison) -> str:
@@ -209,47 +178,10 @@ def forest(found: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, floa
     return 100 * -low / width, {arm: (a, b, c) for arm, (a, b, c) in places.items()}
 
 
-def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
-    """Return the metrics of :meth:`Comparison.rows` as text: arm -> column -> entry.
-
-    Columns are those of `MEASURES`, and ``time``, ``p`` and ``source_steps``.
-    """
-    found = {}
-    for row in comparison.rows():
-        name, missed = row["arm"], row["seeds"] - row["reached"]
-        cells = {measure: _measured(comparison, row, measure) for measure in MEASURES}
-        cells["time"] = Cell(
-            "> " * (missed > 0) + f"{row['steps_to_threshold']:,.0f}",
-            f"{missed} of {row['seeds']} never" if missed else "",
-        )
-        p = row["adjusted_p"]
-        tested = name in comparison.verdicts and not comparison.withheld
-        cells["p"] = Cell(f"{p:.2g}" if tested else "")
-        cells["source_steps"] = Cell(f"{row['source_steps']:,.0f}")
-        found[name] = cells
-    return found
-
-
 def signed(interval: Interval) -> str:
     """Return an interval without its seeds, with a sign and no-break spaces."""
     sign = "+" * (float(interval.estimate) > 0)
     return (sign + without_seeds(interval)).replace(" ", "\xa0")
-
-
-def _measured(comparison: Comparison, row: dict[str, Any], measure: str) -> Cell:
-    numbers = (row[measure], row[f"{measure}_low"], row[f"{measure}_high"])
-    if math.isnan(numbers[0]):
-        return Cell("")
-    text, _, bounds = without_seeds(Interval(*numbers, 0.95, row["seeds"])).partition(" ")
-    if measure not in TIMED:
-        return Cell(text, bounds)
-    arm, scratch = (
-        comparison.times(name, strong=measure not in WEAK).reached
-        for name in (row["arm"], comparison.best_scratch)
-    )
-    if not arm.any() and not scratch.any():
-        return Cell("–", "never reached")
-    return Cell(text, bounds)
 
 
 def _count(found: list[str], own: list[str]) -> str:
@@ -260,7 +192,120 @@ def _count(found: list[str], own: list[str]) -> str:
     return f"all {len(own)} curricula" if len(found) == len(own) else f"{len(found)} of {len(own)}"
 
 
-# -- The forecast of each curriculum next to what was measured, and whether its shaping is safe ----
+# -- the table of all measures ---------------------------------------------------------------------
+
+Row = Mapping[str, Any]
+"""Of :meth:`Comparison.rows`."""
+STRONG, WEAK = "strong transfer (source steps count)", "weak transfer (target steps only)"
+
+
+class Cell(NamedTuple):
+    """An entry of the table: its text, and below that its interval or a note."""
+
+    text: str
+    below: str = ""
+
+
+class Column(NamedTuple):
+    """A column of the table: a new measure is a row of `COLUMNS`, which the page loops over."""
+
+    head: str
+    meaning: str  # below the table; with {threshold} and {window} of the comparison
+    cell: Callable[[str, Comparison, Row], Cell]  # of the column's key
+    transfer: str = STRONG  # the kind that it belongs to; empty where it is neither
+
+
+def _interval(measure: str, comparison: Comparison, row: Row) -> Cell:
+    numbers = (row[measure], row[f"{measure}_low"], row[f"{measure}_high"])
+    if math.isnan(numbers[0]):
+        return Cell("")
+    text, _, bounds = without_seeds(Interval(*numbers, 0.95, row["seeds"])).partition(" ")
+    return Cell(text, bounds)
+
+
+def _saved(measure: str, comparison: Comparison, row: Row) -> Cell:
+    cell, strong = _interval(measure, comparison, row), measure.startswith("strong")
+    arms = (row["arm"], comparison.best_scratch)
+    if cell.text and not any(comparison.times(arm, strong=strong).reached.any() for arm in arms):
+        return Cell("–", "never reached")
+    return cell
+
+
+def _time(measure: str, comparison: Comparison, row: Row) -> Cell:
+    missed = row["seeds"] - row["reached"]
+    below = f"{missed} of {row['seeds']} never" if missed else ""
+    return Cell("> " * (missed > 0) + f"{row[measure]:,.0f}", below)
+
+
+def _p(measure: str, comparison: Comparison, row: Row) -> Cell:
+    tested = row["arm"] in comparison.verdicts and not comparison.withheld
+    return Cell(f"{row[measure]:.2g}" if tested else "")
+
+
+def _whole(measure: str, comparison: Comparison, row: Row) -> Cell:
+    return Cell(f"{row[measure]:,.0f}")
+
+
+SAVED = "steps to the threshold within the budget, fewer than from scratch"
+COLUMNS = {
+    "strong_gain": Column("gain", "mean return over all steps, above that of scratch", _interval),
+    "adjusted_p": Column("p", "two-sided, of no gain, adjusted for the number of curricula", _p),
+    "probability_of_improvement": Column(
+        "P(improve&shy;ment)",
+        "probability that a run has a higher mean return than a run from scratch",
+        _interval,
+    ),
+    "asymptotic_gain": Column(
+        "asymp&shy;totic gain",
+        "return at the end of all steps, above that of scratch",
+        _interval,
+    ),
+    "mean_return": Column("mean return", "mean height of the curve over all steps", _interval),
+    "steps_to_threshold": Column(
+        "steps to threshold",
+        "total steps to a return of {threshold}, smoothed over {window} checkpoints; a seed that "
+        "never reaches it counts with all its steps, hence >; so it does in steps saved",
+        _time,
+    ),
+    "strong_steps_saved": Column("steps saved", SAVED, _saved),
+    "weak_gain": Column(
+        "gain", "mean return over target steps, above that of scratch", _interval, WEAK
+    ),
+    "jumpstart": Column(
+        "jumpstart", "return at the first target step, above that of scratch", _interval, WEAK
+    ),
+    "weak_steps_saved": Column("steps saved", f"target {SAVED}", _saved, WEAK),
+    "source_steps": Column(
+        "source steps", "steps in the sources, which strong transfer counts", _whole, ""
+    ),
+}
+"""Key in :meth:`Comparison.rows` -> its column."""
+
+
+def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
+    """Return the entries of the table: arm -> column -> entry."""
+    return {
+        row["arm"]: {key: column.cell(key, comparison, row) for key, column in COLUMNS.items()}
+        for row in comparison.rows()
+    }
+
+
+def meanings(comparison: Comparison) -> list[tuple[Markup, str]]:
+    """Return the name of each column, and what it means."""
+    threshold = rounded(comparison.threshold)
+    if comparison.threshold_from:
+        threshold += f" ({comparison.threshold_from})"
+    named = [
+        (Markup(column.head.replace("&shy;", "")) + " (weak)" * (column.transfer == WEAK), column)
+        for column in COLUMNS.values()
+    ]
+    return [
+        (name, column.meaning.format(threshold=threshold, window=comparison.window))
+        for name, column in named
+    ]
+
+
+# -- the forecast of each curriculum next to what was measured -------------------------------------
 
 
 @dataclass(frozen=True)
@@ -330,7 +375,7 @@ def _sources_alike(arm: str, other: str, curricula: CurriculaRecord) -> bool:
     )
 
 
-# -- The section of a page on a sweep or a tuning: what was tried, what was best, main effects -----
+# -- what was swept or tuned: what was tried, what was best, main effects --------------------------
 
 NONE = "–"
 

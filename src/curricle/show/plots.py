@@ -1,6 +1,9 @@
-"""Learning curves, one or those of all arms, and the figure of a comparison."""
+"""Figures of what was learnt, of comparisons and forecasts, and figures as files."""
 
+import io
+import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -9,26 +12,165 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from curricle.array_types import IntArray
+from curricle.checks import brief, numbers
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.forecasts import Forecast
 from curricle.comparison.verdicts import SIGNIFICANT
-from curricle.curriculum.result import MOST_CURVES
+from curricle.curriculum.result import MOST_CURVES, CurriculumResult
 from curricle.errors import SettingError
+from curricle.files import write_whole
 from curricle.learning.result import LearningResult, shown_returns
-from curricle.plotting.scales import minus, return_scale, steps_scale, without_seeds
-from curricle.plotting.styles import (
+from curricle.show.grids import draw_potential
+from curricle.show.style import (
     COLOURS,
     STYLE,
     ArmStyle,
     ShownFigure,
     arm_styles,
     caption,
+    minus,
     new_figure,
+    return_scale,
+    rounded,
+    steps_scale,
+    without_seeds,
     write_columns,
 )
 from curricle.statistics.curves import SCRATCH, Curve, smooth
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.intervals import CONFIDENCE, mean_interval, seed_line
 from curricle.statistics.metrics import asymptotic_performance
+
+METADATA: dict[str, dict[str, Any]] = {
+    ".png": {},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
+}
+"""Ending -> metadata. Without a date the same results give the same file."""
+
+
+def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> Figure:
+    """Return the figure of what was found, and write it to a file if a path is given.
+
+    Parameters
+    ----------
+    subject : Comparison, Forecast, StudyResults, LearningResult, CurriculumResult or array
+        Of a comparison, a study or a trial: curves, profiles and gains of the arms. Of a forecast
+        its rows. Of what was learnt its learning curve, of a curriculum those of its last tasks.
+        Of values, (S,) or (S, A) float64, the best of each state as a heat map of their `task`.
+    path : str or Path, optional
+        Ending in .png, .svg or .pdf, in a folder that exists. An existing file is replaced only
+        when the new one is complete.
+    task : Task, optional
+        Of an array of values: one whose states lie on a grid, as in :func:`draw_potential`.
+
+    Raises
+    ------
+    SettingError
+        When the subject or the file's ending is another, a task is given without values or the
+        other way round, states do not lie on a grid, or the file cannot be written.
+    StoreError, CurricleError
+        As of ``StudyResults.comparison``, where a study cannot be compared.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, GridWorld, Transfer, compare, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
+    ...     budget={"corner": 500, "maze": 2000})
+    >>> figure = plot(compare(plan, seeds=3))
+    >>> len(figure.axes)
+    3
+    >>> plot(plan.train()["maze"].values[0], task=maze).axes[0].get_title()
+    'max Q(s, a)'
+    """
+    if path is not None:
+        check_path(path)
+    figure = _drawn(subject) if task is None else _drawn_values(subject, task)
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def _drawn(subject: Any) -> Figure:
+    if isinstance(subject, Forecast):
+        return draw_forecast(subject)
+    if isinstance(subject, LearningResult):
+        name = "learning" if subject.task is None else type(subject.task).__name__
+        return draw_results({name: subject})
+    if isinstance(subject, CurriculumResult) and subject.nodes:
+        return draw_results(subject.nodes)
+    compared = getattr(subject, "comparison", subject)  # of a study or a trial, or itself
+    if isinstance(compared, Comparison):
+        return draw_comparison(compared)
+    known = "a Comparison, Forecast, StudyResults, LearningResult or CurriculumResult"
+    raise SettingError(
+        f"what is plotted must be {known}, or an array of values with its task: got "
+        f"{brief(subject)}"
+    )
+
+
+@matplotlib.rc_context(STYLE)
+def _drawn_values(values: Any, task: Any) -> Figure:
+    """Return values of states, or the best of their actions, over a task's grid."""
+    array = numbers("the values of a task", values, SettingError)
+    figure, axes = new_figure(1, 1, width=5.5, height=4.2)
+    label = "max Q(s, a)" if array.ndim == 2 else "V(s)"
+    draw_potential(axes[0, 0], task, array, label=label)
+    return figure
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure to a file, as :func:`plot` does; the same bytes every time.
+
+    Raises
+    ------
+    SettingError
+        When the path is none for a picture, or the file cannot be written.
+
+    Examples
+    --------
+    >>> save(Figure(), "picture.bmp")
+    Traceback (most recent call last):
+    curricle.errors.SettingError: a picture's file must end in .png, .svg, .pdf: got picture.bmp
+    """
+    place = check_path(path)
+    try:
+        write_whole(place, content_of(figure, place.suffix.lower()))
+    except OSError as error:
+        raise SettingError(f"a picture cannot be written to {place} ({error.strerror})") from error
+
+
+def content_of(figure: Figure, ending: str) -> bytes:
+    """Return the content of a figure's file that ends in .png, .svg or .pdf, the same every time.
+
+    Examples
+    --------
+    >>> content_of(Figure(), ".png")[1:4]
+    b'PNG'
+    """
+    content = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(content, format=ending[1:], metadata=METADATA[ending])
+    return content.getvalue()
+
+
+def check_path(path: str | Path) -> Path:
+    """Return the path of a picture, or raise SettingError if none can be written there."""
+    if not isinstance(path, str | Path):
+        raise SettingError(f"a picture's file must be a path: got {path!r}")
+    place = Path(path)
+    if place.suffix.lower() not in METADATA:
+        raise SettingError(f"a picture's file must end in {', '.join(METADATA)}: got {place}")
+    if place.is_dir() or not place.parent.is_dir():
+        raise SettingError(f"a picture needs a file in a folder that exists: got {place}")
+    return place
+
+
+# -- learning curves --------------------------------------------------------------------------------
 
 ALL = 10**9
 """More checkpoints than a curve has."""
@@ -108,13 +250,13 @@ def draw_results(results: Mapping[str, LearningResult]) -> Figure:
     """
     shown = [*results.items()][-MOST_CURVES:]
     figure, grid = new_figure(1, len(shown), width=1 + 4.2 * len(shown), height=3.4)
-    for axes, (name, one) in zip(grid[0], shown, strict=True):
-        named, values = shown_returns(one)
-        line = seed_line(name, one.steps, values)
+    for axes, (name, result) in zip(grid[0], shown, strict=True):
+        named, values = shown_returns(result)
+        line = seed_line(name, result.steps, values)
         axes.plot(line.steps, line.values, color=COLOURS["blue"], lw=1.5)
         axes.fill_between(line.steps, line.low, line.high, color=COLOURS["blue"], alpha=0.2, lw=0)
         axes.set_title(name)
-        steps_scale(axes, int(one.steps[-1]))
+        steps_scale(axes, int(result.steps[-1]))
         drawn = axes.dataLim
         if np.isfinite([drawn.y0, drawn.y1]).all():
             return_scale(axes.yaxis, drawn.y0, drawn.y1, named)
@@ -188,7 +330,7 @@ def draw_arms(
 
 def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]:
     """Return arms in the order of drawing: the scratch baseline and the curricula over controls."""
-    return sorted(styles.items(), key=lambda one: not one[1].control)
+    return sorted(styles.items(), key=lambda arm: not arm[1].control)
 
 
 def random_level(comparison: Comparison) -> float:
@@ -241,12 +383,12 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
     ends = np.concatenate(list(final.values()))
     return_scale(axes.xaxis, float(ends.min()), float(ends.max()), "τ: final return")
     tau = np.unique([*axes.get_xlim(), *ends])
-    own = left = sum(not style.control for style in styles.values())
+    curricula = left = sum(not style.control for style in styles.values())
     for name, style in controls_first(styles):
         share = performance_profile(final[name], tau, confidence=comparison.confidence)
         left -= not style.control
         # Later lines are thinner, so that none hides one below it.
-        width = 1.2 + (0.0 if style.control else 2 * left / own)
+        width = 1.2 + (0.0 if style.control else 2 * left / curricula)
         drawn: Any = {"color": style.colour, "label": name, "lw": width, "drawstyle": "steps-post"}
         axes.plot(tau, share.estimate, linestyle=style.dashes, **drawn)
         if share.n > 1:
@@ -317,4 +459,88 @@ def _words(comparison: Comparison) -> str:
         "return; circle, where the first seed begins the target. Middle: final is the mean over "
         "the last tenth of the checkpoints. Right: the mean return is the mean height of the left "
         f"curve{sure}.{' Dashed and greyer: controls.' * controls}"
+    )
+
+
+# -- forecasts --------------------------------------------------------------------------------------
+
+BAR_HEIGHT = 0.28
+
+
+@matplotlib.rc_context(STYLE)
+def draw_forecast(forecast: Forecast) -> Figure:
+    """Return the figure of a forecast: bars from the random policy's return to predicted starts.
+
+    A row for each aggregate, the best start first, then a row for each transfer alone.
+    """
+    rows = forecast.rows
+    figure, grid = new_figure(1, 1, width=7.5, height=1.6 + BAR_HEIGHT * max(len(rows), 3))
+    axes = grid[0, 0]
+    _draw_bars(axes, forecast)
+    _draw_bounds(axes, forecast)
+    over = "φ > Q*" if forecast.solved else "φ > return"
+    shares = [f"{row.mean('optimistic'):.0%}" for row in rows]
+    scales = ["none" if math.isnan(row.scale) else f"× {row.scale:.2g}" for row in rows]
+    write_columns(axes, [(over, *shares), ("scale", *scales)])
+    axes.set_xlabel("expected return of the greedy policy")
+    # The sources' names are not in the caption: lines that are wrapped read dollars as formulas.
+    figure.suptitle(
+        f"{forecast.target}: where learning would start, not what it gains\n"
+        f"a forecast {forecast.computed_from}"
+    )
+    caption(figure, _forecast_words(forecast))
+    return figure
+
+
+def _draw_bars(axes: Axes, forecast: Forecast) -> None:
+    """Draw a bar and the dots of its seeds in each row, from the top."""
+    names, low = [], forecast.random_return
+    for y, row in enumerate(forecast.rows):
+        colour = COLOURS["blue" if row.aggregate else "grey"]
+        alpha = 0.9 if row.used else 0.45
+        axes.barh(y, row.mean("start") - low, 0.62, low, color=colour, alpha=alpha)
+        starts = [seed.start for seed in row.seeds]
+        # Seeds lie side by side, so that equal ones can be seen.
+        heights = y + 0.2 * np.linspace(-1, 1, len(starts)) * (len(starts) > 1)
+        axes.plot(starts, heights, "o", color="k", ms=2.5)
+        names.append(row.name + " (used)" * row.used)
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+
+
+def _draw_bounds(axes: Axes, forecast: Forecast) -> None:
+    """Draw the random policy's return and the optimum as labelled lines."""
+    for name, bound, dashes, side in (
+        ("random policy", forecast.random_return, ":", "left"),
+        ("optimum", forecast.optimum, "-", "right"),
+    ):
+        if math.isnan(bound):
+            continue
+        axes.axvline(bound, color=COLOURS["black"], lw=1, linestyle=dashes)
+        above: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+        words = f"{name} {rounded(bound)}"
+        axes.annotate(words, (bound, 1), (0, 3), ha=side, fontsize=7.5, **above)
+    axes.use_sticky_edges = False
+    axes.margins(x=0.04)
+    axes.xaxis.set_major_formatter(lambda x, _: minus(f"{x:,g}"))
+
+
+def _forecast_words(forecast: Forecast) -> str:
+    """Return the caption."""
+    seeds = len(forecast.rows[0].seeds)
+    bars = "Bars: mean over seeds; dots: seeds" if seeds > 1 else "One seed"
+    returns = "exact" if forecast.exact else "by rollouts"
+    over = (
+        "φ > Q*: share of state-action pairs whose potential φ is above their optimal value"
+        if forecast.solved
+        else "φ > return: share of the steps of φ's greedy policy on which φ is above the return "
+        "to go"
+    )
+    alone = any(not row.aggregate for row in forecast.rows)
+    colours = " Blue: all transfers together; grey: one alone." * alone
+    return (
+        f"{bars}; no intervals. Returns are {returns}; nothing is learnt in the target yet. "
+        f"{over}. Scale: what a calibration would multiply φ by.{colours}"
     )

@@ -11,8 +11,8 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.learning.result import LearningResult
-from curricle.plotting.learning_curves import places
-from curricle.plotting.scales import rounded
+from curricle.show.plots import places
+from curricle.show.style import rounded
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
 from curricle.study.record import ArmRecord, CurriculaRecord

@@ -1,6 +1,8 @@
 """Grid views: the states of a task that a grid shows, the cell of each, and what moves.
 
-:mod:`curricle.plotting.grids` draws a view with Matplotlib, :mod:`curricle.report.svg` as SVG.
+`grids` draws a view with Matplotlib, `replay` as SVG, `scenes` as pixels and text. Like `scenes`
+this module knows tasks alone: episodes, environments and the records of studies need it, and they
+lie below the rest of this package.
 """
 
 import re
@@ -21,6 +23,8 @@ from curricle.tasks.task import generative_model, has_tables, tables
 
 At = Mapping[str, Any]
 """Component name -> its value, a number, a label, or for a cell (row, column)."""
+Letters = tuple[tuple[str, int, int], ...]
+"""Letter, row and column."""
 
 STRIP, LONGEST_STRIP = 6, 60
 """States without geometry stand in a strip: states a row, and states at most."""
@@ -55,14 +59,14 @@ class GridView:
     shape: tuple[int, int]  # rows and columns
     actions: tuple[str, ...]  # A names
     directions: tuple[int, ...] | None  # (A,): 0 stay, 1 north ... 4 west; None where none moves
-    letters: tuple[tuple[str, int, int], ...] = ()  # of the fixed components: letter, row, column
+    letters: Letters = ()  # of the fixed components
     words: str = ""  # what is free and what is fixed, and what the letters mean
     is_map: bool = True  # whether cells are places of the task; in a strip they are states in order
     markers: tuple[Marker, ...] = ()  # what moves during an episode; empty if it is not replayed
+    # Of a grid: name, row, column, and whether it ends the episode.
     objects: tuple[tuple[str, int, int, bool], ...] = ()
-    """Of a grid: name, row, column, and whether it ends the episode."""
+    # Cells in which no state lies and that are no walls, counted by rows, (m,).
     air: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-    """Cells in which no state lies and that are no walls, counted by rows, (m,)."""
 
     @classmethod
     def of(cls, task: Any, at: At | None = None) -> "GridView":
@@ -75,7 +79,7 @@ class GridView:
         fixed = {} if at is None else at
         instance("at", fixed, Mapping, SettingError)
         layout = layout_of(task)
-        if layout is None or (_by_components(task) and set(fixed) & set(layout.components)):
+        if layout is None or (not _says_where(task) and set(fixed) & set(layout.components)):
             return _of_components(task, fixed)
         return _of_layout(task, layout, fixed)
 
@@ -89,8 +93,8 @@ class GridView:
         """
         space = generative_model(task).states
         read = {component.name: labelled_cells(component) for component in space.components}
-        labelled = {name: found for name, found in read.items() if found is not None}
-        if labelled and _by_components(task):
+        labelled = {name: cells for name, cells in read.items() if cells is not None}
+        if labelled and not _says_where(task):
             return _of_agents(task, space, labelled)
         if (layout := layout_of(task)) is not None:
             if layout.shape[0] * layout.shape[1] > MOST_CELLS:
@@ -129,19 +133,19 @@ def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) ->
     generative = generative_model(task)
     terminal, actions = generative.terminal, generative.actions
     ended = np.zeros(len(states), bool) if terminal is None else terminal[states]
-    names = tuple(action_name(actions, one).removeprefix("action ") for one in range(actions.size))
+    names = tuple(action_name(actions, a).removeprefix("action ") for a in range(actions.size))
     alone = len(actions.names) == 1
-    own = [one for one in actions.components if one.name == mover or alone]
+    part = next((part for part in actions.components if part.name == mover or alone), None)
     directions: tuple[int, ...] | None = None
-    if is_map and own and set(own[0].labels or ("",)) <= set(DIRECTIONS):
-        moves = actions.decode()[own[0].name]
-        directions = tuple(DIRECTIONS[own[0].label(int(move))] for move in moves)
+    if is_map and part is not None and set(part.labels or ("",)) <= set(DIRECTIONS):
+        moves = actions.decode()[part.name].tolist()
+        directions = tuple(DIRECTIONS[part.label(move)] for move in moves)
     return {"ended": ended, "actions": names, "directions": directions}
 
 
-def _by_components(task: Any) -> bool:
-    """Return whether a task does not say itself where its states lie."""
-    return not isinstance(getattr(task, "layout", None), GridLayout)
+def _says_where(task: Any) -> bool:
+    """Return whether a task says itself where its states lie."""
+    return isinstance(getattr(task, "layout", None), GridLayout)
 
 
 def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
@@ -160,31 +164,29 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
     start = _start_of(task) if others else 0
     shown, keys = np.ones(space.size, bool), list[str]()
     for part in others:
-        given = fixed.get(part.name, int(values[part.name][start]))
-        value = _value(part, given)
+        value = _value(part, fixed.get(part.name, int(values[part.name][start])))
         shown &= values[part.name] == value
         if part.name not in layout.markers:
             keys.append(f"{part.name} {part.label(value)}")
-    states, letters = np.flatnonzero(shown), list[tuple[str, int, int]]()
+    states = np.flatnonzero(shown)
     if not states.size:
         raise SettingError(f"at must leave a state to draw: none is as in {dict(fixed)}")
-    for name in layout.markers:
-        row, column = layout.markers[name][states[0]].tolist()
-        letters.append((_letter_of(name, [taken for taken, *_ in letters]), row, column))
+    letters, legend = _lettered({name: at[states[0]] for name, at in layout.markers.items()})
     cells, objects = layout.cells[states], dict.fromkeys(name for name, *_ in layout.objects)
-    legend = [f"{LETTERS[name]}: {name}" for name in objects]
-    legend += [
-        f"{letter}: {name}" for (letter, *_), name in zip(letters, layout.markers, strict=True)
-    ]
+    air = np.ones(layout.shape, bool)
+    for taken in (layout.wall_cells, cells):
+        air[tuple((taken - layout.origin).T)] = False
     return GridView(
         states=states,
         cells=cells,
         origin=layout.origin,
         shape=layout.shape,
-        letters=tuple(letters),
-        words=", ".join(legend + keys),
+        letters=letters,
+        words=", ".join(
+            [*(f"{LETTERS[name]}: {name}" for name in objects), *legend.values(), *keys]
+        ),
         objects=layout.objects,
-        air=_air(layout, cells),
+        air=np.flatnonzero(air),
         **_of_task(task, states, None, is_map=True),
     )
 
@@ -196,41 +198,42 @@ def _start_of(task: Any) -> int:
     return reset_state(task) if is_live(task) else 0
 
 
-def _air(layout: GridLayout, cells: IntArray) -> IntArray:
-    """Return the places, counted by rows, that are neither walls nor among the `cells`."""
-    air = np.ones(layout.shape, bool)
-    for taken in (layout.wall_cells, cells):
-        air[tuple((taken - layout.origin).T)] = False
-    return np.flatnonzero(air)
-
-
 def labelled_cells(component: Component) -> IntArray | None:
     """Return the row and column of each value, (size, 2); None if its labels are no cells."""
-    found = [match for label in component.labels or () if (match := _CELL.fullmatch(label))]
-    if len(found) < component.size:
+    matches = [match for label in component.labels or () if (match := _CELL.fullmatch(label))]
+    if len(matches) < component.size:
         return None
-    return np.array([match.groups() for match in found], dtype=np.int64)
+    return np.array([match.groups() for match in matches], dtype=np.int64)
 
 
 def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
     """Return the view of the states whose other components are fixed."""
     space = generative_model(task).states
     _check_names(fixed, space.names)
-    given = {name: _value(space.component(name), value) for name, value in fixed.items()}
-    free = [component for component in space.components if component.name not in given]
-    cells, values = _grid_of(free, space)
-    states = space.encode(**given, **values)
-    letters, words = _letters(space, given, free)
+    values = {name: _value(space.component(name), value) for name, value in fixed.items()}
+    free = [component for component in space.components if component.name not in values]
+    cells, sides = _grid_of(free, space)
+    states = space.encode(**values, **sides)
     there = states != MISSING
     (top, left), (bottom, right) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
-    shape = (bottom - top + 1, right - left + 1)
+    kept = {part.name: part for part in space.components if part.name in values}
+    by_value = {name: labelled_cells(part) for name, part in kept.items()}
+    letters, legend = _lettered(
+        {
+            name: places[values[name] - kept[name].low]
+            for name, places in by_value.items()
+            if places is not None
+        }
+    )
+    words = [legend.get(name, f"{name} {kept[name].label(values[name])}") for name in kept]
+    what = f"cells: where {free[0].name} is" if len(free) == 1 else ""
     return GridView(
         states=states[there],
         cells=cells[there],
         origin=(top, left),
-        shape=shape,
+        shape=(bottom - top + 1, right - left + 1),
         letters=letters,
-        words=words,
+        words="; ".join(filter(None, (what, ", ".join(words)))),
         **_of_task(task, states[there], mover, is_map=True),
     )
 
@@ -259,46 +262,36 @@ def _grid_of(free: list[Component], space: Space) -> tuple[IntArray, dict[str, I
     )
 
 
-def _value(component: Component, given: Any) -> int:
+def _value(component: Component, value: Any) -> int:
     """Return a component's value from a number, a label, or a cell's row and column."""
-    label, labels = given, component.labels or ()
-    if isinstance(given, tuple | list | np.ndarray):
-        label = f"({','.join(str(int(part)) for part in given)})"
+    label, labels = value, component.labels or ()
+    if isinstance(value, tuple | list | np.ndarray):
+        label = f"({','.join(str(int(part)) for part in value)})"
     if isinstance(label, str) and label in labels:
         return component.low + labels.index(label)
     high = component.low + component.size - 1
-    if isinstance(given, int | np.integer) and component.low <= given <= high:
-        return int(given)
+    if isinstance(value, int | np.integer) and component.low <= value <= high:
+        return int(value)
     raise SettingError(
         f"{component.name} runs from {component.label(component.low)} to {component.label(high)}: "
-        f"got {given!r}"
+        f"got {value!r}"
     )
 
 
-def _letters(
-    space: Space, given: Mapping[str, int], free: list[Component]
-) -> tuple[tuple[tuple[str, int, int], ...], str]:
-    """Return the letters of the fixed cells, and the legend of the picture."""
-    letters, keys = list[tuple[str, int, int]](), list[str]()
-    for component in space.components:
-        if component.name not in given:
-            continue
-        value, cells = given[component.name], labelled_cells(component)
-        if cells is None:
-            keys.append(f"{component.name} {component.label(value)}")
-            continue
-        letter = _letter_of(component.name, [taken for taken, *_ in letters])
-        row, column = cells[value - component.low]
+def _lettered(places: Mapping[str, IntArray]) -> tuple[Letters, dict[str, str]]:
+    """Return the letters of what is fixed in cells, name -> (row, column), and what they mean."""
+    letters = list[tuple[str, int, int]]()
+    for name, (row, column) in places.items():
+        letter = _letter_of(name, [letter for letter, *_ in letters])
         letters.append((letter, int(row), int(column)))
-        keys.append(f"{letter}: {component.name}")
-    what = f"cells: where {free[0].name} is" if len(free) == 1 else ""
-    return tuple(letters), "; ".join(filter(None, (what, ", ".join(keys))))
+    legend = {name: f"{letter}: {name}" for (letter, *_), name in zip(letters, places, strict=True)}
+    return tuple(letters), legend
 
 
-def _letter_of(name: str, taken: list[str]) -> str:
+def _letter_of(name: str, taken: Collection[str]) -> str:
     """Return the number that a name ends in, or its first letter that is not taken yet."""
     candidates = re.findall(r"\d+$", name) + [char.upper() for char in name if char.isalnum()]
-    return next((one for one in candidates if one not in taken), "?")
+    return next((letter for letter in candidates if letter not in taken), "?")
 
 
 def _of_agents(task: Any, space: Space, cells: Mapping[str, IntArray]) -> GridView | None:
