@@ -6,7 +6,7 @@ import pytest
 
 import curricle as cr
 from curricle.paper.reproduce import reproduce
-from tests.unit.report.studies import chain_plan, hunt_plan, page_of, record
+from tests.unit.show.studies import chain_plan, hunt_plan, page_of, record
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""

@@ -241,7 +241,7 @@ def played(
     )
 
 
-# -- pictures that environments draw themselves -----------------------------------------------------
+# -- pictures that environments draw themselves ----------------------------------------------------
 
 PICTURES = "rgb_array"
 

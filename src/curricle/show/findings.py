@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.verdicts import not_asked
-from curricle.learning.result import LearningResult
+from curricle.show.graph import Learnt
 from curricle.show.style import minus, rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
@@ -20,6 +20,9 @@ from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.tuning import TuningRecord
 from curricle.study.units import numbered_seeds
 from curricle.text_tables import counted
+
+Row = Mapping[str, Any]
+"""Of :meth:`Comparison.rows`."""
 
 # -- the findings of a comparison in sentences -----------------------------------------------------
 
@@ -41,39 +44,46 @@ def headline(comparison: Comparison) -> str:
 
     Where there is no verdict it says why, and nothing else.
     """
-    own = list(comparison.verdicts)
-    if words := comparison.withheld:
-        return f"{words[0].upper()}{words[1:]}."
-    paid = [name for name, one in comparison.verdicts.items() if one.direction > 0]
-    harmed = [name for name, one in comparison.verdicts.items() if one.direction < 0]
+    verdicts, seeds = comparison.verdicts, counted(comparison.seeds, "seed")
+    if comparison.withheld:
+        return _sentence(comparison.withheld)
+    paid = [name for name, verdict in verdicts.items() if verdict.direction > 0]
+    harmed = [name for name, verdict in verdicts.items() if verdict.direction < 0]
+    open_ = len(verdicts) - len(paid) - len(harmed)
+    if open_ and not paid and not harmed:
+        return "No curriculum is shown to differ from learning the target from scratch."
     counts = [
-        f"{_count(found, own)} {words[len(found) > 1]}"
-        for found, words in (
+        f"{_count(names, len(verdicts))} {words[len(names) > 1]}"
+        for names, words in (
             (paid, ("pays for itself", "pay for themselves")),
             (harmed, ("costs more than it brings", "cost more than they bring")),
         )
-        if found
+        if names
     ]
-    open_ = len(own) - len(paid) - len(harmed)
-    if open_ and not counts:
-        return "No curriculum is shown to differ from learning the target from scratch."
     if open_:
         counts.append(f"{open_} show{'s' * (open_ == 1)} no difference")
-    summary = ", ".join(counts)
-    most = max(
-        paid or harmed, key=lambda name: abs(float(comparison.contrasts[name].strong_gain.estimate))
-    )
-    gain = signed(comparison.contrasts[most].strong_gain)
-    leading = f"{most} most, " * (len(paid or harmed) > 1) or f"{most}, " * (len(own) > 1)
-    several = len(comparison.scratches) > 1
-    rival = (
-        f"the best learner from {comparison.best_scratch}" if several else "learning from scratch"
-    )
+    gains = {name: comparison.contrasts[name].strong_gain for name in paid or harmed}
+    most = max(gains, key=lambda name: abs(float(gains[name].estimate)))
+    leading = f"{most} most, " * (len(gains) > 1) or f"{most}, " * (len(verdicts) > 1)
+    rival = "learning from scratch"
+    if len(comparison.scratches) > 1:
+        rival = f"the best learner from {comparison.best_scratch}"
     return (
-        f"{summary[0].upper()}{summary[1:]}: {leading}{gain} mean return against {rival}, source "
-        "steps counted, over "
-        f"{counted(comparison.seeds, 'seed')}.{_why(comparison)}"
+        f"{_sentence(', '.join(counts), ':')} {leading}{signed(gains[most])} mean return against "
+        f"{rival}, source steps counted, over {seeds}.{_why(comparison)}"
     )
+
+
+def _sentence(words: str, end: str = ".") -> str:
+    return f"{words[0].upper()}{words[1:]}{end}"
+
+
+def _count(names: list[str], all_: int) -> str:
+    if all_ == 1:
+        return "the curriculum"
+    if len(names) == all_ == 2:
+        return "both curricula"
+    return f"all {all_} curricula" if len(names) == all_ else f"{len(names)} of {all_}"
 
 
 def _why(comparison: Comparison) -> str:
@@ -84,9 +94,14 @@ def _why(comparison: Comparison) -> str:
             by_words.setdefault(reason.words, []).append(name)
     if len(comparison.verdicts) == 1:
         return "".join(f" It pays {words}." for words in by_words)
-    return "".join(
-        f" {words[0].upper()}{words[1:]}: {', '.join(names)}." for words, names in by_words.items()
-    )
+    reasons = (f"{words}: {', '.join(names)}" for words, names in by_words.items())
+    return "".join(f" {_sentence(reason)}" for reason in reasons)
+
+
+def signed(interval: Interval) -> str:
+    """Return an interval without its seeds, with a sign and no-break spaces."""
+    sign = "+" * (float(interval.estimate) > 0)
+    return (sign + without_seeds(interval)).replace(" ", "\xa0")
 
 
 def findings(comparison: Comparison) -> tuple[Finding, ...]:
@@ -95,7 +110,7 @@ def findings(comparison: Comparison) -> tuple[Finding, ...]:
     return tuple(_finding(comparison, name, rows) for name in comparison.contrasts)
 
 
-def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any]]) -> Finding:
+def _finding(comparison: Comparison, name: str, rows: Mapping[str, Row]) -> Finding:
     contrast, row = comparison.contrasts[name], rows[name]
     tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
     tested = name in comparison.verdicts and not comparison.withheld
@@ -107,41 +122,37 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, dict[str, Any
         _reached(comparison, row, rows[comparison.best_scratch]),
     ]
     apart = map(comparison.cluster_sentence, (name, comparison.best_scratch))
-    sentences += [f"{words[0].upper()}{words[1:]}." for words in apart if words]
+    sentences += [_sentence(words) for words in apart if words]
     if name in comparison.control_verdicts:
         words = comparison.control_sentence(name).removeprefix(f"{name} ")
-        sentences.append(f"{words[0].upper()}{words[1:]}.")
+        sentences.append(_sentence(words))
     if name in comparison.verdicts:
-        sentences += _reason(comparison, name)
-    if unlearnt := row["unlearnt"]:
-        sentences.append(f"{unlearnt[0].upper()}{unlearnt[1:]}.")
+        # Why a curriculum pays, as far as the verdict does not say it.
+        reason, cheaper = comparison.reasons[name], comparison.cheaper_way(name)
+        if cheaper:
+            sentences.append(_sentence(cheaper))
+        if reason.why in ("level", "mostly level") and reason.share < 1:
+            sentences.append(f"At most {reason.share:.0%} of its gain is by what it knows.")
+        if open_ := not_asked([reason]):
+            sentences.append(_sentence(open_))
+    if row["unlearnt"]:
+        sentences.append(_sentence(row["unlearnt"]))
     control = comparison[name].control
     return Finding(name, control, tone, contrast.answer, tuple(sentences), contrast.strong_gain)
 
 
-def _reason(comparison: Comparison, name: str) -> list[str]:
-    """Return the sentences about why a curriculum pays that the verdict does not hold."""
-    reason, cheaper = comparison.reasons[name], comparison.cheaper_way(name)
-    found = [f"{cheaper[0].upper()}{cheaper[1:]}."] if cheaper else []
-    if reason.why in ("level", "mostly level") and reason.share < 1:
-        found.append(f"At most {reason.share:.0%} of its gain is by what it knows.")
-    if open_ := not_asked([reason]):
-        found.append(f"{open_[0].upper()}{open_[1:]}.")
-    return found
-
-
-def _reached(comparison: Comparison, row: dict[str, Any], scratch: dict[str, Any]) -> str:
+def _reached(comparison: Comparison, row: Row, scratch: Row) -> str:
     """Return the sentence about the threshold."""
     threshold, seeds = rounded(comparison.threshold), comparison.seeds
     if not row["reached"] and not scratch["reached"]:
         return f"Neither it nor scratch reaches {threshold} in any seed."
 
-    def when(one: dict[str, Any]) -> str:
-        if not one["reached"]:
+    def when(row: Row) -> str:
+        if not row["reached"]:
             return "in no seed"
-        some = f" in {one['reached']} of {counted(seeds, 'seed')}" if one["reached"] < seeds else ""
+        some = f" in {row['reached']} of {counted(seeds, 'seed')}" if row["reached"] < seeds else ""
         bound = "at least " if some else ""
-        return f"after {bound}{one['steps_to_threshold']:,.0f} steps on average{some}"
+        return f"after {bound}{row['steps_to_threshold']:,.0f} steps on average{some}"
 
     return f"Reaches {threshold} {when(row)}; scratch {when(scratch)}."
 
@@ -165,37 +176,26 @@ def too_few(comparison: Comparison) -> str:
     )
 
 
-def forest(found: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, float, float]]]:
-    """Return the places of 0 and of each gain's low, estimate and high on one axis, in percent."""
-    ends: dict[str, list[float]] = {}
-    for one in found:
-        middle = float(one.gain.estimate)
-        low, high = (float(end) for end in (one.gain.low, one.gain.high))
-        ends[one.arm] = [middle if math.isnan(low) else low, middle, max(middle, high)]
-    marks = [0.0, *(value for values in ends.values() for value in values)]
-    low, width = min(marks), (max(marks) - min(marks)) or 1.0
-    places = {arm: [100 * (value - low) / width for value in ends[arm]] for arm in ends}
-    return 100 * -low / width, {arm: (a, b, c) for arm, (a, b, c) in places.items()}
-
-
-def signed(interval: Interval) -> str:
-    """Return an interval without its seeds, with a sign and no-break spaces."""
-    sign = "+" * (float(interval.estimate) > 0)
-    return (sign + without_seeds(interval)).replace(" ", "\xa0")
-
-
-def _count(found: list[str], own: list[str]) -> str:
-    if len(own) == 1:
-        return "the curriculum"
-    if len(found) == len(own) == 2:
-        return "both curricula"
-    return f"all {len(own)} curricula" if len(found) == len(own) else f"{len(found)} of {len(own)}"
+def forest(told: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, float, float]]]:
+    """Return the places of 0 and of each gain's low, estimate and high on an axis, in percent."""
+    ends: dict[str, tuple[float, float, float]] = {}
+    for finding in told:
+        low, middle, high = map(float, (finding.gain.low, finding.gain.estimate, finding.gain.high))
+        ends[finding.arm] = (middle if math.isnan(low) else low, middle, max(middle, high))
+    marks = [0.0, *(mark for triple in ends.values() for mark in triple)]
+    least, width = min(marks), (max(marks) - min(marks)) or 1.0
+    return 100 * -least / width, {
+        arm: (
+            100 * (low - least) / width,
+            100 * (mid - least) / width,
+            100 * (high - least) / width,
+        )
+        for arm, (low, mid, high) in ends.items()
+    }
 
 
 # -- the table of all measures ---------------------------------------------------------------------
 
-Row = Mapping[str, Any]
-"""Of :meth:`Comparison.rows`."""
 STRONG, WEAK = "strong transfer (source steps count)", "weak transfer (target steps only)"
 
 
@@ -335,26 +335,23 @@ class ForecastSection:
 
 
 def forecast_sections(
-    analysis: Analysis,
-    curricula: CurriculaRecord,
-    learnt: Mapping[str, Mapping[str, LearningResult]],
+    analysis: Analysis, curricula: CurriculaRecord, learnt: Learnt
 ) -> tuple[ForecastSection, ...]:
     """Return the sections of an analysis, with what was measured."""
-    known = [one for one in analysis.sections if set(one.arms) <= curricula.arms.keys()]
-    return tuple(_section(one, curricula, learnt) for one in known)
+    known = [record for record in analysis.sections if set(record.arms) <= curricula.arms.keys()]
+    return tuple(_section(record, curricula, learnt) for record in known)
 
 
-def _section(
-    record: SectionRecord,
-    curricula: CurriculaRecord,
-    learnt: Mapping[str, Mapping[str, LearningResult]],
-) -> ForecastSection:
-    names = [] if record.forecast is None else [one.name for one in record.forecast.rows]
+def _section(record: SectionRecord, curricula: CurriculaRecord, learnt: Learnt) -> ForecastSection:
+    names = [] if record.forecast is None else [row.name for row in record.forecast.rows]
     used: dict[str, tuple[str, ...]] = {}
     measured: dict[str, float | None] = {}
-    other_sources = tuple(
-        arm for arm in record.arms if not _sources_alike(arm, record.arms[0], curricula)
-    )
+    sources = {
+        arm: [(name, node.key, node.settings) for name, node in curricula.arms[arm].nodes.items()]
+        for arm in record.arms
+    }
+    first = sources[record.arms[0]][:-1]  # without the target
+    other_sources = tuple(arm for arm in record.arms if sources[arm][:-1] != first)
     for arm in record.arms:
         potential = curricula.arms[arm].potential
         if potential in names and arm not in other_sources:
@@ -363,16 +360,6 @@ def _section(
         guarded = np.isfinite(target.guard_share[:, 0]).any()
         measured[arm] = None if guarded else float(target.greedy_return[:, 0].mean())
     return ForecastSection(record, used, measured, other_sources)
-
-
-def _sources_alike(arm: str, other: str, curricula: CurriculaRecord) -> bool:
-    """Return whether two arms with the same tasks train their sources alike."""
-    *sources, _ = curricula.arms[arm].nodes.items()
-    there = curricula.arms[other].nodes
-    return all(
-        (node.key, node.settings) == (there[name].key, there[name].settings)
-        for name, node in sources
-    )
 
 
 # -- what was swept or tuned: what was tried, what was best, main effects --------------------------
@@ -393,28 +380,23 @@ class EffectsSection:
 
 
 def effects_sections(
-    found: Sequence[Effects], tuning: TuningRecord | None
+    effects: Sequence[Effects], tuning: TuningRecord | None
 ) -> tuple[EffectsSection, ...]:
     """Return the sections of a page on a sweep and on a tuning, those that there are."""
-    return tuple(
-        EffectsSection(
-            one,
-            tuple(
-                (
-                    *(arm, key, minus(level.text), f"{level.number}", minus(short(level.mean))),
-                    f"[{minus(short(level.low))}, {minus(short(level.high))}]",
-                )
-                for arm, key, level in one.rows
-            ),
-            () if one.kind == "sweep" or tuning is None else _best(tuning),
-            "" if one.kind == "sweep" or tuning is None else _words(tuning),
+    return tuple(_effects_section(kind, tuning) for kind in effects)
+
+
+def _effects_section(effects: Effects, tuning: TuningRecord | None) -> EffectsSection:
+    rows = tuple(
+        (
+            *(arm, key, minus(level.text), f"{level.number}", minus(short(level.mean))),
+            f"[{minus(short(level.low))}, {minus(short(level.high))}]",
         )
-        for one in found
+        for arm, key, level in effects.rows
     )
-
-
-def _best(tuning: TuningRecord) -> tuple[tuple[str, ...], ...]:
-    return tuple(
+    if effects.kind == "sweep" or tuning is None:
+        return EffectsSection(effects, rows, (), "")
+    best = tuple(
         (
             *(name, f"{len(arm.trials)}", f"{tuning.steps(name):,}"),
             NONE if arm.best.score is None else minus(short(arm.best.score)),
@@ -422,6 +404,13 @@ def _best(tuning: TuningRecord) -> tuple[tuple[str, ...], ...]:
         )
         for name, arm in tuning.arms.items()
     )
+    words = (
+        f"Each trial was trained on {numbered_seeds(tuning.seeds)}, apart from those of the "
+        f"study, for {tuning.total:,} steps a seed, sources included. Learning from scratch "
+        "was tuned as every arm. These steps are stated here; the curves are not charged "
+        "with them."
+    )
+    return EffectsSection(effects, rows, best, words)
 
 
 def _value(value: object) -> str:
@@ -430,12 +419,3 @@ def _value(value: object) -> str:
     if isinstance(value, int) and not isinstance(value, bool):
         return minus(f"{value:,}")
     return minus(short(value) if isinstance(value, float) else value_text(value))
-
-
-def _words(tuning: TuningRecord) -> str:
-    return (
-        f"Each trial was trained on {numbered_seeds(tuning.seeds)}, apart from those of the "
-        f"study, for {tuning.total:,} steps a seed, sources included. Learning from scratch "
-        "was tuned as every arm. These steps are stated here; the curves are not charged "
-        "with them."
-    )

@@ -6,7 +6,7 @@ import io
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import groupby
@@ -46,7 +46,7 @@ from curricle.show.plots import (
     random_level,
     shown_curve,
 )
-from curricle.show.replay import Replay, replays
+from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
@@ -86,9 +86,9 @@ def render(template: str, **values: Any) -> str:
         finalize=_visible,
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
-    environment.globals.update(shades=shades_of, style_sheets=_style_sheets)
-    environment.filters.update(signs=_signs, rounded=rounded, listed=listed, evidence=_evidence)
-    environment.filters.update(counted=counted)
+    environment.globals.update(shades=shades_of, asset=asset)
+    environment.filters.update(signs=_signs, evidence=_evidence)
+    environment.filters.update(rounded=rounded, listed=listed, counted=counted)
     return environment.get_template(template).render(values)
 
 
@@ -99,14 +99,9 @@ def _visible(value: Any) -> Any:
     return "".join(c if c.isprintable() or c in WHITE else ascii(c)[1:-1] for c in value)
 
 
-def _style_sheets(*names: str) -> Markup:
-    """Return style sheets in ``assets``, one after the other."""
-    return Markup("").join(Markup(asset(name)) for name in names)
-
-
-def asset(name: str) -> str:
+def asset(name: str) -> Markup:
     """Return the text of a file in ``assets``."""
-    return (files("curricle.show") / "assets" / name).read_text("utf-8")
+    return Markup((files("curricle.show") / "assets" / name).read_text("utf-8"))
 
 
 @dataclass(frozen=True)
@@ -121,7 +116,7 @@ class Script:
         """Return a script in ``assets``."""
         text = asset(name)
         digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-        return cls(Markup(text), f"sha256-{digest}")
+        return cls(text, f"sha256-{digest}")
 
 
 def write_page(page: str, path: str | Path) -> Path:
@@ -139,20 +134,19 @@ def _signs(words: str) -> str:
 
 
 def _evidence(value: Any) -> str:
-    """Return one number, interval or text of a claim's evidence."""
+    """Return a number, an interval or a text of a claim's evidence."""
+
+    def text(number: float) -> str:
+        return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
+
     if isinstance(value, dict) and "estimate" in value:
-        estimate, low, high = (value[name] for name in ("estimate", "low", "high"))
-        if low is None or high is None:
-            return f"{_number(estimate)} (no interval)"
-        return f"{_number(estimate)} [{_number(low)}, {_number(high)}]"
+        ends = [value["low"], value["high"]]
+        bounds = "(no interval)" if None in ends else f"[{', '.join(map(text, ends))}]"
+        return f"{text(value['estimate'])} {bounds}"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _number(value: float) -> str:
-    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
-
-
-# -- A study as one HTML page without a network and without other files ----------------------------
+# -- a study as one page ---------------------------------------------------------------------------
 
 WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 """Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
@@ -180,10 +174,19 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
     comparison, curricula, learnt = study.comparison, study.curricula, study.learnt
     if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
-    found, drawn = findings(comparison), graphs(curricula, learnt, study.reasons)
-    shown, not_shown = replays(curricula, learnt, study.analysis)
-    styles = arm_styles(comparison)
+    told, styles = findings(comparison), arm_styles(comparison)
+    films, not_shown = replays(curricula, learnt, study.analysis)
+    # The replay to begin with: the first curriculum in the target.
+    in_target = [film for film in films if film.task == comparison.target]
+    curricula_first = [film for film in in_target if not {*film.arms} <= {*comparison.scratches}]
     curves, panels = _curves(comparison)
+    settings = [
+        (arm, task, {"task": curricula.task(arm, task).text, **node.settings})
+        for arm, record in curricula.arms.items()
+        for task, node in record.nodes.items()
+    ]
+    ended = [(*place, Counter(words).most_common()) for place, words in study.reasons.items()]
+    scripts = ["scroll.js", "study.js", "curves.js", *["reload.js"] * bool(banner)]
     return render(
         "study.html",
         name=study.name,
@@ -192,49 +195,33 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         headline=headline(comparison),
         too_few=too_few(comparison),
         failed={arm: in_words(error) for arm, error in comparison.failed.items()},
-        findings=found,
-        forest=forest(found),
+        findings=told,
+        forest=forest(told),
         styles=styles,
-        graphs=drawn,
+        graphs=graphs(curricula, learnt, study.reasons),
         with_scratch=SCRATCH in learnt,
         curves=curves,
         curve_data=curve_data(comparison, styles, panels),
         most_seeds=MOST_SEEDS,
         table=table(comparison),
         columns=COLUMNS,
-        kinds=[
-            (kind, len([*same])) for kind, same in groupby(c.transfer for c in COLUMNS.values())
-        ],
+        kinds={kind: [*keys] for kind, keys in groupby(COLUMNS, lambda key: COLUMNS[key].transfer)},
         meanings=meanings(comparison),
         settings_sections=effects_sections(study.effects, study.tuning),
         sections=forecast_sections(study.analysis, curricula, learnt),
-        replays=shown,
-        menu={one.task: [other for other in shown if other.task == one.task] for one in shown},
-        first=_first(shown, comparison),
+        replays=films,
+        menu={film.task: [other for other in films if other.task == film.task] for film in films},
+        first=next((film.key for film in [*curricula_first, *films]), ""),
         not_shown=not_shown,
-        settings=_shared(_settings(curricula)),
-        reasons=_shared(
-            (*place, Counter(words).most_common()) for place, words in study.reasons.items()
-        ),
+        settings=_shared(settings),
+        reasons=_shared(ended),
         ends=ends(study.reasons),
         banner=banner,
-        scripts=[
-            Script.of(name)
-            for name in ("scroll.js", "study.js", "curves.js", *["reload.js"] * bool(banner))
-        ],
+        scripts=[Script.of(script) for script in scripts],
         data={
-            "replays": {one.key: one.data() for one in shown},
-            "palettes": {one.palette: shades_of(one.palette) for one in shown},
+            "replays": {film.key: film.data() for film in films},
+            "palettes": {film.palette: shades_of(film.palette) for film in films},
         },
-    )
-
-
-def _first(shown: Sequence[Replay], comparison: Comparison) -> str:
-    """Return the key of the replay to begin with: the first curriculum in the target."""
-    own = (one for one in shown if one.task == comparison.target)
-    return next(
-        (one.key for one in own if not {*one.arms} <= {*comparison.scratches}),
-        shown[0].key if shown else "",
     )
 
 
@@ -255,44 +242,26 @@ def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[
     return drawn, panels
 
 
-@dataclass(frozen=True)
-class End:
-    """A reason why training ended."""
-
-    reason: str
-    count: int  # seeds, over all tasks and arms
-    total: int  # the same for all reasons
-    tasks: tuple[str, ...]  # in which it happened
-
-
-def ends(reasons: Reasons) -> tuple[End, ...]:
-    """Return why trainings ended, the most frequent reason first."""
+def ends(reasons: Reasons) -> list[tuple[str, int, int, tuple[str, ...]]]:
+    """Return why trainings ended: a reason, its number, that of all trainings, and the tasks."""
     counts: Counter[str] = Counter()
     tasks: dict[str, dict[str, None]] = {}
     for (_, task), words in reasons.items():
         counts.update(words)
         for reason in words:
             tasks.setdefault(reason, {})[task] = None
-    total = counts.total()
-    return tuple(End(one, n, total, tuple(tasks[one])) for one, n in counts.most_common())
-
-
-def _settings(curricula: CurriculaRecord) -> Iterator[tuple[str, str, dict[str, str]]]:
-    """Yield arm, task, and the settings of its training, name -> text."""
-    for arm, record in curricula.arms.items():
-        for task, node in record.nodes.items():
-            yield arm, task, {"task": curricula.task(arm, task).text, **node.settings}
+    return [(why, n, counts.total(), tuple(tasks[why])) for why, n in counts.most_common()]
 
 
 def _shared(rows: Iterable[tuple[str, str, Any]]) -> list[tuple[list[str], str, Any]]:
-    """Return rows of arm, task and content; those of equal task and content become one."""
-    found: dict[str, tuple[list[str], str, Any]] = {}
+    """Return rows of arm, task and content; rows of equal task and content become one."""
+    alike: dict[str, tuple[list[str], str, Any]] = {}
     for arm, task, content in rows:
-        found.setdefault(repr((task, content)), ([], task, content))[0].append(arm)
-    return list(found.values())
+        alike.setdefault(repr((task, content)), ([], task, content))[0].append(arm)
+    return list(alike.values())
 
 
-# -- figures as SVG -------------------------------------------------------------------------------
+# -- figures as SVG --------------------------------------------------------------------------------
 
 _REFERENCE = re.compile(r"#([\w-]+)")
 _DRAWN = ("d", "transform", "x", "y", "width", "height")
@@ -315,13 +284,13 @@ def inline_svg(figure: Figure, name: str, label: str) -> Markup:
             if child.tag.endswith(("}metadata", "}style")):
                 parent.remove(child)
     values = [value for element in root.iter() for value in element.attrib.values()]
-    used = {found for value in values for found in _REFERENCE.findall(value)}
+    used = {name for value in values for name in _REFERENCE.findall(value)}
     for element in root.iter():
-        text = element.text if element.text and element.text.strip() else None
-        element.tag, element.text, element.tail = _local(element.tag), text, None
-        given = {_local(key): value for key, value in element.attrib.items()}
+        element.text = element.text if element.text and element.text.strip() else None
+        element.tag, element.tail = element.tag.rpartition("}")[2], None
+        attributes = {key.rpartition("}")[2]: value for key, value in element.attrib.items()}
         element.attrib.clear()
-        for key, value in given.items():
+        for key, value in attributes.items():
             if key != "id":
                 element.set(key, _plain(key, value, name))
             elif value in used:
@@ -333,22 +302,17 @@ def inline_svg(figure: Figure, name: str, label: str) -> Markup:
     return Markup(ElementTree.tostring(root, encoding="unicode"))
 
 
-def _local(name: str) -> str:
-    """Return an XML name without its namespace, which HTML does not need."""
-    return name.rpartition("}")[2]
-
-
 def _plain(key: str, value: str, name: str) -> str:
     """Return an attribute's value: coordinates in hundredths, references renamed, no font."""
     if key in _DRAWN:
-        value = re.sub(r"-?\d+\.\d{3,}", lambda found: f"{float(found[0]):z.2f}", value)
+        value = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):z.2f}", value)
         return re.sub(r"\s+", " ", value).strip()
     if "url(" in value or key == "href":
         return _REFERENCE.sub(rf"#{name}-\1", value)
     return re.sub(r"font-family:[^;]*;\s*", "", value)
 
 
-# -- The learning curves of a page as data for its script ------------------------------------------
+# -- learning curves as data for the script of the page --------------------------------------------
 
 MOST_CHECKPOINTS = 400
 """Checkpoints of a mean that a page holds."""
@@ -357,15 +321,13 @@ MOST_SEEDS, MOST_SEED_VALUES = 100, 60_000
 SEEN, SEEN_NEAR_ZERO = 4000, 100
 """Values are rounded to this share of a linear axis, or of the linear part of a symlog axis."""
 
-Data = dict[str, Any]
-
 
 def curve_data(
     comparison: Comparison, styles: Mapping[str, ArmStyle], panels: Mapping[str, Axes]
-) -> Data:
+) -> dict[str, Any]:
     """Return what the script of a page draws curves from, as data for JSON.
 
-    Returns are whole numbers of 10^-digits, and each row of numbers holds its first one, then
+    Returns are whole numbers of 10^-digits, and a row of numbers holds its first number, then
     differences, so that the text is short. None stands for a bound that does not exist.
 
     ``digits``; ``threshold`` and its words; ``random``, the return while sources are trained;
@@ -374,16 +336,36 @@ def curve_data(
     of drawing: for each panel the place of its first step, mean, low and high; for each seed its
     ``source_steps``, and in ``seeds`` its returns over target steps.
     """
-    scale = panels["strong"].yaxis.get_transform()
-    symlog = None
+    scale, symlog = panels["strong"].yaxis.get_transform(), None
     if isinstance(scale, SymmetricalLogTransform):
         symlog = [float(scale.linthresh), float(scale.linscale)]
     low, high = panels["strong"].get_ylim()
     seen = symlog[0] / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
     digits = max(0, math.ceil(-math.log10(seen)))
-    steps = comparison.scratch.curve.steps
-    seeds = min(comparison.seeds, MOST_SEEDS)
-    kept, kept_of_seeds = _kept(comparison, seeds)
+    steps, seeds = comparison.scratch.curve.steps, min(comparison.seeds, MOST_SEEDS)
+    # The checkpoints of means that are kept, and those of seeds.
+    begins = [shown_curve(comparison, name, strong=True)[1] for name in comparison.arms]
+    budget = int(np.searchsorted(steps, comparison.budget, side="right")) - 1
+    kept = np.union1d(places(len(steps), MOST_CHECKPOINTS), [*begins, budget])
+    most = max(2, MOST_SEED_VALUES // (seeds * len(comparison.arms)))
+    kept_of_seeds = places(len(steps), min(most, MOST_CHECKPOINTS))
+
+    def row(values: FloatArray) -> list[int | None]:
+        known = ~np.isnan(values)
+        numbers: list[int | None] = [None] * len(values)
+        whole = np.round(values[known] * 10**digits).astype(np.int64)
+        for place, difference in zip(np.flatnonzero(known), _differences(whole), strict=True):
+            numbers[place] = difference
+        return numbers
+
+    def band(name: str, panel: str) -> dict[str, Any]:
+        curve, begin = shown_curve(comparison, name, strong=panel == "strong")
+        inside = kept[(kept >= begin) & (kept < begin + len(curve.steps))]
+        mean = mean_interval(curve.filled()[:, inside - begin], confidence=comparison.confidence)
+        rows = {"mean": mean.estimate, "low": mean.low, "high": mean.high}
+        first = int(np.searchsorted(kept, begin))
+        return {"first": first} | {key: row(np.asarray(values)) for key, values in rows.items()}
+
     return {
         "digits": digits,
         "threshold": comparison.threshold,
@@ -402,49 +384,16 @@ def curve_data(
                 "colour": style.colour,
                 "dashes": style.svg_dashes,
                 "control": style.control,
-                **{panel: _band(comparison, name, panel, kept, digits) for panel in panels},
+                **{panel: band(name, panel) for panel in panels},
                 "source_steps": comparison[name].curve.source_steps[:seeds].tolist(),
-                "seeds": [
-                    _numbers(row, digits)
-                    for row in comparison[name].curve.filled()[:seeds, kept_of_seeds]
-                ],
+                "seeds": [*map(row, comparison[name].curve.filled()[:seeds, kept_of_seeds])],
             }
             for name, style in controls_first(styles)
         ],
     }
 
 
-def _kept(comparison: Comparison, seeds: int) -> tuple[IntArray, IntArray]:
-    """Return the places of the checkpoints that are kept of means and of seeds."""
-    steps = comparison.scratch.curve.steps
-    begins = [shown_curve(comparison, name, strong=True)[1] for name in comparison.arms]
-    budget = int(np.searchsorted(steps, comparison.budget, side="right")) - 1
-    means = np.union1d(places(len(steps), MOST_CHECKPOINTS), [*begins, budget])
-    most = max(2, MOST_SEED_VALUES // (seeds * len(comparison.arms)))
-    return means, places(len(steps), min(most, MOST_CHECKPOINTS))
-
-
-def _band(comparison: Comparison, name: str, panel: str, kept: IntArray, digits: int) -> Data:
-    """Return the mean of an arm in a panel with its bounds, from the first of its places."""
-    curve, begin = shown_curve(comparison, name, strong=panel == "strong")
-    own = kept[(kept >= begin) & (kept < begin + len(curve.steps))]
-    band = mean_interval(curve.filled()[:, own - begin], confidence=comparison.confidence)
-    rows = {"mean": band.estimate, "low": band.low, "high": band.high}
-    first = int(np.searchsorted(kept, begin))
-    return {"first": first} | {key: _numbers(np.asarray(row), digits) for key, row in rows.items()}
-
-
-def _numbers(values: FloatArray, digits: int) -> list[int | None]:
-    """Return numbers as differences of whole numbers of 10^-digits; None for NaN."""
-    known = ~np.isnan(values)
-    whole = np.round(values[known] * 10**digits).astype(np.int64)
-    found: list[int | None] = [None] * len(values)
-    for place, difference in zip(np.flatnonzero(known), _differences(whole), strict=True):
-        found[place] = difference
-    return found
-
-
 def _differences(numbers: IntArray) -> list[int]:
-    """Return the first number, then the difference of each from the one before."""
-    found: list[int] = np.diff(numbers, prepend=0).tolist()
-    return found
+    """Return the first number, then the difference of each from the number before."""
+    differences: list[int] = np.diff(numbers, prepend=0).tolist()
+    return differences

@@ -4,14 +4,13 @@ An interim report is a file, as the last one is; a few lines of script read it a
 is over. Every page is written beside its place and moved there, so that it is whole at any moment.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from pathlib import Path
 from secrets import token_hex
 from threading import Event, Lock, Thread
 from time import monotonic, sleep
-from typing import Any
+from typing import Any, Self
 
 from curricle.checks import listed
 from curricle.errors import StudyError, in_words
@@ -67,16 +66,25 @@ def stored_page(study: StudyResults, banner: str = "") -> str:
     With a `banner`, what stands at the top, it is an interim report.
     """
     comparison = study.comparison
-    learnt = {arm: one for arm, one in study.results.items() if arm not in study.failed}
+    learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
     places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
-    reasons = {place: list(study.ended_by(*place).values()) for place in places}
-    record = study.record.only(learnt)
-    analysis = study.analysis or _no_analysis(record)
-    tuning = read_tuning(study.store)
-    effects = effects_of(comparison, record, tuning)
-    name = study.record.name
-    shown = ShownStudy(name, comparison, record, learnt, analysis, reasons, effects, tuning)
-    return page_of(shown, _environment(study), banner)
+    record, tuning = study.record.only(learnt), read_tuning(study.store)
+    shown = ShownStudy(
+        name=study.record.name,
+        comparison=comparison,
+        curricula=record,
+        learnt=learnt,
+        analysis=study.analysis or _no_analysis(record),
+        reasons={place: list(study.ended_by(*place).values()) for place in places},
+        effects=effects_of(comparison, record, tuning),
+        tuning=tuning,
+    )
+    environment = dict[str, str]()
+    for last in study.runs[-1:]:
+        environment = {"file": last.file, "started": last.started}
+        environment |= {"seeds": seed_ranges(study.seeds), "commit": last.commit or "none"}
+        environment |= {"Python": last.python, "machine": last.machine, **last.versions}
+    return page_of(shown, environment, banner)
 
 
 def _no_analysis(record: CurriculaRecord) -> Analysis:
@@ -92,22 +100,6 @@ def _no_analysis(record: CurriculaRecord) -> Analysis:
     return Analysis(of="", sections=tuple(sections))
 
 
-def _environment(study: StudyResults) -> dict[str, str]:
-    """Return what the last run was made with, name -> text."""
-    if not study.runs:
-        return {}
-    last = study.runs[-1]
-    return {
-        "file": last.file,
-        "started": last.started,
-        "seeds": seed_ranges(study.seeds),
-        "commit": last.commit or "none",
-        "Python": last.python,
-        "machine": last.machine,
-        **last.versions,
-    }
-
-
 # -- while units are stored ------------------------------------------------------------------------
 
 
@@ -117,21 +109,23 @@ class InterimReport:
     Nothing that goes wrong is raised, so that a run goes on without its page. `line` says in words
     how far a study is, from the units that are stored and all units; `say` is called with a
     sentence when the page cannot be written, once with the same; `opened` with the path when the
-    page is there. With `elsewhere` others run the study: the folder tells whether they still do,
-    and `over` whether their run is over.
+    page is there. A ``with`` block around a run ends the report with it; the run begins it. With
+    `elsewhere` others run the study: the folder tells whether they still do, and `over` whether
+    their run is over.
     """
 
     def __init__(
         self,
         folder: str | Place,
-        path: Path,
         line: Callable[[int, int], str],
         say: Callable[[str], Any],
         opened: Callable[[Path], Any],
         *,
+        path: Path | None = None,
         elsewhere: bool = False,
     ):
-        self.folder, self.path, self.over = place_at(folder), path, False
+        self.folder, self.over = place_at(folder), False
+        self.path = default_page(self.folder) if path is None else path
         self._line, self._say, self._opened, self._elsewhere = line, say, opened, elsewhere
         self._between = BETWEEN_AT_URL if isinstance(self.folder, RemotePath) else BETWEEN
         self._place = token_hex(16)  # of the banner in the page
@@ -147,12 +141,30 @@ class InterimReport:
             self._thread = Thread(target=self._follow, daemon=True)
             self._thread.start()
 
-    def end(self) -> None:
-        """Write the page a last time, from all that is stored, if it was begun."""
-        if self._thread is not None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, KeyboardInterrupt):
+            self.break_off(INTERRUPTED)
+        elif error is not None and not isinstance(error, StudyError):
+            self.break_off(f"The run ended with an error. {_one_line(error)}")
+        elif self._thread is not None:
+            # A last time, from all that is stored.
             self._stopped.set()
             self._thread.join()
             self.refresh(last=True)
+
+    def watch(self) -> None:
+        """Write the page until the run elsewhere is over."""
+        try:
+            pause = self.refresh()
+            while not self.over:
+                sleep(pause)
+                pause = self.refresh()
+        except KeyboardInterrupt:
+            self.break_off(NO_LONGER)
+            raise
 
     def break_off(self, sentence: str) -> None:
         """Write the page a last time as it is, and why it ends; what is being read is left."""
@@ -173,9 +185,6 @@ class InterimReport:
                 if attempt == ATTEMPTS - 1 and sentence not in self._said:
                     self._said.add(sentence)
                     self._say(sentence)
-        return self._pause(begun)
-
-    def _pause(self, begun: float) -> float:
         return max(self._between, REST * (monotonic() - begun))
 
     def _follow(self) -> None:
@@ -213,7 +222,8 @@ class InterimReport:
                 return
             is_first, self._page = not self._page, page
             remark = _remark(study.record, study.failed, arms)
-            self._write(f"{sentence} {remark}", 0 if over else self._pause(begun))
+            pause = max(self._between, REST * (monotonic() - begun))
+            self._write(f"{sentence} {remark}", 0 if over else pause)
         self._seen, self.over = seen, over
         if is_first:
             self._opened(self.path)
@@ -226,61 +236,9 @@ class InterimReport:
 
     def _write(self, sentence: str, seconds: float) -> None:
         """Write the page with a sentence at its top; it is read again after so many seconds."""
-        values = {
-            "sentence": sentence,
-            "time": f"{datetime.now():%X}",
-            "seconds": round(seconds, 1),
-        }
-        banner = render("banner.html", **values)
+        time, seconds = f"{datetime.now():%X}", round(seconds, 1)
+        banner = render("banner.html", sentence=sentence, time=time, seconds=seconds)
         write_page(self._page.replace(self._place, banner), self.path)
-
-
-@contextmanager
-def interim_report(
-    folder: str | Place,
-    line: Callable[[int, int], str],
-    say: Callable[[str], Any],
-    opened: Callable[[Path], Any],
-) -> Iterator[InterimReport]:
-    """Yield the interim report of the run in the block, which must begin it, and end it after.
-
-    Parameters are those of :class:`InterimReport`. What the block raises is raised.
-    """
-    report = InterimReport(folder, default_page(place_at(folder)), line, say, opened)
-    try:
-        yield report
-    except KeyboardInterrupt:
-        report.break_off(INTERRUPTED)
-        raise
-    except StudyError:
-        report.end()
-        raise
-    except BaseException as error:
-        report.break_off(f"The run ended with an error. {_one_line(error)}")
-        raise
-    report.end()
-
-
-def watch_folder(
-    folder: str | Place,
-    path: Path,
-    line: Callable[[int, int], str],
-    say: Callable[[str], Any],
-    opened: Callable[[Path], Any],
-) -> None:
-    """Write the report of a folder, in which another process stores units, until its run is over.
-
-    Parameters are those of :class:`InterimReport`.
-    """
-    report = InterimReport(folder, path, line, say, opened, elsewhere=True)
-    try:
-        pause = report.refresh()
-        while not report.over:
-            sleep(pause)
-            pause = report.refresh()
-    except KeyboardInterrupt:
-        report.break_off(NO_LONGER)
-        raise
 
 
 def unit_counts(study: StudyResults) -> tuple[int, int]:

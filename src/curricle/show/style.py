@@ -1,4 +1,4 @@
-"""One style for all figures: colours, how arms look, numbers as text, axes and the text around them."""
+"""One style for all figures: colours, how arms look, numbers as text, axes."""
 
 import io
 import math

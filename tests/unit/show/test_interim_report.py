@@ -10,14 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 from curricle.errors import StoreError, StudyError
-from curricle.show import report as study_report
-from curricle.show.report import (
-    InterimReport,
-    arms_so_far,
-    interim_report,
-    stored_page,
-    watch_folder,
-)
+from curricle.show import report as module
+from curricle.show.report import InterimReport, arms_so_far, stored_page
 from curricle.study.results import StudyResults
 from curricle.study.store import in_use, locked
 
@@ -31,10 +25,10 @@ class Followed:
         shutil.copytree(finished, self.folder, ignore=left_out)
         self.finished, self.keys = finished, StudyResults(finished).record.keys
         self.said, self.opened = [], []
-        self.settings = "{} of {} units".format, self.said.append, self.opened.append
 
-    def report(self, **how):
-        return InterimReport(self.folder, self.path, *self.settings, **how)
+    def report(self, *, opened=None, **how):
+        settings = "{} of {} units".format, self.said.append, opened or self.opened.append
+        return InterimReport(self.folder, *settings, **{"path": self.path, **how})
 
     def store(self, arm, *tasks):
         """Store the units of some tasks of an arm."""
@@ -88,38 +82,42 @@ def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
 
 def test_the_page_is_written_when_something_is_new(live, monkeypatch):
     report, written = live.report(), []
-    monkeypatch.setattr(study_report, "write_page", lambda page, path: written.append(path))
+    monkeypatch.setattr(module, "write_page", lambda page, path: written.append(path))
     for times in (1, 1, 2, 2):
-        if times == 2:
-            (live.folder / "units").mkdir(exist_ok=True)
-            if len(written) == 1:
-                live.store("scratch", "maze")
-        assert report.refresh() >= study_report.BETWEEN
+        if (times, len(written)) == (2, 1):
+            (live.folder / "units").mkdir()
+            live.store("scratch", "maze")
+        assert report.refresh() >= module.BETWEEN
         assert len(written) == times
 
 
 def test_after_a_page_that_took_long_there_is_a_longer_rest(live, monkeypatch):
-    monkeypatch.setattr(study_report, "arms_so_far", lambda _: sleep(0.3) or [])
+    monkeypatch.setattr(module, "arms_so_far", lambda _: sleep(0.3) or [])
     assert live.report().refresh() >= 3
     assert live.banner[1] >= 3
 
 
-def test_a_reader_at_any_moment_has_a_whole_page(live, monkeypatch):
-    monkeypatch.setattr(study_report, "BETWEEN", 0.01)
-    monkeypatch.setattr(study_report, "REST", 0.0)
-    report, seen, until = live.report(), set(), monotonic() + 120
-    report.begin()
-    for words, arm, *tasks in (
-        ("2 of 16", "scratch", "maze"),
-        ("8 of 16", "chain", "corner", "easy", "maze"),
-        ("10 of 16", "state", "easy"),
-    ):
-        live.store(arm, *tasks)
-        while monotonic() < until and not any(words in page for page in seen):
-            sleep(0.001)
-            if live.path.exists():
-                seen.add(live.page)
-    report.end()
+@pytest.fixture
+def hasty(monkeypatch):
+    monkeypatch.setattr(module, "BETWEEN", 0.01)
+    monkeypatch.setattr(module, "REST", 0.0)
+
+
+@pytest.mark.usefixtures("hasty")
+def test_a_reader_at_any_moment_has_a_whole_page(live):
+    seen, until = set(), monotonic() + 120
+    with live.report() as report:
+        report.begin()
+        for words, arm, *tasks in (
+            ("2 of 16", "scratch", "maze"),
+            ("8 of 16", "chain", "corner", "easy", "maze"),
+            ("10 of 16", "state", "easy"),
+        ):
+            live.store(arm, *tasks)
+            while monotonic() < until and not any(words in page for page in seen):
+                sleep(0.001)
+                if live.path.exists():
+                    seen.add(live.page)
     assert len(seen) >= 3
     assert all(page.rstrip().endswith("</html>") for page in seen)
     assert [*live.path.parent.glob(".*.part")] == []
@@ -131,7 +129,7 @@ def test_an_error_is_said_once_and_the_last_page_stays(live, monkeypatch):
     page = live.page
     live.store("scratch", "maze")
     with monkeypatch.context() as broken:
-        broken.setattr(study_report, "arms_so_far", lambda _: {}["a\nkey"])
+        broken.setattr(module, "arms_so_far", lambda _: {}["a\nkey"])
         report.refresh()
         report.refresh()
     assert live.said == [r"the page of the run is not up to date. KeyError: 'a\nkey'"]
@@ -142,11 +140,10 @@ def test_an_error_is_said_once_and_the_last_page_stays(live, monkeypatch):
 
 def test_a_page_that_cannot_be_written_ends_no_run(live):
     live.path.mkdir()
-    with interim_report(live.folder, *live.settings) as report:
-        report.path = live.path
+    with live.report() as report:
         report.begin()
-    assert len(live.said) == 1
-    assert "cannot be written" in live.said[0]
+    (complaint,) = live.said
+    assert "cannot be written" in complaint
 
 
 def test_a_file_that_is_merged_while_it_is_read_is_no_error(live, monkeypatch):
@@ -158,7 +155,7 @@ def test_a_file_that_is_merged_while_it_is_read_is_no_error(live, monkeypatch):
             raise StoreError("units/maze/seeds-0.npz cannot be read: No such file or directory")
         return arms_so_far(study)
 
-    monkeypatch.setattr(study_report, "arms_so_far", merged_once)
+    monkeypatch.setattr(module, "arms_so_far", merged_once)
     live.report().refresh()
     assert (len(tries), live.said) == (2, [])
 
@@ -176,7 +173,7 @@ def test_a_page_of_a_run_that_broke_off_says_so_and_is_read_no_more(live, error,
     live.store("scratch", "maze")
 
     def run():
-        with interim_report(live.folder, *live.settings[:2], lambda _: written.set()) as report:
+        with live.report(opened=lambda _: written.set(), path=None) as report:
             report.begin()
             assert written.wait(60)
             raise error
@@ -200,18 +197,12 @@ def test_a_study_without_scratch_has_no_report(live):
 # -- runs elsewhere --------------------------------------------------------------------------------
 
 
-def watched(live):
-    thread = Thread(target=watch_folder, args=(live.folder, live.path, *live.settings), daemon=True)
-    thread.start()
-    return thread
-
-
-def test_watching_ends_when_the_run_lets_go_of_the_folder(live, monkeypatch):
-    monkeypatch.setattr(study_report, "BETWEEN", 0.02)
-    monkeypatch.setattr(study_report, "REST", 0.0)
+@pytest.mark.usefixtures("hasty")
+def test_watching_ends_when_the_run_lets_go_of_the_folder(live):
     live.store("scratch", "maze")
     with locked(live.folder):
-        thread = watched(live)
+        thread = Thread(target=live.report(elsewhere=True).watch, daemon=True)
+        thread.start()
         until = monotonic() + 60
         while not live.opened and monotonic() < until:
             sleep(0.01)
@@ -226,7 +217,7 @@ def test_watching_ends_when_the_run_lets_go_of_the_folder(live, monkeypatch):
 
 def test_watching_a_finished_study_writes_its_report_and_ends(live):
     live.store_all()
-    watch_folder(live.folder, live.path, *live.settings)
+    live.report(elsewhere=True).watch()
     assert live.page == stored_page(StudyResults(live.finished))
 
 
@@ -238,7 +229,7 @@ def test_a_run_that_has_not_begun_is_waited_for(live):
 
 
 def test_where_locks_cannot_be_read_only_the_end_is_known(live, monkeypatch):
-    monkeypatch.setattr(study_report, "in_use", lambda _: None)
+    monkeypatch.setattr(module, "in_use", lambda _: None)
     report = live.report(elsewhere=True)
     report.refresh()
     assert (report.over, "No process" in live.banner[0]) == (False, False)
