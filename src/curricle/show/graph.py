@@ -174,7 +174,7 @@ def points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> 
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 
-# -- where cards are, sources above their targets, and the arrows between them -----------------------
+# -- where cards are, sources above their targets, and the arrows between them ---------------------
 
 
 def layout(

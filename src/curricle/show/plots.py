@@ -89,13 +89,14 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
     """
     if path is not None:
         check_path(path)
-    figure = _drawn(subject) if task is None else _drawn_values(subject, task)
+    figure = _figure_of(subject) if task is None else _figure_of_values(subject, task)
     if path is not None:
         save(figure, path)
     return figure
 
 
-def _drawn(subject: Any) -> Figure:
+def _figure_of(subject: Any) -> Figure:
+    """Return the figure of a subject; a new picture is a line here and its function below."""
     if isinstance(subject, Forecast):
         return draw_forecast(subject)
     if isinstance(subject, LearningResult):
@@ -106,20 +107,18 @@ def _drawn(subject: Any) -> Figure:
     compared = getattr(subject, "comparison", subject)  # of a study or a trial, or itself
     if isinstance(compared, Comparison):
         return draw_comparison(compared)
-    known = "a Comparison, Forecast, StudyResults, LearningResult or CurriculumResult"
     raise SettingError(
-        f"what is plotted must be {known}, or an array of values with its task: got "
-        f"{brief(subject)}"
+        "what is plotted must be a Comparison, Forecast, StudyResults, LearningResult or "
+        f"CurriculumResult, or an array of values with its task: got {brief(subject)}"
     )
 
 
 @matplotlib.rc_context(STYLE)
-def _drawn_values(values: Any, task: Any) -> Figure:
+def _figure_of_values(values: Any, task: Any) -> Figure:
     """Return values of states, or the best of their actions, over a task's grid."""
     array = numbers("the values of a task", values, SettingError)
     figure, axes = new_figure(1, 1, width=5.5, height=4.2)
-    label = "max Q(s, a)" if array.ndim == 2 else "V(s)"
-    draw_potential(axes[0, 0], task, array, label=label)
+    draw_potential(axes[0, 0], task, array, label="max Q(s, a)" if array.ndim == 2 else "V(s)")
     return figure
 
 
@@ -174,6 +173,8 @@ def check_path(path: str | Path) -> Path:
 
 ALL = 10**9
 """More checkpoints than a curve has."""
+ROW_HEIGHT, BAR_HEIGHT = 0.21, 0.28
+"""Inches of an arm in the figure of a comparison, and of a row of a forecast."""
 
 
 def draw_curve(
@@ -270,29 +271,28 @@ def draw_learning_curves(
     """Return two figures of the arms' learning curves with one scale of return.
 
     First weak transfer, over target steps up to the budget of the target; then strong transfer,
-    over all steps, dotted while an arm trains its sources. Means over seeds with Student's 95 %
-    bands. There is no legend: :func:`arm_styles` gives the colours.
+    over all steps, dotted while an arm trains its sources. There is no legend.
     """
     styles = arm_styles(comparison)
     weak, strong = (new_figure(1, 1, width=width, height=height)[0] for _ in range(2))
-    draw_arms(weak.axes[0], comparison, styles, strong=False, most=most)
-    draw_arms(strong.axes[0], comparison, styles, strong=True, most=most)
+    _draw_arms(weak.axes[0], comparison, styles, strong=False, most=most)
+    _draw_arms(strong.axes[0], comparison, styles, strong=True, most=most)
     both = weak.axes + strong.axes
-    scale_returns(both, comparison)
+    _scale_returns(both, comparison)
     for axes in both:
         axes.grid(axis="y", color="#e4e4e4", lw=0.6)
         axes.set_axisbelow(True)
     return weak, strong
 
 
-def scale_returns(panels: Sequence[Axes], comparison: Comparison) -> None:
+def _scale_returns(panels: Sequence[Axes], comparison: Comparison) -> None:
     """Give panels of drawn arms one scale of return, in which the threshold can be seen."""
     ends = [*np.ravel([axes.dataLim.intervaly for axes in panels]), comparison.threshold]
     for axes in panels:
         return_scale(axes.yaxis, float(min(ends)), float(max(ends)), "greedy return")
 
 
-def draw_arms(
+def _draw_arms(
     axes: Axes,
     comparison: Comparison,
     styles: Mapping[str, ArmStyle],
@@ -300,10 +300,7 @@ def draw_arms(
     strong: bool,
     most: int = ALL,
 ) -> None:
-    """Draw the curve of each arm, in which source steps count if `strong`.
-
-    The scale of returns is left to :func:`scale_returns`, which panels can share.
-    """
+    """Draw the curve of each arm, in which source steps count if `strong`."""
     for name, style in controls_first(styles):
         whole, begin = shown_curve(comparison, name, strong=strong)
         kept = places(len(whole.steps), most)
@@ -311,7 +308,11 @@ def draw_arms(
         look = {"label": name, "colour": style.colour, "dashes": style.dashes}
         draw_curve(axes, shown, **look, confidence=comparison.confidence)
         if begin:
-            _draw_sources(axes, comparison, shown, style.colour)
+            # Dotted from step 0 to where training in the target begins.
+            low, start = random_level(comparison), int(shown.steps[0])
+            first = float(shown.values[:, 0].mean())
+            axes.plot([0, start, start], [low, low, first], ":", color="#555555", lw=1.2)
+            axes.plot(start, first, "o", color=style.colour, mfc="w", ms=4.5, zorder=4)
     counted = "target and source steps" if strong else "target steps"
     steps_scale(axes, comparison.total if strong else comparison.budget, counted)
     axes.axhline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
@@ -338,25 +339,11 @@ def random_level(comparison: Comparison) -> float:
     return float(comparison.scratch.curve.filled()[:, 0].mean())
 
 
-def _draw_sources(axes: Axes, comparison: Comparison, shown: Curve, colour: str) -> None:
-    """Draw a dotted line from step 0 to where training in the target begins."""
-    low = random_level(comparison)
-    start, first = int(shown.steps[0]), float(shown.values[:, 0].mean())
-    axes.plot([0, start, start], [low, low, first], ":", color="#555555", lw=1.2)
-    axes.plot(start, first, "o", color=colour, mfc="w", ms=4.5, zorder=4)
-
-
-ROW_HEIGHT = 0.21
-
-
 @matplotlib.rc_context(STYLE)
 def draw_comparison(comparison: Comparison) -> Figure:
     """Return the figure of a comparison: learning curves, performance profiles and gains.
 
-    Left, the mean curve of each arm over target and source steps, dotted while it trains its
-    sources. Middle, the share of its runs whose final return is above tau. Right, its mean return
-    above that of the scratch baseline; the list of arms there is the legend of all three. Each
-    with 95 % intervals over seeds. SettingError when scratch is the only arm.
+    The list of arms beside the gains is the legend of all. SettingError when scratch is alone.
     """
     if not comparison.contrasts:
         raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")
@@ -364,8 +351,8 @@ def draw_comparison(comparison: Comparison) -> Figure:
     height = max(3.7, 1.5 + ROW_HEIGHT * len(styles))
     figure = ShownFigure(figsize=(11.5, height), layout="constrained")
     curves, profile, gains = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
-    draw_arms(curves, comparison, styles, strong=True)
-    scale_returns([curves], comparison)
+    _draw_arms(curves, comparison, styles, strong=True)
+    _scale_returns([curves], comparison)
     curves.set_title("learning curves (strong transfer)")
     _draw_profiles(profile, comparison, styles)
     _draw_gains(gains, comparison, styles)
@@ -464,8 +451,6 @@ def _words(comparison: Comparison) -> str:
 
 # -- forecasts -------------------------------------------------------------------------------------
 
-BAR_HEIGHT = 0.28
-
 
 @matplotlib.rc_context(STYLE)
 def draw_forecast(forecast: Forecast) -> Figure:
@@ -473,74 +458,52 @@ def draw_forecast(forecast: Forecast) -> Figure:
 
     A row for each aggregate, the best start first, then a row for each transfer alone.
     """
-    rows = forecast.rows
+    rows, low = forecast.rows, forecast.random_return
     figure, grid = new_figure(1, 1, width=7.5, height=1.6 + BAR_HEIGHT * max(len(rows), 3))
     axes = grid[0, 0]
-    _draw_bars(axes, forecast)
-    _draw_bounds(axes, forecast)
-    over = "φ > Q*" if forecast.solved else "φ > return"
+    for y, row in enumerate(rows):
+        colour, alpha = COLOURS["blue" if row.aggregate else "grey"], 0.9 if row.used else 0.45
+        axes.barh(y, row.mean("start") - low, 0.62, low, color=colour, alpha=alpha)
+        starts = [seed.start for seed in row.seeds]
+        # Seeds lie side by side, so that equal starts can be seen.
+        heights = y + 0.2 * np.linspace(-1, 1, len(starts)) * (len(starts) > 1)
+        axes.plot(starts, heights, "o", color="k", ms=2.5)
+    axes.set_yticks(range(len(rows)), [row.name + " (used)" * row.used for row in rows])
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    above: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    for name, bound, dashes, side in (
+        ("random policy", low, ":", "left"),
+        ("optimum", forecast.optimum, "-", "right"),
+    ):
+        if not math.isnan(bound):
+            axes.axvline(bound, color=COLOURS["black"], lw=1, linestyle=dashes)
+            words = f"{name} {rounded(bound)}"
+            axes.annotate(words, (bound, 1), (0, 3), ha=side, fontsize=7.5, **above)
+    axes.use_sticky_edges = False
+    axes.margins(x=0.04)
+    axes.xaxis.set_major_formatter(lambda x, _: minus(f"{x:,g}"))
+    axes.set_xlabel("expected return of the greedy policy")
+    over, share = "φ > Q*", "state-action pairs whose potential φ is above their optimal value"
+    if not forecast.solved:
+        over = "φ > return"
+        share = "the steps of φ's greedy policy on which φ is above the return to go"
     shares = [f"{row.mean('optimistic'):.0%}" for row in rows]
     scales = ["none" if math.isnan(row.scale) else f"× {row.scale:.2g}" for row in rows]
     write_columns(axes, [(over, *shares), ("scale", *scales)])
-    axes.set_xlabel("expected return of the greedy policy")
     # The sources' names are not in the caption: lines that are wrapped read dollars as formulas.
     figure.suptitle(
         f"{forecast.target}: where learning would start, not what it gains\n"
         f"a forecast {forecast.computed_from}"
     )
-    caption(figure, _forecast_words(forecast))
-    return figure
-
-
-def _draw_bars(axes: Axes, forecast: Forecast) -> None:
-    """Draw a bar and the dots of its seeds in each row, from the top."""
-    names, low = [], forecast.random_return
-    for y, row in enumerate(forecast.rows):
-        colour = COLOURS["blue" if row.aggregate else "grey"]
-        alpha = 0.9 if row.used else 0.45
-        axes.barh(y, row.mean("start") - low, 0.62, low, color=colour, alpha=alpha)
-        starts = [seed.start for seed in row.seeds]
-        # Seeds lie side by side, so that equal ones can be seen.
-        heights = y + 0.2 * np.linspace(-1, 1, len(starts)) * (len(starts) > 1)
-        axes.plot(starts, heights, "o", color="k", ms=2.5)
-        names.append(row.name + " (used)" * row.used)
-    axes.set_yticks(range(len(names)), names)
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
-    axes.set_ylim(len(names) - 0.4, -0.6)
-
-
-def _draw_bounds(axes: Axes, forecast: Forecast) -> None:
-    """Draw the random policy's return and the optimum as labelled lines."""
-    for name, bound, dashes, side in (
-        ("random policy", forecast.random_return, ":", "left"),
-        ("optimum", forecast.optimum, "-", "right"),
-    ):
-        if math.isnan(bound):
-            continue
-        axes.axvline(bound, color=COLOURS["black"], lw=1, linestyle=dashes)
-        above: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-        words = f"{name} {rounded(bound)}"
-        axes.annotate(words, (bound, 1), (0, 3), ha=side, fontsize=7.5, **above)
-    axes.use_sticky_edges = False
-    axes.margins(x=0.04)
-    axes.xaxis.set_major_formatter(lambda x, _: minus(f"{x:,g}"))
-
-
-def _forecast_words(forecast: Forecast) -> str:
-    """Return the caption."""
-    seeds = len(forecast.rows[0].seeds)
-    bars = "Bars: mean over seeds; dots: seeds" if seeds > 1 else "One seed"
+    bars = "Bars: mean over seeds; dots: seeds" if len(rows[0].seeds) > 1 else "One seed"
     returns = "exact" if forecast.exact else "by rollouts"
-    over = (
-        "φ > Q*: share of state-action pairs whose potential φ is above their optimal value"
-        if forecast.solved
-        else "φ > return: share of the steps of φ's greedy policy on which φ is above the return "
-        "to go"
-    )
-    alone = any(not row.aggregate for row in forecast.rows)
+    alone = any(not row.aggregate for row in rows)
     colours = " Blue: all transfers together; grey: one alone." * alone
-    return (
+    caption(
+        figure,
         f"{bars}; no intervals. Returns are {returns}; nothing is learnt in the target yet. "
-        f"{over}. Scale: what a calibration would multiply φ by.{colours}"
+        f"{over}: share of {share}. Scale: what a calibration would multiply φ by.{colours}",
     )
+    return figure
