@@ -11,15 +11,8 @@ from tests.unit.show.studies import chain_plan, hunt_plan, page_of, record
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
 )
-QUIET = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
+OFF = ("gpu", "quic", "background-networking", "component-update", "sync")
+QUIET = ["--no-sandbox", "--no-first-run", *(f"--disable-{part}" for part in OFF)]
 DESK = {"width": 1200, "height": 900}
 ODD = "<img src=x onerror=alert(1)>&\"' "
 
@@ -83,9 +76,8 @@ def visit(browser, files):
         contexts.append(context)
         page = context.new_page()
         address = files[name].as_uri()
-        own = {address} | {
-            one.as_uri() for one in files[name].parent.glob("*.svg")
-        }  # a paper's pictures
+        pictures = {file.as_uri() for file in files[name].parent.glob("*.svg")}  # of the paper
+        own = {address, *pictures}
         page.on("console", lambda message: heard.append(message.text))
         page.on("pageerror", lambda error: heard.append(str(error)))
         page.on("dialog", lambda dialog: heard.append(dialog.message))

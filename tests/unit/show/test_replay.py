@@ -63,12 +63,8 @@ def test_walls_and_ends_cover_what_is_no_state(maze):
     found = GridDrawing.of(GridView.for_replay(maze.results["2x2"].curriculum.tasks["maze"]))
     assert found.walls == "M2 3h1v1h-1z"
     assert found.ended.count("M") == 3  # two pits and the treasure
-    assert [(letter, ends) for letter, *_, ends in found.objects] == [
-        ("T", True),
-        ("P", True),
-        ("P", True),
-        ("F", False),
-    ]
+    objects = [(letter, ends) for letter, *_, ends in found.objects]
+    assert objects == [("T", True), ("P", True), ("P", True), ("F", False)]
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-3, 1e4))
