@@ -42,7 +42,7 @@ def read(page):
         "#arms li", "all => all.map(e => [e.dataset.arm, e.querySelector('.value').textContent])"
     )
     (steps,) = re.findall(r"([\d,]+) steps", page.text_content("#chart-steps"))
-    plain = {arm: text.replace("\u2212", "-").replace(",", " ") for arm, text in words}
+    plain = {arm: re.sub(",(?! )", "", text.replace("\u2212", "-")) for arm, text in words}
     return int(steps.replace(",", "")), {
         arm: [float(x) for x in re.findall(r"-?[\d.]+", t)] for arm, t in plain.items()
     }

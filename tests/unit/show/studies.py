@@ -4,10 +4,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
-import numpy as np
-
 import curricle as cr
-from curricle.learning.record import Snapshots
 from curricle.study.analysis import analysed
 from curricle.study.recording import curricula_record
 from tests.study_pages import study_page
@@ -16,29 +13,6 @@ from tests.tasks import predator_edges
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $\\frac{a$ </script>"
 """A name with special characters of HTML, of scripts and of Matplotlib's mathematics."""
-
-
-def kept_snapshots(result, name, moments=5):
-    """Five moments of seed 0, each a training of its own: a shorter one is a prefix of a longer."""
-    node, curriculum = result[name], result.curriculum
-    phi = (result.potentials.get(name) or [None])[0]
-    end = int(node.steps_used[0])
-    steps = np.linspace(0, end, moments).astype(np.int64)
-    space = node.task.states.size, node.task.actions.size
-    first = np.zeros(space) if phi is None else phi.values
-    values = [first] + [
-        cr.learn(
-            node.task,
-            curriculum.setting("learner", name),
-            int(n),
-            seeds=[0],
-            shaping=cr.QInitialisation(phi),
-            eval_freq=int(n),
-            stream=name,
-        ).values[0]
-        for n in steps[1:]
-    ]
-    return Snapshots(0, steps, np.array(values, dtype=np.float32))
 
 
 def with_snapshots(result, **kept):
@@ -69,11 +43,8 @@ def record(name, plans, seeds, moments=5, **settings):
     first = next(iter(plans.values()))
     target = first.target
     scratch = cr.Curriculum({target: first.tasks[target]}, budget=comparison.total)
-    results = {"scratch": scratch.train(seeds)}
-    results |= {arm: plan.train(seeds) for arm, plan in plans.items()}
-    for arm, result in results.items():
-        kept = {node: kept_snapshots(result, node, moments) for node in result.nodes}
-        results[arm] = with_snapshots(result, **kept)
+    arms = {"scratch": scratch, **plans}
+    results = {arm: plan.train(seeds, snapshots=moments) for arm, plan in arms.items()}
     return SimpleNamespace(
         name=name,
         comparison=comparison,

@@ -188,20 +188,6 @@ def test_a_view_of_a_pursuit_is_one_predator_s_cell(hunt):
     assert both.cells[both.ended].tolist() == [[1, 2]]
 
 
-@pytest.fixture(scope="module")
-def keyed():
-    """A task whose state is a key, a row from 3 and a column; nothing moves."""
-    states = cr.Space([cr.Component("key", 2), cr.Component("y", 2, low=3), cr.Component("x", 3)])
-    rules = {"states": states, "terminal": [False] * 12, "start": 0, "discount": 0.9}
-    return cr.FiniteMDP.from_outcomes([[[(1.0, s, 0.0)]] for s in range(12)], **rules)
-
-
-def test_a_row_and_a_column_make_a_view(keyed):
-    shown = GridView.of(keyed, {"key": 1})
-    assert shown.states.tolist() == [6, 7, 8, 9, 10, 11]
-    assert (shown.origin, shown.shape, shown.words) == ((3, 0), (2, 3), "key 1")
-
-
 def test_what_makes_no_grid_is_refused(hunt):
     wrong = [None, {"wolf": 0}, {"prey": (1, 3), "predator_1": 0}, [("prey", 0)]]
     wrong.append({"prey": 0, "predator_1": 0, "predator_2": 0})

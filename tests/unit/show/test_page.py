@@ -16,10 +16,9 @@ from curricle.errors import SettingError
 from curricle.show.findings import forecast_sections
 from curricle.show.graph import CARD, graphs
 from curricle.show.page import SEEN, curve_data
-from curricle.show.plots import draw_learning_curves, shown_curve
+from curricle.show.plots import draw_learning_curves
 from curricle.show.style import arm_styles
 from curricle.statistics.curves import Curve
-from curricle.statistics.intervals import mean_interval
 from curricle.study import analysis as analysis_module
 from curricle.study.analysis import analysed
 from curricle.study.recording import curricula_record
@@ -135,15 +134,12 @@ def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():
     assert "nan" not in found.words.lower().split()
 
 
-def test_an_arm_without_transfers_has_no_forecast(maze):
+def test_an_arm_without_transfers_has_no_forecast_and_scratch_alone_no_page(maze):
     plan = cr.Curriculum({"maze": maze_plan(2).tasks["maze"]}, budget=500)
     found = Reader(study_page("same", cr.compare({"same": plan}, seeds=2), {"same": plan.train(2)}))
     assert found.problems == []
     assert "Too few seeds for a verdict (2; 6 or more)." in found.words
     assert "predicted start" not in found.words
-
-
-def test_a_study_of_scratch_alone_is_refused(maze):
     comparison = replace(maze.comparison, arms={"scratch": maze.comparison.scratch})
     with pytest.raises(SettingError, match="needs an arm besides 'scratch'"):
         study_page("alone", comparison, {"scratch": maze.results["scratch"]})
@@ -164,25 +160,6 @@ def numbers(row, digits):
     values = np.full(len(row), np.nan)
     values[known] = np.cumsum([number for number in row if number is not None]) / 10**digits
     return values
-
-
-@pytest.mark.parametrize("panel", ["weak", "strong"])
-@pytest.mark.parametrize("study", ["pursuit", "maze"])
-def test_means_and_bounds_are_those_of_the_comparison(study, panel, request):
-    comparison = request.getfixturevalue(study).comparison
-    found = data_of(comparison)
-    steps, unit = np.cumsum(found["steps"]), 10.0 ** -found["digits"]
-    assert {arm["name"] for arm in found["arms"]} == set(comparison.arms)
-    for arm in found["arms"]:
-        curve, begin = shown_curve(comparison, arm["name"], strong=panel == "strong")
-        own = arm[panel]
-        mean = numbers(own["mean"], found["digits"])
-        assert steps[own["first"]] == comparison.scratch.curve.steps[begin]
-        assert steps[own["first"] :][: len(mean)].tolist() == curve.steps.tolist()
-        band = mean_interval(curve.filled())
-        for name, wanted in (("mean", band.estimate), ("low", band.low), ("high", band.high)):
-            row = numbers(own[name], found["digits"])
-            np.testing.assert_allclose(row, wanted, atol=0.5001 * unit, rtol=0)
 
 
 def test_seeds_are_their_returns_over_target_steps(pursuit):

@@ -123,17 +123,13 @@ def test_both_episodes_start_alike_and_sum_the_rewards(pursuit):
     assert after.terminated == followed.terminated
 
 
-def test_tasks_without_tables_have_no_episodes(pursuit, monkeypatch):
+def test_tasks_without_tables_and_states_off_the_strip_have_no_episodes(pursuit, monkeypatch):
+    values = np.zeros((2, 80, 2), np.float32)
+    values[:, :, 1] = 1
+    far = replace(chain(80), start=np.eye(80)[70])
+    shot = Snapshots(seed=0, steps=np.array([0, 9]), values=values)
+    assert before_and_after(shot, far, GridView.for_replay(far), discounted=True) is None
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
     monkeypatch.setattr("curricle.study.analysis.LARGEST_TABLE", 10)
     shot = pursuit.results["min"]["hunt"].snapshots
     assert before_and_after(shot, hunt, GridView.for_replay(hunt), discounted=True) is None
-
-
-def test_a_state_off_the_strip_has_no_episode():
-    long = chain(80)
-    values = np.zeros((2, 80, 2), np.float32)
-    values[:, :, 1] = 1
-    far = replace(long, start=np.eye(80)[70])
-    shot = Snapshots(seed=0, steps=np.array([0, 9]), values=values)
-    assert before_and_after(shot, far, GridView.for_replay(far), discounted=True) is None
