@@ -1,4 +1,8 @@
-"""A study as one HTML page without a network and without other files, and the paper's page."""
+"""A study as one HTML page without a network and without other files, and the paper's page.
+
+A page is a function of results alone. Curves are in it twice, both by `shown_curve`: as pictures,
+for paper and for readers without scripts, and as rounded numbers that ``curves.js`` draws.
+"""
 
 import base64
 import hashlib

@@ -1,7 +1,8 @@
 """The report of a study's folder: once, or again and again while units are stored.
 
-An interim report is a file, as the last one is; a few lines of script read it again until the run
-is over. Every page is written beside its place and moved there, so that it is whole at any moment.
+An interim report is made of what the folder holds, whoever runs the study, so that ``run --open``
+and ``watch`` do the same. It is a file as the last report is; a few lines of script read it again
+until the run is over. Every page is written beside its place and moved there, whole at any moment.
 """
 
 from collections.abc import Callable, Iterable, Sequence
