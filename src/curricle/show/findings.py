@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from markupsafe import Markup
 
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.verdicts import not_asked
@@ -18,7 +17,6 @@ from curricle.study.config.sweeps import value_text
 from curricle.study.effects import Effects, short
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.tuning import TuningRecord
-from curricle.study.units import numbered_seeds
 from curricle.text_tables import counted
 
 Row = Mapping[str, Any]
@@ -44,7 +42,7 @@ def headline(comparison: Comparison) -> str:
 
     Where there is no verdict it says why, and nothing else.
     """
-    verdicts, seeds = comparison.verdicts, counted(comparison.seeds, "seed")
+    verdicts = comparison.verdicts
     if comparison.withheld:
         return _sentence(comparison.withheld)
     paid = [name for name, verdict in verdicts.items() if verdict.direction > 0]
@@ -70,7 +68,8 @@ def headline(comparison: Comparison) -> str:
         rival = f"the best learner from {comparison.best_scratch}"
     return (
         f"{_sentence(', '.join(counts), ':')} {leading}{signed(gains[most])} mean return against "
-        f"{rival}, source steps counted, over {seeds}.{_why(comparison)}"
+        f"{rival}, source steps counted, over {counted(comparison.seeds, 'seed')}."
+        f"{_why(comparison)}"
     )
 
 
@@ -162,7 +161,7 @@ def too_few(comparison: Comparison) -> str:
 
     The smallest p value of a sign-flip test depends on the number of seeds alone.
     """
-    few = [one for one in comparison.verdicts.values() if one.withheld]
+    few = [verdict for verdict in comparison.verdicts.values() if verdict.withheld]
     if not few or comparison.interim:
         return ""
     if comparison.seeds == 1:
@@ -176,21 +175,20 @@ def too_few(comparison: Comparison) -> str:
     )
 
 
-def forest(told: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, float, float]]]:
+def forest(answers: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, float, float]]]:
     """Return the places of 0 and of each gain's low, estimate and high on an axis, in percent."""
     ends: dict[str, tuple[float, float, float]] = {}
-    for finding in told:
+    for finding in answers:
         low, middle, high = map(float, (finding.gain.low, finding.gain.estimate, finding.gain.high))
         ends[finding.arm] = (middle if math.isnan(low) else low, middle, max(middle, high))
     marks = [0.0, *(mark for triple in ends.values() for mark in triple)]
     least, width = min(marks), (max(marks) - min(marks)) or 1.0
-    return 100 * -least / width, {
-        arm: (
-            100 * (low - least) / width,
-            100 * (mid - least) / width,
-            100 * (high - least) / width,
-        )
-        for arm, (low, mid, high) in ends.items()
+
+    def percent(mark: float) -> float:
+        return 100 * (mark - least) / width
+
+    return percent(0.0), {
+        arm: (percent(a), percent(b), percent(c)) for arm, (a, b, c) in ends.items()
     }
 
 
@@ -204,15 +202,6 @@ class Cell(NamedTuple):
 
     text: str
     below: str = ""
-
-
-class Column(NamedTuple):
-    """A column of the table: a new measure is a row of `COLUMNS`, which the page loops over."""
-
-    head: str
-    meaning: str  # below the table; with {threshold} and {window} of the comparison
-    cell: Callable[[str, Comparison, Row], Cell]  # of the column's key
-    transfer: str = STRONG  # the kind that it belongs to; empty where it is neither
 
 
 def _interval(measure: str, comparison: Comparison, row: Row) -> Cell:
@@ -246,38 +235,36 @@ def _whole(measure: str, comparison: Comparison, row: Row) -> Cell:
     return Cell(f"{row[measure]:,.0f}")
 
 
+class Column(NamedTuple):
+    """A column of the table: a new measure is a row of `COLUMNS`, which the page loops over."""
+
+    head: str
+    meaning: str  # below the table; with {threshold} and {window} of the comparison
+    cell: Callable[[str, Comparison, Row], Cell]  # of the column's key
+    transfer: str = STRONG  # the kind that it belongs to; empty where it is neither
+
+
+TIME = (
+    "total steps to a return of {threshold}, smoothed over {window} checkpoints; a seed that never "
+    "reaches it counts with all its steps, hence >; so it does in steps saved"
+)
+CHANCE = "probability that a run has a higher mean return than a run from scratch"
 SAVED = "steps to the threshold within the budget, fewer than from scratch"
+ABOVE = "above that of scratch"
 COLUMNS = {
-    "strong_gain": Column("gain", "mean return over all steps, above that of scratch", _interval),
+    "strong_gain": Column("gain", f"mean return over all steps, {ABOVE}", _interval),
     "adjusted_p": Column("p", "two-sided, of no gain, adjusted for the number of curricula", _p),
-    "probability_of_improvement": Column(
-        "P(improve&shy;ment)",
-        "probability that a run has a higher mean return than a run from scratch",
-        _interval,
-    ),
+    "probability_of_improvement": Column("P(improve&shy;ment)", CHANCE, _interval),
     "asymptotic_gain": Column(
-        "asymp&shy;totic gain",
-        "return at the end of all steps, above that of scratch",
-        _interval,
+        "asymp&shy;totic gain", f"return at the end of all steps, {ABOVE}", _interval
     ),
     "mean_return": Column("mean return", "mean height of the curve over all steps", _interval),
-    "steps_to_threshold": Column(
-        "steps to threshold",
-        "total steps to a return of {threshold}, smoothed over {window} checkpoints; a seed that "
-        "never reaches it counts with all its steps, hence >; so it does in steps saved",
-        _time,
-    ),
+    "steps_to_threshold": Column("steps to threshold", TIME, _time),
     "strong_steps_saved": Column("steps saved", SAVED, _saved),
-    "weak_gain": Column(
-        "gain", "mean return over target steps, above that of scratch", _interval, WEAK
-    ),
-    "jumpstart": Column(
-        "jumpstart", "return at the first target step, above that of scratch", _interval, WEAK
-    ),
+    "weak_gain": Column("gain", f"mean return over target steps, {ABOVE}", _interval, WEAK),
+    "jumpstart": Column("jumpstart", f"return at the first target step, {ABOVE}", _interval, WEAK),
     "weak_steps_saved": Column("steps saved", f"target {SAVED}", _saved, WEAK),
-    "source_steps": Column(
-        "source steps", "steps in the sources, which strong transfer counts", _whole, ""
-    ),
+    "source_steps": Column("source steps", "steps in the sources, mean over seeds", _whole, ""),
 }
 """Key in :meth:`Comparison.rows` -> its column."""
 
@@ -290,18 +277,16 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
     }
 
 
-def meanings(comparison: Comparison) -> list[tuple[Markup, str]]:
+def meanings(comparison: Comparison) -> list[tuple[str, str]]:
     """Return the name of each column, and what it means."""
-    threshold = rounded(comparison.threshold)
-    if comparison.threshold_from:
-        threshold += f" ({comparison.threshold_from})"
-    named = [
-        (Markup(column.head.replace("&shy;", "")) + " (weak)" * (column.transfer == WEAK), column)
-        for column in COLUMNS.values()
-    ]
+    why = f" ({comparison.threshold_from})" * bool(comparison.threshold_from)
+    terms = {"threshold": rounded(comparison.threshold) + why, "window": comparison.window}
     return [
-        (name, column.meaning.format(threshold=threshold, window=comparison.window))
-        for name, column in named
+        (
+            column.head.replace("&shy;", "") + " (weak)" * (column.transfer == WEAK),
+            column.meaning.format(**terms),
+        )
+        for column in COLUMNS.values()
     ]
 
 
@@ -364,58 +349,42 @@ def _section(record: SectionRecord, curricula: CurriculaRecord, learnt: Learnt) 
 
 # -- what was swept or tuned: what was tried, what was best, main effects --------------------------
 
-NONE = "–"
-
-
-@dataclass(frozen=True)
-class EffectsSection:
-    """What a sweep or a tuning shows."""
-
-    effects: Effects
-    rows: tuple[tuple[str, ...], ...]
-    """Main effects: arm, setting, value, number of trials or arms, mean return, and its bounds."""
-    # Of a tuning, the best of each arm: arm, trials, steps, mean return, and the settings.
-    best: tuple[tuple[str, ...], ...]
-    words: str  # on the tuning's seeds and steps
+Texts = list[tuple[str, ...]]
 
 
 def effects_sections(
     effects: Sequence[Effects], tuning: TuningRecord | None
-) -> tuple[EffectsSection, ...]:
-    """Return the sections of a page on a sweep and on a tuning, those that there are."""
-    return tuple(_effects_section(kind, tuning) for kind in effects)
+) -> list[tuple[Effects, Texts, Texts]]:
+    """Return for a sweep and for a tuning, where there are any, the rows of their tables.
 
-
-def _effects_section(effects: Effects, tuning: TuningRecord | None) -> EffectsSection:
-    rows = tuple(
+    Main effects: arm, setting, value, number of trials or arms, mean return, and its bounds. Of a
+    tuning, the best of each arm: arm, trials, steps, mean return, and the settings.
+    """
+    best: Texts = []
+    if tuning is not None:
+        for name, arm in tuning.arms.items():
+            spent = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
+            values = [_value(arm.best.values.get(key)) for key in tuning.space]
+            best.append((name, *spent, _value(arm.best.score), *values))
+    return [
         (
-            *(arm, key, minus(level.text), f"{level.number}", minus(short(level.mean))),
-            f"[{minus(short(level.low))}, {minus(short(level.high))}]",
+            kind,
+            [
+                (
+                    *(arm, key, minus(level.text), f"{level.number}", minus(short(level.mean))),
+                    f"[{minus(short(level.low))}, {minus(short(level.high))}]",
+                )
+                for arm, key, level in kind.rows
+            ],
+            best if kind.kind != "sweep" else [],
         )
-        for arm, key, level in effects.rows
-    )
-    if effects.kind == "sweep" or tuning is None:
-        return EffectsSection(effects, rows, (), "")
-    best = tuple(
-        (
-            *(name, f"{len(arm.trials)}", f"{tuning.steps(name):,}"),
-            NONE if arm.best.score is None else minus(short(arm.best.score)),
-            *(_value(arm.best.values.get(key)) for key in tuning.space),
-        )
-        for name, arm in tuning.arms.items()
-    )
-    words = (
-        f"Each trial was trained on {numbered_seeds(tuning.seeds)}, apart from those of the "
-        f"study, for {tuning.total:,} steps a seed, sources included. Learning from scratch "
-        "was tuned as every arm. These steps are stated here; the curves are not charged "
-        "with them."
-    )
-    return EffectsSection(effects, rows, best, words)
+        for kind in effects
+    ]
 
 
 def _value(value: object) -> str:
     if value is None:
-        return NONE
+        return "–"
     if isinstance(value, int) and not isinstance(value, bool):
         return minus(f"{value:,}")
     return minus(short(value) if isinstance(value, float) else value_text(value))

@@ -57,6 +57,7 @@ from curricle.statistics.intervals import mean_interval
 from curricle.study.effects import Effects
 from curricle.study.record import Analysis, CurriculaRecord
 from curricle.study.tuning import TuningRecord
+from curricle.study.units import numbered_seeds
 from curricle.text_tables import counted
 
 # -- templates -------------------------------------------------------------------------------------
@@ -91,7 +92,7 @@ def render(template: str, **values: Any) -> str:
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
     environment.globals.update(shades=shades_of, asset=asset)
-    environment.filters.update(signs=_signs, evidence=_evidence)
+    environment.filters.update(signs=_signs, evidence=_evidence, numbered_seeds=numbered_seeds)
     environment.filters.update(rounded=rounded, listed=listed, counted=counted)
     return environment.get_template(template).render(values)
 
@@ -178,7 +179,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
     comparison, curricula, learnt = study.comparison, study.curricula, study.learnt
     if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
-    told, styles = findings(comparison), arm_styles(comparison)
+    answers, styles = findings(comparison), arm_styles(comparison)
     films, not_shown = replays(curricula, learnt, study.analysis)
     # The replay to begin with: the first curriculum in the target.
     in_target = [film for film in films if film.task == comparison.target]
@@ -199,8 +200,8 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         headline=headline(comparison),
         too_few=too_few(comparison),
         failed={arm: in_words(error) for arm, error in comparison.failed.items()},
-        findings=told,
-        forest=forest(told),
+        findings=answers,
+        forest=forest(answers),
         styles=styles,
         graphs=graphs(curricula, learnt, study.reasons),
         with_scratch=SCRATCH in learnt,
@@ -212,6 +213,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         kinds={kind: [*keys] for kind, keys in groupby(COLUMNS, lambda key: COLUMNS[key].transfer)},
         meanings=meanings(comparison),
         settings_sections=effects_sections(study.effects, study.tuning),
+        tuning=study.tuning,
         sections=forecast_sections(study.analysis, curricula, learnt),
         replays=films,
         menu={film.task: [other for other in films if other.task == film.task] for film in films},

@@ -7,16 +7,16 @@ document.addEventListener("DOMContentLoaded", () => {
   const data = JSON.parse(at("curves-data").textContent);
   const SVG = "http://www.w3.org/2000/svg", GREY = "#444", RULE = "#e4e4e4";
 
-  // Rows of numbers hold their first one, then differences; null stands for no number.
+  // Rows of numbers hold their first number, then differences; null stands for no number.
   const summed = (differences, unit = 1) => {
     let sum = 0;
-    return differences.map((one) => (one === null ? NaN : (sum += one) / unit));
+    return differences.map((item) => (item === null ? NaN : (sum += item) / unit));
   };
   const unit = 10 ** data.digits, steps = summed(data.steps), seedSteps = summed(data.seed_steps);
   const returns = (row) => summed(row, unit);
   const band = ({ first, mean, low, high }) => {
-    const own = steps.slice(first, first + mean.length);
-    return { first, steps: own, mean: returns(mean), low: returns(low), high: returns(high) };
+    const inside = steps.slice(first, first + mean.length);
+    return { first, steps: inside, mean: returns(mean), low: returns(low), high: returns(high) };
   };
   const arms = data.arms.map((arm) => {
     const { weak, strong, seeds } = arm;
@@ -51,21 +51,21 @@ document.addEventListener("DOMContentLoaded", () => {
 
   // Round numbers between two, so many at most.
   const ticks = (low, high, most) => {
-    const least = (high - low) / most, power = 10 ** Math.floor(Math.log10(least)), found = [];
-    const step = power * [1, 2, 5, 10].find((one) => one * power >= least * 0.999);
-    for (let k = Math.ceil(low / step - 1e-9); k * step <= high * (1 + 1e-12); k++) found.push(k * step + 0);
-    return found;
+    const least = (high - low) / most, power = 10 ** Math.floor(Math.log10(least)), marks = [];
+    const step = power * [1, 2, 5, 10].find((item) => item * power >= least * 0.999);
+    for (let k = Math.ceil(low / step - 1e-9); k * step <= high * (1 + 1e-12); k++) marks.push(k * step + 0);
+    return marks;
   };
   const returnTicks = ([low, high], space) => {
     const even = ticks(valueAt(low), valueAt(high), space / 40);
     if (!data.symlog) return even;
-    const found = [], apart = (26 / space) * (high - low), powers = [...Array(24).keys()];
-    const sizes = [1, 5, 2].flatMap((digit) => powers.map((one) => digit * 10 ** (one - 9)));
-    for (const one of [0, ...sizes, ...sizes.map((size) => -size)]) {
-      const height = heightOf(one), far = (other) => Math.abs(heightOf(other) - height) >= apart;
-      if (height >= low && height <= high && found.every(far)) found.push(one);
+    const marks = [], apart = (26 / space) * (high - low), powers = [...Array(24).keys()];
+    const sizes = [1, 5, 2].flatMap((digit) => powers.map((item) => digit * 10 ** (item - 9)));
+    for (const item of [0, ...sizes, ...sizes.map((size) => -size)]) {
+      const height = heightOf(item), far = (other) => Math.abs(heightOf(other) - height) >= apart;
+      if (height >= low && height <= high && marks.every(far)) marks.push(item);
     }
-    return found.length < 3 ? even : found;
+    return marks.length < 3 ? even : marks;
   };
 
   const dress = (element, settings) => {
@@ -79,12 +79,12 @@ document.addEventListener("DOMContentLoaded", () => {
     return made;
   };
   const lineOf = (xs, ys, { x, y }) =>
-    `M${xs.map((one, i) => `${x(one).toFixed(1)} ${y(ys[i]).toFixed(1)}`).join("L")}`;
+    `M${xs.map((item, i) => `${x(item).toFixed(1)} ${y(ys[i]).toFixed(1)}`).join("L")}`;
 
   // An arm twice: below all lines its band, which has no height where a bound does not exist.
   const drawBand = (parent, arm, to) => {
     const { steps: xs, mean, low, high } = arm[panel];
-    const bound = (values) => values.map((one, i) => (Number.isNaN(one) ? mean[i] : one));
+    const bound = (values) => values.map((item, i) => (Number.isNaN(item) ? mean[i] : item));
     const outline = [...bound(low), ...bound(high).reverse()];
     const d = lineOf([...xs, ...[...xs].reverse()], outline, to);
     add(parent, "path", { "data-arm": arm.name, class: "band", d, fill: arm.colour, "fill-opacity": 0.18 });
@@ -96,8 +96,8 @@ document.addEventListener("DOMContentLoaded", () => {
     if (at("chart-seeds").checked) {
       arm.seeds.forEach((row, k) => {
         const shift = panel === "strong" ? arm.source_steps[k] : 0;
-        const own = seedSteps.map((one) => one + shift).filter((one) => one <= end);
-        if (own.length) line(own, row, { class: "seed", "stroke-width": 0.8, opacity: 0.5 });
+        const counted = seedSteps.map((item) => item + shift).filter((item) => item <= end);
+        if (counted.length) line(counted, row, { class: "seed", "stroke-width": 0.8, opacity: 0.5 });
       });
     }
     const dotted = { stroke: "#555", "stroke-dasharray": "1.5 3", "stroke-width": 1.4 };
@@ -109,19 +109,19 @@ document.addEventListener("DOMContentLoaded", () => {
   const picture = (svg, width, height) => {
     const { x: [x0, x1], y: [y0, y1] } = current();
     const top = 26, bottom = height - 42, right = width - 34, marks = returnTicks([y0, y1], bottom - top);
-    const left = 14 + 7.5 * Math.max(...marks.map((one) => label(one).length));
-    const x = (one) => left + ((one - x0) / (x1 - x0)) * (right - left);
-    const y = (one) => bottom - ((heightOf(one) - y0) / (y1 - y0)) * (bottom - top);
+    const left = 14 + 7.5 * Math.max(...marks.map((item) => label(item).length));
+    const x = (item) => left + ((item - x0) / (x1 - x0)) * (right - left);
+    const y = (item) => bottom - ((heightOf(item) - y0) / (y1 - y0)) * (bottom - top);
     dress(svg, { viewBox: `0 0 ${width} ${height}`, width, height });
     dress(svg, { fill: GREY, "font-family": "system-ui, sans-serif", "font-size": 12 }).replaceChildren();
     add(svg, "rect", { width: "100%", height: "100%", fill: "#fff" });
-    for (const one of marks) {
-      add(svg, "path", { d: `M${left} ${y(one)}H${right}`, stroke: RULE });
-      add(svg, "text", { x: left - 7, y: y(one) + 4, "text-anchor": "end" }, label(one));
+    for (const item of marks) {
+      add(svg, "path", { d: `M${left} ${y(item)}H${right}`, stroke: RULE });
+      add(svg, "text", { x: left - 7, y: y(item) + 4, "text-anchor": "end" }, label(item));
     }
-    for (const one of ticks(x0, x1, (right - left) / 80)) {
-      add(svg, "path", { d: `M${x(one)} ${bottom}v5`, stroke: GREY });
-      add(svg, "text", { x: x(one), y: bottom + 19, "text-anchor": "middle" }, label(one));
+    for (const item of ticks(x0, x1, (right - left) / 80)) {
+      add(svg, "path", { d: `M${x(item)} ${bottom}v5`, stroke: GREY });
+      add(svg, "text", { x: x(item), y: bottom + 19, "text-anchor": "middle" }, label(item));
     }
     add(svg, "path", { d: `M${left} ${top}V${bottom}H${right}`, stroke: GREY, fill: "none" });
     add(svg, "text", { x: 2, y: 13 }, `greedy return${data.symlog ? " (symlog scale)" : ""}`);
@@ -132,7 +132,7 @@ document.addEventListener("DOMContentLoaded", () => {
     const inside = add(svg, "g", { "clip-path": "url(#chart-frame)" }), level = y(data.threshold);
     add(inside, "path", { d: `M${left} ${level}H${right}`, stroke: "#777" });
     const drawn = at("chart-seeds").checked ? [drawLines] : [drawBand, drawLines];
-    drawn.forEach((one) => shownArms().forEach((arm) => one(inside, arm, { x, y })));
+    drawn.forEach((item) => shownArms().forEach((arm) => item(inside, arm, { x, y })));
     // The word stands on that side of its line where no curve ends.
     const above = shownArms().map((arm) => level - y(arm[panel].mean.at(-1))).some((up) => up > -2 && up < 22);
     const halo = { stroke: "#fff", "stroke-width": 3, "paint-order": "stroke", "font-size": 11 };
@@ -152,7 +152,7 @@ document.addEventListener("DOMContentLoaded", () => {
     if (drag?.box) add(over, "rect", { ...drag.box, fill: "#0072b2", "fill-opacity": 0.12, stroke: "#0072b2" });
     if (cursor === null || x(steps[k]) < left - 1 || x(steps[k]) > right + 1) return;
     add(over, "path", { d: `M${x(steps[k])} ${top}V${bottom}`, stroke: "#111", "stroke-dasharray": "3 3" });
-    for (const arm of shownArms().filter((one) => k >= one[panel].first)) {
+    for (const arm of shownArms().filter((item) => k >= item[panel].first)) {
       const cy = y(arm[panel].mean[k - arm[panel].first]);
       const dot = { cx: x(steps[k]), cy, r: 4, fill: arm.colour, stroke: "#fff" };
       if (cy > top - 4 && cy < bottom + 4) add(over, "circle", dot);
@@ -172,7 +172,7 @@ document.addEventListener("DOMContentLoaded", () => {
     const length = Math.min(end - start, Math.max(least, high - low));
     const from = Math.max(start, Math.min(end - length, (low + high - length) / 2)), to = from + length;
     const seen = shownArms().flatMap(({ [panel]: { steps: xs, mean, low, high } }) =>
-      [mean, low, high].flatMap((row) => row.filter((one, i) => xs[i] >= from && xs[i] <= to && one === one)));
+      [mean, low, high].flatMap((row) => row.filter((item, i) => xs[i] >= from && xs[i] <= to && item === item)));
     const [bottom, top] = [Math.min, Math.max].map((end) => heightOf(end(...seen)));
     const margin = 0.06 * (top - bottom);
     const fitting = margin > 0 ? [bottom - margin, top + margin] : whole().y;
@@ -198,7 +198,7 @@ document.addEventListener("DOMContentLoaded", () => {
   const heightAt = (y) => between((scales.bottom - y) / (scales.bottom - scales.top), current().y);
   const point = ({ clientX, clientY }) => {
     const box = chart.getBoundingClientRect(), wanted = stepsAt(clientX - box.left);
-    const away = steps.slice(0, last() + 1).map((one) => Math.abs(one - wanted));
+    const away = steps.slice(0, last() + 1).map((item) => Math.abs(item - wanted));
     cursor = away.indexOf(Math.min(...away));
     return [clientX - box.left, clientY - box.top];
   };

@@ -4,5 +4,5 @@ document.addEventListener("DOMContentLoaded", () => {
   const wide = new ResizeObserver((entries) => entries.forEach(({ target }) => {
     target.classList.toggle("scrolls", target.scrollWidth > target.clientWidth + 1);
   }));
-  document.querySelectorAll(".across").forEach((one) => wide.observe(one));
+  document.querySelectorAll(".across").forEach((item) => wide.observe(item));
 });

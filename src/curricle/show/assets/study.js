@@ -15,11 +15,11 @@ document.addEventListener("DOMContentLoaded", () => {
 
   // Sixteen-bit numbers, the lower byte first.
   const unpacked = (text) => {
-    const bytes = atob(text), found = new Uint16Array(bytes.length / 2);
-    for (let i = 0; i < found.length; i++) {
-      found[i] = bytes.charCodeAt(2 * i) + 256 * bytes.charCodeAt(2 * i + 1);
+    const bytes = atob(text), numbers = new Uint16Array(bytes.length / 2);
+    for (let i = 0; i < numbers.length; i++) {
+      numbers[i] = bytes.charCodeAt(2 * i) + 256 * bytes.charCodeAt(2 * i + 1);
     }
-    return found;
+    return numbers;
   };
 
   // A button that moves a slider to its end, or stops it.
