@@ -3,7 +3,7 @@
 import pytest
 from markupsafe import Markup
 
-from curricle.show.page import Script, render
+from curricle.show.page import render
 
 from .conftest import ODD
 
@@ -178,10 +178,9 @@ def test_an_interim_page_is_read_again_but_not_under_its_readers_hands(visit, fi
     files["interim"] = files["maze"].with_name("interim.html")
 
     def write(words, seconds):
-        name, scripts = "Interim", [Script.of("reload.js")]
         banner = render("banner.html", sentence=words, time="12:00:00", seconds=seconds)
         tall = Markup(banner + '<div style="height: 300rem"></div>')
-        files["interim"].write_text(render("waiting.html", name=name, scripts=scripts, banner=tall))
+        files["interim"].write_text(render("waiting.html", name="Interim", banner=tall))
 
     write("not begun", 0)
     page = visit("interim")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 from xml.etree import ElementTree
 
 import matplotlib
@@ -91,7 +91,7 @@ def render(template: str, **values: Any) -> str:
         finalize=_visible,
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
-    environment.globals.update(shades=shades_of, asset=asset)
+    environment.globals.update(shades=shades_of, asset=asset, digest=_digest)
     environment.filters.update(signs=_signs, evidence=_evidence, numbered_seeds=numbered_seeds)
     environment.filters.update(rounded=rounded, listed=listed, counted=counted)
     return environment.get_template(template).render(values)
@@ -109,19 +109,9 @@ def asset(name: str) -> Markup:
     return Markup((files("curricle.show") / "assets" / name).read_text("utf-8"))
 
 
-@dataclass(frozen=True)
-class Script:
-    """A script of a page, which the page's policy names by its digest."""
-
-    text: Markup
-    digest: str  # sha256-...
-
-    @classmethod
-    def of(cls, name: str) -> Self:
-        """Return a script in ``assets``."""
-        text = asset(name)
-        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-        return cls(text, f"sha256-{digest}")
+def _digest(script: str) -> str:
+    """Return the digest by which the policy of a page names its script."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
 def write_page(page: str, path: str | Path) -> Path:
@@ -223,7 +213,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         reasons=_shared(ended),
         ends=ends(study.reasons),
         banner=banner,
-        scripts=[Script.of(script) for script in scripts],
+        scripts=scripts,
         data={
             "replays": {film.key: film.data() for film in films},
             "palettes": {film.palette: shades_of(film.palette) for film in films},

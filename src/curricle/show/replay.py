@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, FloatTable, IntArray
+from curricle.array_types import BoolArray, FloatTable, IntArray
 from curricle.learning.record import Snapshots
 from curricle.show.graph import Learnt
 from curricle.show.style import (
@@ -30,9 +30,6 @@ from curricle.show.views import GridView
 from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord, TaskRecord
 from curricle.tasks.grid_layout import LETTERS
 from curricle.text_tables import counted
-
-CellTexts = tuple[tuple[int, int, str], ...]
-"""Column, row and text of cells."""
 
 MOST_MOMENTS = 48
 """Moments of one training at most."""
@@ -61,42 +58,29 @@ def squares(cells: Iterable[tuple[int, int]]) -> str:
     return "".join(f"M{x} {y}h1v1h-1z" for x, y in cells)
 
 
-@dataclass(frozen=True)
-class GridDrawing:
-    """The unchanging parts of a grid, in columns and rows from its top-left cell."""
-
-    columns: int
-    rows: int
-    lines: str  # path of the lines between cells
-    walls: str  # path of the cells in which no state lies
-    ended: str  # path of the terminal states
-    # What lies in a maze: letter, colour, column, row, and whether it ends the episode.
-    objects: tuple[tuple[str, str, int, int, bool], ...]
-    letters: tuple[tuple[str, int, int], ...]  # fixed components of the state: letters, column, row
-    labels: tuple[tuple[int, int, str], ...]  # column, row and number of each state of a strip
-    markers: tuple[tuple[str, str], ...]  # letter and colour of what moves
-
-    @classmethod
-    def of(cls, view: GridView) -> "GridDrawing":
-        """Return the drawing of a view."""
-        (top, left), (rows, columns) = view.origin, view.shape
-        across = "".join(f"M0 {y}h{columns}" for y in range(rows + 1))
-        down = "".join(f"M{x} 0v{rows}" for x in range(columns + 1))
-        numbered = zip(shifted(view, view.cells), view.states.tolist(), strict=True)
-        return cls(
-            columns=columns,
-            rows=rows,
-            lines=across + down,
-            walls=squares(shifted(view, view.walls)),
-            ended=squares(shifted(view, view.cells[view.ended])),
-            objects=tuple(
-                (LETTERS[name], TINTS[name], column - left, row - top, ends)
-                for name, row, column, ends in view.objects
-            ),
-            letters=tuple((x, c - left, r - top) for (r, c), x in view.stacked_letters.items()),
-            labels=() if view.is_map else tuple((x, y, str(n)) for (x, y), n in numbered),
-            markers=tuple((marker.letter, COLOURS[marker.colour]) for marker in view.markers),
-        )
+def grid_drawing(view: GridView) -> dict[str, Any]:
+    """Return the unchanging parts of a grid, in columns and rows from its top-left cell."""
+    (top, left), (rows, columns) = view.origin, view.shape
+    across = "".join(f"M0 {y}h{columns}" for y in range(rows + 1))
+    down = "".join(f"M{x} 0v{rows}" for x in range(columns + 1))
+    numbered = zip(shifted(view, view.cells), view.states.tolist(), strict=True)
+    return {
+        "columns": columns,
+        "rows": rows,
+        # Paths: the lines between cells, cells in which no state lies, and terminal states.
+        "lines": across + down,
+        "walls": squares(shifted(view, view.walls)),
+        "ended": squares(shifted(view, view.cells[view.ended])),
+        # What lies in a maze: letter, colour, column, row, and whether it ends the episode.
+        "objects": [
+            (LETTERS[name], TINTS[name], column - left, row - top, ends)
+            for name, row, column, ends in view.objects
+        ],
+        # Fixed components of the state, the number of each state of a strip, and what moves.
+        "letters": [(x, c - left, r - top) for (r, c), x in view.stacked_letters.items()],
+        "labels": [] if view.is_map else [(x, y, str(n)) for (x, y), n in numbered],
+        "markers": [(marker.letter, COLOURS[marker.colour]) for marker in view.markers],
+    }
 
 
 def shifted(view: GridView, cells: IntArray) -> list[tuple[int, int]]:
@@ -152,56 +136,24 @@ def mark_of(view: GridView, chosen: BoolArray) -> str:
 # -- replays ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class ShownEpisode:
-    """A greedy episode of n steps on a grid."""
-
-    record: EpisodeRecord
-    columns: int
-
-    @property
-    def words(self) -> str:
-        """How it ended."""
-        how, n = "terminated" if self.record.terminated else "truncated", len(self.points) - 1
-        return f"{how} after {counted(n, 'step')}, return {rounded(self.record.returns[-1])}"
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """Where each marker is drawn, (n + 1, markers, 2); several stand apart within a cell."""
-        cells = self.record.cells
-        markers = cells.shape[1]
-        turn = 2 * np.pi * np.arange(markers) / markers
-        aside = APART * (markers > 1) * np.stack([-np.cos(turn), -np.sin(turn)], axis=1)
-        corner = np.stack([cells % self.columns, cells // self.columns], axis=-1)
-        return np.asarray((corner + 0.5 + aside).round(2))
-
-    def trail(self, marker: int) -> str:
-        """Return the points of a marker's path."""
-        return " ".join(f"{x:g},{y:g}" for x, y in self.points[:, marker])
-
-    def start(self, marker: int) -> str:
-        """Return where a marker starts, as a CSS translation."""
-        x, y = self.points[0, marker]
-        return f"{x:g}px, {y:g}px"
-
-    def data(self) -> dict[str, Any]:
-        """Return it for the script of the page."""
-        return {
-            "places": self.points.reshape(len(self.points), -1).tolist(),
-            "returns": [rounded(value) for value in self.record.returns],
-            "words": self.words,
-        }
-
-
-@dataclass(frozen=True)
-class Moment:
-    """A moment of training, ready to be drawn."""
-
-    step: int
-    heat: tuple[tuple[str, str], ...]  # colour, and the path of all cells that have it
-    choice: str  # path of all arrows; empty where choices are words
-    texts: CellTexts  # the word of each choice; empty where choices are arrows
-    numbers: CellTexts  # the value of each cell; empty where there are many
+def shown_episode(record: EpisodeRecord, columns: int) -> dict[str, Any]:
+    """Return a greedy episode of n steps on a grid: how it ended, and where markers are."""
+    cells, n = record.cells, len(record.cells) - 1
+    markers = cells.shape[1]
+    turn = 2 * np.pi * np.arange(markers) / markers
+    # Several markers stand apart within a cell.
+    aside = APART * (markers > 1) * np.stack([-np.cos(turn), -np.sin(turn)], axis=1)
+    corner = np.stack([cells % columns, cells // columns], axis=-1)
+    points = (corner + 0.5 + aside).round(2)  # (n + 1, markers, 2)
+    how, last = "terminated" if record.terminated else "truncated", rounded(record.returns[-1])
+    return {
+        "words": f"{how} after {counted(n, 'step')}, return {last}",
+        # Of each marker the points of its path, and where it starts as a CSS translation.
+        "trails": [" ".join(f"{x:g},{y:g}" for x, y in points[:, m]) for m in range(markers)],
+        "starts": [f"{x:g}px, {y:g}px" for x, y in points[0]],
+        "places": points.reshape(n + 1, -1).tolist(),
+        "returns": [rounded(value) for value in record.returns],
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,12 +172,12 @@ class Replay:
     marks: tuple[str, ...]  # how choices are drawn
     low: float  # return
     high: float
-    episodes: Mapping[str, ShownEpisode]  # "before" and "after"; empty where they are not shown
+    episodes: Mapping[str, Any]  # "before" and "after"; empty where they are not shown
 
     @cached_property
-    def grid(self) -> GridDrawing:
+    def grid(self) -> dict[str, Any]:
         """The unchanging parts of the drawing."""
-        return GridDrawing.of(self.view)
+        return grid_drawing(self.view)
 
     @property
     def arrows(self) -> bool:
@@ -244,31 +196,34 @@ class Replay:
             return None
         return 0 if max(abs(self.low), abs(self.high)) >= 100 else 1
 
-    def moment(self, place: int) -> Moment:
-        """Return the moment at a place; negative places count from the end."""
+    def moment(self, place: int) -> dict[str, Any]:
+        """Return the moment at a place, ready to be drawn."""
         shade = self.levels[place].astype(np.int64) * SHADES // LEVELS
-        marks = self._placed(self.marks[number] for number in self.choices[place])
-        numbers, middle = CellTexts(), 0.5
+        marks = [(*cell, self.marks[k]) for cell, k in self._with_cells(self.choices[place])]
+        numbers, middle = list[tuple[int, int, str]](), 0.5
         if self.digits is not None:
             values = self.low + (self.high - self.low) * self.levels[place] / (LEVELS - 1)
-            numbers = self._placed(minus(f"{value:z.{self.digits}f}") for value in values)
+            cells_values = self._with_cells(values)
+            numbers = [(*cell, minus(f"{x:z.{self.digits}f}")) for cell, x in cells_values]
             middle = 0.4
-        cells = np.array(self.cells)
+        cells, arrows = np.array(self.cells), self.arrows
         paths = [f"M{x}.5 {y + middle:g}{mark}" for x, y, mark in marks if mark]
-        return Moment(
-            step=int(self.steps[place]),
-            heat=tuple(
+        return {
+            "step": int(self.steps[place]),
+            # A colour, and the path of all cells that have it.
+            "heat": [
                 (colour, squares(cells[shade == number].tolist()))
                 for number, colour in enumerate(shades_of(self.palette))
                 if (shade == number).any()
-            ),
-            choice="".join(paths) if self.arrows else "",
-            texts=() if self.arrows else marks,
-            numbers=numbers,
-        )
+            ],
+            # Choices are arrows or words; words and values of cells: column, row, text.
+            "choice": "".join(paths) if arrows else "",
+            "texts": [] if arrows else marks,
+            "numbers": numbers,
+        }
 
-    def _placed(self, words: Iterable[str]) -> CellTexts:
-        return tuple((x, y, word) for (x, y), word in zip(self.cells, words, strict=True))
+    def _with_cells(self, values: Any) -> Iterable[tuple[tuple[int, int], Any]]:
+        return zip(self.cells, values, strict=True)
 
     def data(self) -> dict[str, Any]:
         """Return all moments for the script of the page."""
@@ -278,7 +233,10 @@ class Replay:
             "cells": [number for cell in self.cells for number in cell],
             "levels": base64.b64encode(self.levels.astype("<u2").tobytes()).decode(),
             "choices": ["".join(chr(48 + number) for number in row) for row in self.choices],
-            "episodes": {name: episode.data() for name, episode in self.episodes.items()},
+            "episodes": {
+                name: {key: episode[key] for key in ("places", "returns", "words")}
+                for name, episode in self.episodes.items()
+            },
         }
 
 
@@ -327,14 +285,14 @@ def _tasks(curricula: CurriculaRecord, learnt: Learnt) -> list[tuple[str, TaskRe
     return sorted(tasks, key=lambda task: depths[task[0]])
 
 
-def _episodes(pair: EpisodePair | None, view: GridView) -> dict[str, ShownEpisode]:
+def _episodes(pair: EpisodePair | None, view: GridView) -> dict[str, Any]:
     """Return the episodes "before" and "after"; none where the view does not hold them."""
     records = {} if pair is None else {"before": pair.before, "after": pair.after}
     rows, columns = view.shape
     for record in records.values():
         if record.cells.shape[1] != len(view.markers) or record.cells.max() >= rows * columns:
             return {}
-    return {which: ShownEpisode(record, columns) for which, record in records.items()}
+    return {which: shown_episode(record, columns) for which, record in records.items()}
 
 
 def _values(snapshots: Snapshots, view: GridView, most: int) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from typing import Any, Self
 from curricle.checks import listed
 from curricle.errors import StudyError, in_words
 from curricle.files import Place, RemotePath, place_at
-from curricle.show.page import Script, ShownStudy, page_of, render, write_page
+from curricle.show.page import ShownStudy, page_of, render, write_page
 from curricle.statistics.curves import SCRATCH
 from curricle.study.effects import effects_of
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord, StudyRecord
@@ -211,8 +211,7 @@ class InterimReport:
         elif arms:
             page = stored_page(_only(study, {*arms, *study.failed}), self._place)
         else:
-            name, scripts = study.record.name, [Script.of("reload.js")]
-            page = render("waiting.html", name=name, scripts=scripts, banner=self._place)
+            page = render("waiting.html", name=study.record.name, banner=self._place)
         if over:
             sentence = f"The run is over: {stored_units:,} of {counted(units, 'unit')} are stored."
         else:

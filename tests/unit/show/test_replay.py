@@ -12,7 +12,7 @@ from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
 from curricle.planning.solution import greedy_policy
 from curricle.show import replay as replay_module
-from curricle.show.replay import LEVELS, GridDrawing, greedy_choices, mark_of, replays
+from curricle.show.replay import LEVELS, greedy_choices, grid_drawing, mark_of, replays
 from curricle.show.views import GridView
 from curricle.study.analysis import before_and_after
 
@@ -32,7 +32,7 @@ def test_ties_are_shown_as_ties_of_the_agent_that_is_drawn():
     values = np.zeros(25)
     values[task.actions.encode(predator_1=2, predator_2=0)] = 1  # east, stay
     assert np.flatnonzero(greedy_choices(hunt, values)).tolist() == [2]
-    assert GridDrawing.of(hunt).letters == (("P", 1, 1), ("2", 0, 0))
+    assert grid_drawing(hunt)["letters"] == [("P", 1, 1), ("2", 0, 0)]
     maze = GridView.for_replay(cr.GridWorld(["S.", ".T"]))
     east = mark_of(maze, greedy_choices(maze, np.array([0.0, 1.0, 0.0, 0.0])))
     both = mark_of(maze, greedy_choices(maze, np.array([0.0, 1.0, 1.0, 0.0])))
@@ -60,10 +60,10 @@ def test_a_map_of_too_many_cells_is_not_shown():
 
 
 def test_walls_and_ends_cover_what_is_no_state(maze):
-    found = GridDrawing.of(GridView.for_replay(maze.results["2x2"].curriculum.tasks["maze"]))
-    assert found.walls == "M2 3h1v1h-1z"
-    assert found.ended.count("M") == 3  # two pits and the treasure
-    objects = [(letter, ends) for letter, *_, ends in found.objects]
+    found = grid_drawing(GridView.for_replay(maze.results["2x2"].curriculum.tasks["maze"]))
+    assert found["walls"] == "M2 3h1v1h-1z"
+    assert found["ended"].count("M") == 3  # two pits and the treasure
+    objects = [(letter, ends) for letter, *_, ends in found["objects"]]
     assert objects == [("T", True), ("P", True), ("P", True), ("F", False)]
 
 
