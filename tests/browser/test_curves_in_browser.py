@@ -184,17 +184,3 @@ def test_what_is_shown_can_be_saved(visit, tmp_path):
     assert png.startswith(b"\x89PNG")
     size = float(drawn.get("width")), float(drawn.get("height"))
     assert [int.from_bytes(png[n : n + 4]) for n in (16, 20)] == [2 * side for side in size]
-
-
-def test_paper_and_pages_without_scripts_show_the_static_pictures(visit):
-    page = visit("maze")
-    assert page.locator("#chart").is_visible()
-    assert page.locator(".curves.strong .wide").is_hidden()
-    page.emulate_media(media="print")
-    assert page.locator("#chart").is_hidden()
-    static = page.locator(".curves.strong .wide")
-    assert static.bounding_box()["width"] == page.locator("#curves").bounding_box()["width"]
-    plain = visit("maze", java_script_enabled=False)
-    assert plain.locator("#chart, .tools").filter(visible=True).count() == 0
-    assert plain.locator(".curves.strong .wide").is_visible()
-    assert plain.locator("#arms").is_visible()

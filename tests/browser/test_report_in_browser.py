@@ -27,12 +27,6 @@ def drawn(page, selector):
     )
 
 
-def set_moment(page, place):
-    page.locator("#moment").evaluate(
-        "(e, v) => { e.value = v; e.dispatchEvent(new Event('input')); }", place
-    )
-
-
 def tab_to(page, name):
     """Press the tabulator until this element has the focus."""
     for _ in range(80):
@@ -55,7 +49,7 @@ def test_the_script_draws_what_the_page_was_written_with(visit, name):
         page.select_option("#which", key)
         last = int(page.get_attribute("#moment", "max"))
         for n, place in enumerate((0, last // 2, last), start=1):
-            set_moment(page, place)
+            page.locator("#moment").fill(str(place))
             still = f'.still[data-key="{key}"] .moments figure:nth-child({n})'
             assert drawn(page, "#map svg") == drawn(page, f"{still} svg")
             step = page.text_content(f"{still} figcaption").removeprefix("step ")
@@ -149,7 +143,11 @@ def test_words_on_a_phone_are_large_enough(visit):
 
 def test_paper_shows_both_axes_and_three_moments_of_each_training(visit):
     page = visit("maze")
+    static = page.locator(".curves.strong .wide")
+    assert (page.locator("#chart").is_visible(), static.is_visible()) == (True, False)
     page.emulate_media(media="print")
+    assert page.locator("#chart").is_hidden()
+    assert static.bounding_box()["width"] == page.locator("#curves").bounding_box()["width"]
     assert visible(page, ".curves") == [True, True]
     assert visible(page, ".still") == [True] * 3
     assert visible(page, ".still .moments svg") == [True] * 9
@@ -163,6 +161,8 @@ def test_without_scripts_all_is_there(visit):
     assert visible(page, ".still") == [True] * 3
     assert visible(page, ".still .moments svg") == [True] * 9
     assert visible(page, ".still .episode") == [True] * 6
+    assert page.locator("#chart, .tools").filter(visible=True).count() == 0
+    assert page.locator("#arms").is_visible()
     page.get_by_label("No: weak transfer").check()
     assert page.locator(".curves.weak").is_visible()
     assert page.locator(".curves.strong").is_hidden()

@@ -3,7 +3,6 @@
 import pytest
 
 import curricle as cr
-from tests.tasks import predator_edges
 
 from .studies import ODD, chain_plan, hunt_plan, maze_plan, page_of, record
 
@@ -38,18 +37,13 @@ def page(request, pages):
 
 
 @pytest.fixture(scope="package")
-def hunt():
-    return cr.Pursuit(3, 2, discount=0.9, time_limit=30)
+def plan():
+    return hunt_plan(cr.mean)
 
 
 @pytest.fixture(scope="package")
-def plan(hunt):
-    chase = cr.Pursuit(3, 1, discount=0.9, time_limit=30)
-    return cr.Curriculum(
-        tasks={"chase": chase, "hunt": hunt},
-        transfers=predator_edges(hunt, chase),
-        budget={"chase": cr.StoppingRule(5_000), "hunt": 500},
-    )
+def hunt(plan):
+    return plan.tasks["hunt"]
 
 
 @pytest.fixture(scope="package")

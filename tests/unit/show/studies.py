@@ -5,9 +5,11 @@ from html.parser import HTMLParser
 from types import SimpleNamespace
 
 import curricle as cr
+from curricle.learning.stopping import ended_by
+from curricle.show import page as module
+from curricle.show.page import ShownStudy
 from curricle.study.analysis import analysed
 from curricle.study.recording import curricula_record
-from tests.study_pages import study_page
 from tests.tasks import predator_edges
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
@@ -27,14 +29,25 @@ def shown(results):
     return record, {arm: one.nodes for arm, one in results.items()}, analysed(results, record)
 
 
+def study_page(name, comparison, results, *, decisions=None, environment=None):
+    """The page of arms by name; ``decisions`` are why trainings ended, for some of them."""
+    curricula, learnt, analysis = shown(results)
+    reasons = {}
+    for arm, nodes in learnt.items():
+        for task, node in nodes.items():
+            ended = results[arm].curriculum.node(task)
+            default = [
+                rows[-1].criterion if rows else ended_by(ended.budget, full)
+                for rows, full in zip(ended.decisions(node), node.out_of_memory, strict=True)
+            ]
+            reasons[arm, task] = (decisions or {}).get((arm, task), default)
+    study = ShownStudy(name, comparison, curricula, learnt, analysis, reasons)
+    return module.page_of(study, environment or {})
+
+
 def page_of(study):
-    return study_page(
-        study.name,
-        study.comparison,
-        study.results,
-        decisions=study.decisions,
-        environment=study.environment,
-    )
+    """The page of what :func:`record` made."""
+    return study_page(**vars(study))
 
 
 def record(name, plans, seeds, moments=5, **settings):

@@ -82,10 +82,7 @@ def test_saved_steps_are_bounds_where_seeds_never_got_there():
     assert cells["bad"]["strong_steps_saved"].below == "never reached"
     reverse = Comparison("hunt", {"scratch": line(10), "bad": line(0)}, 80, 100, 5.0, 1)
     assert table(reverse)["bad"]["weak_steps_saved"].text == "−80.0"
-
-
-def test_steps_saved_of_target_steps_are_read_without_the_sources():
-    """Reached after 70 of 80 target steps: 110 with those of the source, beyond all 100 steps."""
+    # Reached after 70 of 80 target steps: 110 with those of the source, beyond all 100 steps.
     steps, values = np.arange(0, 101, 10), np.repeat([[0.0] * 7 + [10.0] * 4], 8, axis=0)
     late = Arm(Curve(steps, values, np.full(8, 40)), values, values, False)
     cells = table(compared(late=late))["late"]

@@ -80,21 +80,20 @@ def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
     assert (live.said, live.opened) == ([], [live.path])
 
 
-def test_the_page_is_written_when_something_is_new(live, monkeypatch):
+def test_the_page_is_written_when_something_is_new_and_rests_long_if_it_took_long(
+    live, monkeypatch
+):
     report, written = live.report(), []
-    monkeypatch.setattr(module, "write_page", lambda page, path: written.append(path))
+    monkeypatch.setattr(module, "write_page", lambda page, path: written.append(page))
     for times in (1, 1, 2, 2):
         if (times, len(written)) == (2, 1):
             (live.folder / "units").mkdir()
             live.store("scratch", "maze")
         assert report.refresh() >= module.BETWEEN
         assert len(written) == times
-
-
-def test_after_a_page_that_took_long_there_is_a_longer_rest(live, monkeypatch):
     monkeypatch.setattr(module, "arms_so_far", lambda _: sleep(0.3) or [])
     assert live.report().refresh() >= 3
-    assert live.banner[1] >= 3
+    assert float(re.search('seconds="(.*?)"', written[-1])[1]) >= 3
 
 
 @pytest.fixture
@@ -215,17 +214,14 @@ def test_watching_ends_when_the_run_lets_go_of_the_folder(live):
     assert live.banner[1] == 0
 
 
-def test_watching_a_finished_study_writes_its_report_and_ends(live):
-    live.store_all()
-    live.report(elsewhere=True).watch()
-    assert live.page == stored_page(StudyResults(live.finished))
-
-
-def test_a_run_that_has_not_begun_is_waited_for(live):
+def test_a_run_that_has_not_begun_is_waited_for_and_watching_a_finished_study_ends(live):
     report = live.report(elsewhere=True)
     report.refresh()
     assert "No process is at work now." in live.banner[0]
     assert not report.over
+    live.store_all()
+    live.report(elsewhere=True).watch()
+    assert live.page == stored_page(StudyResults(live.finished))
 
 
 def test_where_locks_cannot_be_read_only_the_end_is_known(live, monkeypatch):
@@ -250,16 +246,10 @@ def test_whoever_looks_whether_a_run_is_at_work_keeps_none_from_beginning(live):
 def results(total=9, failed=(), learners=(), **seeds):
     """Results as far as the choice of arms reads them: arm -> number of seeds it has finished."""
     arms = {arm: SimpleNamespace(nodes=("maze",), scratch=arm in learners) for arm in seeds}
-    return SimpleNamespace(
-        record=SimpleNamespace(
-            total=total,
-            seeds=range(100),
-            arms=arms,
-            keys={(arm, "maze"): arm for arm in seeds},
-        ),
-        stored={arm: dict.fromkeys(range(n)) for arm, n in seeds.items()},
-        failed=dict.fromkeys(failed),
-    )
+    keys = {(arm, "maze"): arm for arm in seeds}
+    record = SimpleNamespace(total=total, seeds=range(100), arms=arms, keys=keys)
+    stored = {arm: dict.fromkeys(range(n)) for arm, n in seeds.items()}
+    return SimpleNamespace(record=record, stored=stored, failed=dict.fromkeys(failed))
 
 
 @pytest.mark.parametrize(

@@ -22,9 +22,8 @@ from curricle.statistics.curves import Curve
 from curricle.study import analysis as analysis_module
 from curricle.study.analysis import analysed
 from curricle.study.recording import curricula_record
-from tests.study_pages import study_page
 
-from .studies import ODD, Reader, hunt_plan, labelled, maze_plan, page_of, shown
+from .studies import ODD, Reader, hunt_plan, labelled, maze_plan, page_of, shown, study_page
 
 
 def without_scripts(page):
