@@ -3,9 +3,9 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from itertools import chain
 from textwrap import wrap
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +31,7 @@ BADGE = 24
 
 Learnt = Mapping[str, Mapping[str, LearningResult]]
 """Arm -> task -> its training."""
+Data = dict[str, Any]
 Reasons = Mapping[tuple[str, str], Sequence[str]]
 """(arm, task) -> for each seed why its training ended."""
 
@@ -40,88 +41,42 @@ CURVE, CURVE_HEIGHT, CURVE_POINTS = 140.0, 44.0, 60
 """Size of the curve on a card, and its checkpoints at most."""
 
 
-@dataclass(frozen=True)
-class CardCurve:
-    """A small learning curve on a card."""
+def graphs(curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons) -> list[Data]:
+    """Return the graphs of a study; arms whose tasks and transfers are alike share one.
 
-    arms: tuple[str, ...]  # those that learnt alike; it has the colour of the first
-    line: str  # the points of its mean
-    band: str  # the points of its band; empty for a single seed
-    words: str  # mean return at its start and its end
-
-
-@dataclass(frozen=True)
-class Card:
-    """A task of the graph, as a card."""
-
-    name: str
-    kind: str
-    curves: tuple[CardCurve, ...]  # of the arms, and of scratch where it is the target
-    steps: str  # how many steps the arms trained it
-    reason: str  # why that ended
-    left: int = 0  # in CSS pixels
-    top: int = 0
-
-    @property
-    def height(self) -> int:
-        """The height at which it holds its name and its texts whole, in CSS pixels."""
-        returns = (SWATCH + curve.words for curve in self.curves)
-        texts = self.kind, *returns, self.steps, self.reason
-        lines = len(wrap(self.name, NAME_LETTERS)) + sum(len(wrap(x, LETTERS)) for x in texts)
-        return PLAIN + CURVE_SPACE * bool(self.curves) + LINE * lines
-
-
-@dataclass(frozen=True)
-class Edge:
-    """All transfers from one task to another."""
-
-    source: str
-    target: str
-    path: str  # of its arrow
-    place: tuple[float, float]  # middle of its number
-    words: tuple[str, ...]  # a sentence for each transfer
-
-
-@dataclass(frozen=True)
-class Graph:
-    """A graph that one or several arms share."""
-
-    arms: tuple[str, ...]
-    cards: tuple[Card, ...]  # in the order of training
-    edges: tuple[Edge, ...]
-    notes: tuple[str, ...]  # how each arm combines several transfers into one task
-    width: int  # in CSS pixels, as the height
-    height: int
-
-
-def graphs(curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons) -> tuple[Graph, ...]:
-    """Return the graphs of a study; arms whose tasks and transfers are alike share one."""
-    return tuple(_graph(arms, curricula, learnt, reasons) for arms in curricula.groups())
+    A graph is its ``arms``, the ``cards`` of tasks in the order of training, the ``edges`` of pairs
+    that transfer, ``notes`` on how each arm combines several transfers into a task, and ``width``
+    and ``height`` in CSS pixels.
+    """
+    return [_graph(arms, curricula, learnt, reasons) for arms in curricula.groups()]
 
 
 def _graph(
     arms: Sequence[str], curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons
-) -> Graph:
+) -> Data:
     arm = curricula.arms[arms[0]]
     compared = {name: learnt[name] for name in (*arms, SCRATCH) if name in learnt}
-    cards = dict[str, Card]()
+    cards = dict[str, Data]()
     for name in arm.nodes:
         spent = np.concatenate([learnt[owner][name].steps_used for owner in arms])
         least, most = int(spent.min()), int(spent.max())
         ended = Counter(chain.from_iterable(reasons[owner, name] for owner in arms)).most_common()
         several = (f"{reason} ({n} of {len(spent)})" for reason, n in ended)
-        cards[name] = Card(
-            name,
-            curricula.task(arms[0], name).kind,
-            card_curves({owner: nodes[name] for owner, nodes in compared.items() if name in nodes}),
-            f"{least:,} steps" if least == most else f"{least:,} to {most:,} steps",
-            ended[0][0] if len(ended) == 1 else "; ".join(several),
-        )
-    heights = {name: card.height for name, card in cards.items()}
+        curves = card_curves({a: nodes[name] for a, nodes in compared.items() if name in nodes})
+        texts = {
+            "kind": curricula.task(arms[0], name).kind,
+            "steps": f"{least:,} steps" if least == most else f"{least:,} to {most:,} steps",
+            "reason": ended[0][0] if len(ended) == 1 else "; ".join(several),
+        }
+        # As high as its name and its texts need that stand in lines of so many letters.
+        written = [*texts.values(), *(SWATCH + curve["words"] for curve in curves)]
+        lines = len(wrap(name, NAME_LETTERS)) + sum(len(wrap(text, LETTERS)) for text in written)
+        height = PLAIN + CURVE_SPACE * bool(curves) + LINE * lines
+        cards[name] = {"name": name, "curves": curves, "height": height, **texts}
+    heights = {name: card["height"] for name, card in cards.items()}
     corners, width, height = layout(heights, [(t.source, t.target) for t in arm.transfers])
     for name, (left, top) in corners.items():
-        cards[name] = replace(cards[name], left=left, top=top)
-    edges = tuple(_edges(arm, cards))
+        cards[name] |= {"left": left, "top": top}
     # How several transfers into a task become one potential.
     notes: dict[str, list[str]] = {}
     for owner in arms:
@@ -129,30 +84,36 @@ def _graph(
             if node.aggregate is not None:
                 words = f"{name} uses the {node.aggregate} of its transfers"
                 notes.setdefault(words, []).append(owner)
-    if len(notes) == 1:
-        sentences = tuple(f"{words}." for words in notes)
-    else:
-        sentences = tuple(f"{'; '.join(owners)}: {words}." for words, owners in notes.items())
-    return Graph(tuple(arms), tuple(cards.values()), edges, sentences, width, height)
+    named = {words: f"{'; '.join(owners)}: " * (len(notes) > 1) for words, owners in notes.items()}
+    return {
+        "arms": tuple(arms),
+        "cards": [*cards.values()],
+        "edges": [*_edges(arm, cards)],
+        "notes": [f"{owners}{words}." for words, owners in named.items()],
+        "width": width,
+        "height": height,
+    }
 
 
-def card_curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
+def card_curves(trained: Mapping[str, LearningResult]) -> list[Data]:
     """Return the curves of one task in one scale; arms that learnt it alike share one.
 
-    An arm that was not evaluated in the task has none.
+    A curve has the colour of its first arm, the points of its mean and of its band, empty for a
+    single seed, and its mean return at its start and its end in words. An arm that was not
+    evaluated in the task has no curve.
     """
     alike: dict[bytes, list[str]] = {}
     for arm, result in trained.items():
         if not np.isnan(result.greedy_return).all():
             alike.setdefault(result.greedy_return.tobytes(), []).append(arm)
     if not alike:
-        return ()
+        return []
     drawn = []
     for arms in alike.values():
         result = trained[arms[0]]
         place = places(len(result.steps), CURVE_POINTS)
-        band = mean_interval(result.greedy_return[:, place])
-        values = np.array([band.estimate, band.low, band.high])
+        interval = mean_interval(result.greedy_return[:, place])
+        values = np.array([interval.estimate, interval.low, interval.high])
         values = np.where(np.isnan(values), values[0], values)
         drawn.append((tuple(arms), result, result.steps[place], values))
     low = min(float(np.nanmin(values)) for *_, values in drawn)
@@ -162,11 +123,11 @@ def card_curves(trained: Mapping[str, LearningResult]) -> tuple[CardCurve, ...]:
     for owners, result, steps, values in drawn:
         x = steps / last * CURVE
         mean, lower, upper = (high - values) / ((high - low) or 1.0) * CURVE_HEIGHT
-        outline = points([*x, *x[::-1]], [*lower, *upper[::-1]]) * (len(result.seeds) > 1)
+        band = points([*x, *x[::-1]], [*lower, *upper[::-1]]) * (len(result.seeds) > 1)
         start, end = result.greedy_return[:, [0, -1]].mean(axis=0)
         words = f"{rounded(start)} → {rounded(end)}"
-        curves.append(CardCurve(owners, points(x, mean), outline, words))
-    return tuple(curves)
+        curves.append({"arms": owners, "line": points(x, mean), "band": band, "words": words})
+    return curves
 
 
 def points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> str:
@@ -227,19 +188,24 @@ def _free(curve: FloatArray, taken: Sequence[tuple[float, float]]) -> tuple[floa
     return spots[first]
 
 
-def _edges(arm: ArmRecord, cards: Mapping[str, Card]) -> Iterator[Edge]:
-    """Yield an arrow for each pair of tasks: none on a card, and no number on another."""
+def _edges(arm: ArmRecord, cards: Mapping[str, Data]) -> Iterator[Data]:
+    """Yield an arrow for each pair of tasks: none on a card, and no number on another.
+
+    An edge has a sentence for each transfer in `words`; its number stands at `place`.
+    """
     pairs: dict[tuple[str, str], list[str]] = {}
     for transfer in arm.transfers:
         pairs.setdefault((transfer.source, transfer.target), []).append(transfer.words)
     taken, around = list[tuple[float, float]](), 0
     for (source, target), words in pairs.items():
         above, below = cards[source], cards[target]
-        start, end = (above.left, above.top + above.height), (below.left, below.top)
-        between = [card.left + CARD for card in cards.values() if start[1] < card.top < end[1]]
-        curve = _arrow(start, end, max(between) + SIDE / 2 + around * LANE if between else None)
-        around += bool(between)
+        bottom, top = above["top"] + above["height"], below["top"]
+        passed = [card["left"] + CARD for card in cards.values() if bottom < card["top"] < top]
+        beside = max(passed) + SIDE / 2 + around * LANE if passed else None
+        curve = _arrow((above["left"], bottom), (below["left"], top), beside)
+        around += bool(passed)
         taken.append(_free(curve, taken))
         (x0, y0), (x1, y1), (x2, y2), (x3, y3) = curve.tolist()
         path = f"M{x0:g} {y0:g}C{x1:g} {y1:g} {x2:g} {y2:g} {x3:g} {y3:g}"
-        yield Edge(source, target, path, taken[-1], tuple(words))
+        names = {"source": source, "target": target}
+        yield {**names, "path": path, "place": taken[-1], "words": words}

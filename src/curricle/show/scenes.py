@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
 from textwrap import shorten
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +41,11 @@ class Figure(NamedTuple):
     shapes: tuple[Shape, ...]
     number: str = ""
 
+    @classmethod
+    def of(cls, *shapes: Shape, number: str = "") -> Self:
+        """Return the figure of these shapes."""
+        return cls(shapes, number)
+
 
 def _flame(middle: float, width: float, top: float, bottom: float) -> tuple[float, ...]:
     """Return an outline that is pointed above and round below."""
@@ -50,65 +55,51 @@ def _flame(middle: float, width: float, top: float, bottom: float) -> tuple[floa
     return tuple(np.stack([x, y], axis=1).ravel().tolist())
 
 
-WALL = Figure(
-    (
-        (BLOCK, (0, 0, 1, 1), DARK),
-        *((BLOCK, (0, y, 1, y + 0.03), "#6b7288") for y in (0.31, 0.64, 0.97)),
-        *((BLOCK, (x, 0.00, x + 0.03, 0.31), "#6b7288") for x in (0.22, 0.72)),
-        *((BLOCK, (x, 0.34, x + 0.03, 0.64), "#6b7288") for x in (0.47, 0.97)),
-        *((BLOCK, (x, 0.67, x + 0.03, 0.97), "#6b7288") for x in (0.22, 0.72)),
-    )
+WALL = Figure.of(
+    (BLOCK, (0, 0, 1, 1), DARK),
+    *((BLOCK, (0, y, 1, y + 0.03), "#6b7288") for y in (0.31, 0.64, 0.97)),
+    *((BLOCK, (x, 0.00, x + 0.03, 0.31), "#6b7288") for x in (0.22, 0.72)),
+    *((BLOCK, (x, 0.34, x + 0.03, 0.64), "#6b7288") for x in (0.47, 0.97)),
+    *((BLOCK, (x, 0.67, x + 0.03, 0.97), "#6b7288") for x in (0.22, 0.72)),
 )
-START = Figure(
-    ((OVAL, (0.18, 0.18, 0.82, 0.82), "#c9c4b4"), (OVAL, (0.24, 0.24, 0.76, 0.76), FLOOR))
+START = Figure.of(
+    (OVAL, (0.18, 0.18, 0.82, 0.82), "#c9c4b4"), (OVAL, (0.24, 0.24, 0.76, 0.76), FLOOR)
 )
-PIT = Figure(
-    (
-        (OVAL, (0.06, 0.14, 0.94, 0.90), "#b3ad9a"),
-        (OVAL, (0.12, 0.20, 0.88, 0.87), DARK),
-        (OVAL, (0.16, 0.32, 0.84, 0.87), "#000000"),
-    )
+PIT = Figure.of(
+    (OVAL, (0.06, 0.14, 0.94, 0.90), "#b3ad9a"),
+    (OVAL, (0.12, 0.20, 0.88, 0.87), DARK),
+    (OVAL, (0.16, 0.32, 0.84, 0.87), "#000000"),
 )
-FIRE = Figure(
-    (
-        (POLYGON, _flame(0.32, 0.40, 0.34, 0.90), "#D55E00"),
-        (POLYGON, _flame(0.68, 0.40, 0.28, 0.90), "#D55E00"),
-        (POLYGON, _flame(0.50, 0.62, 0.06, 0.94), "#D55E00"),
-        (POLYGON, _flame(0.50, 0.36, 0.40, 0.92), "#F0E442"),
-    )
+FIRE = Figure.of(
+    (POLYGON, _flame(0.32, 0.40, 0.34, 0.90), "#D55E00"),
+    (POLYGON, _flame(0.68, 0.40, 0.28, 0.90), "#D55E00"),
+    (POLYGON, _flame(0.50, 0.62, 0.06, 0.94), "#D55E00"),
+    (POLYGON, _flame(0.50, 0.36, 0.40, 0.92), "#F0E442"),
 )
-TREASURE = Figure(
-    (
-        (OVAL, (0.12, 0.18, 0.88, 0.76), "#7a4f00"),
-        (BLOCK, (0.12, 0.46, 0.88, 0.84), "#7a4f00"),
-        (OVAL, (0.17, 0.23, 0.83, 0.70), "#E69F00"),
-        (BLOCK, (0.17, 0.53, 0.83, 0.79), "#E69F00"),
-        (BLOCK, (0.12, 0.44, 0.88, 0.52), "#7a4f00"),
-        (BLOCK, (0.41, 0.40, 0.59, 0.64), "#F0E442"),
-        (BLOCK, (0.47, 0.47, 0.53, 0.58), INK),
-    )
+TREASURE = Figure.of(
+    (OVAL, (0.12, 0.18, 0.88, 0.76), "#7a4f00"),
+    (BLOCK, (0.12, 0.46, 0.88, 0.84), "#7a4f00"),
+    (OVAL, (0.17, 0.23, 0.83, 0.70), "#E69F00"),
+    (BLOCK, (0.17, 0.53, 0.83, 0.79), "#E69F00"),
+    (BLOCK, (0.12, 0.44, 0.88, 0.52), "#7a4f00"),
+    (BLOCK, (0.41, 0.40, 0.59, 0.64), "#F0E442"),
+    (BLOCK, (0.47, 0.47, 0.53, 0.58), INK),
 )
-AGENT = Figure(
-    (
-        (OVAL, (0.08, 0.08, 0.92, 0.92), "#ffffff"),
-        (OVAL, (0.12, 0.12, 0.88, 0.88), "#0072B2"),
-        *((OVAL, (x, 0.32, x + 0.20, 0.58), "#ffffff") for x in (0.27, 0.53)),
-        *((OVAL, (x, 0.40, x + 0.11, 0.54), INK) for x in (0.33, 0.57)),
-    )
+AGENT = Figure.of(
+    (OVAL, (0.08, 0.08, 0.92, 0.92), "#ffffff"),
+    (OVAL, (0.12, 0.12, 0.88, 0.88), "#0072B2"),
+    *((OVAL, (x, 0.32, x + 0.20, 0.58), "#ffffff") for x in (0.27, 0.53)),
+    *((OVAL, (x, 0.40, x + 0.11, 0.54), INK) for x in (0.33, 0.57)),
 )
-PREY = Figure(
-    (
-        *((OVAL, (x, 0.08, x + 0.38, 0.46), "#7a4f00") for x in (0.04, 0.58)),
-        *((OVAL, (x, 0.16, x + 0.22, 0.38), "#f3cfa0") for x in (0.12, 0.66)),
-        (OVAL, (0.12, 0.20, 0.88, 0.92), "#E69F00"),
-        *((OVAL, (x, 0.44, x + 0.11, 0.59), INK) for x in (0.31, 0.58)),
-        (OVAL, (0.43, 0.66, 0.57, 0.77), "#7a4f00"),
-    )
+PREY = Figure.of(
+    *((OVAL, (x, 0.08, x + 0.38, 0.46), "#7a4f00") for x in (0.04, 0.58)),
+    *((OVAL, (x, 0.16, x + 0.22, 0.38), "#f3cfa0") for x in (0.12, 0.66)),
+    (OVAL, (0.12, 0.20, 0.88, 0.92), "#E69F00"),
+    *((OVAL, (x, 0.44, x + 0.11, 0.59), INK) for x in (0.31, 0.58)),
+    (OVAL, (0.43, 0.66, 0.57, 0.77), "#7a4f00"),
 )
-ASIDE = Figure(
-    tuple(
-        (method, tuple(0.44 + 0.56 * v for v in at), colour) for method, at, colour in AGENT.shapes
-    )
+ASIDE = Figure.of(
+    *((method, tuple(0.44 + 0.56 * x for x in at), colour) for method, at, colour in AGENT.shapes)
 )
 """The agent, drawn small, in a cell with an object."""
 COATS = ("#0072B2", "#00785A", "#B34700", "#8E4C7A", "#444444", "#2B6E96")
@@ -119,7 +110,7 @@ def predator(number: int) -> Figure:
     coat = COATS[(number - 1) % len(COATS)]
     ears = (0.08, 0.04, 0.46, 0.24, 0.12, 0.56), (0.92, 0.04, 0.54, 0.24, 0.88, 0.56)
     head = (OVAL, (0.08, 0.16, 0.92, 0.96), coat)
-    return Figure((*((POLYGON, ear, coat) for ear in ears), head), str(number))
+    return Figure.of(*((POLYGON, ear, coat) for ear in ears), head, number=str(number))
 
 
 @cache
@@ -154,7 +145,7 @@ FIGURES = {"#": WALL, "P": PIT, "F": FIRE, "T": TREASURE, "G": TREASURE}
 
 def tile(letter: str, colour: str) -> Figure:
     """Return a square with a letter in white."""
-    return Figure(((BLOCK, (0.08, 0.08, 0.92, 0.92), colour),), letter)
+    return Figure.of((BLOCK, (0.08, 0.08, 0.92, 0.92), colour), number=letter)
 
 
 class Canvas:

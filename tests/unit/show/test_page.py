@@ -191,21 +191,25 @@ def graphs_of(results):
 
 def test_arms_with_the_same_tasks_and_transfers_share_a_graph(pursuit, maze):
     (graph,) = graphs_of(pursuit.results)
-    assert graph.arms == ("min", "mean")
-    assert [card.name for card in graph.cards] == ["chase", "hunt"]
-    assert [curve.arms for curve in graph.cards[0].curves] == [("min", "mean")]
-    assert [curve.arms for curve in graph.cards[1].curves] == [("min",), ("mean",), ("scratch",)]
-    (edge,) = graph.edges
-    assert [words.split(";")[0] for words in edge.words] == [
+    assert graph["arms"] == ("min", "mean")
+    assert [card["name"] for card in graph["cards"]] == ["chase", "hunt"]
+    assert [curve["arms"] for curve in graph["cards"][0]["curves"]] == [("min", "mean")]
+    assert [curve["arms"] for curve in graph["cards"][1]["curves"]] == [
+        ("min",),
+        ("mean",),
+        ("scratch",),
+    ]
+    (edge,) = graph["edges"]
+    assert [words.split(";")[0] for words in edge["words"]] == [
         "predator is predator_1, prey by name",
         "predator is predator_2, prey by name",
     ]
-    assert graph.notes == (
+    assert graph["notes"] == [
         "min: hunt uses the minimum of its transfers.",
         "mean: hunt uses the mean of its transfers.",
-    )
+    ]
     # Both corners are called "corner", and are not one task.
-    assert [graph.arms for graph in graphs_of(maze.results)] == [("2x2",), ("3x3",)]
+    assert [graph["arms"] for graph in graphs_of(maze.results)] == [("2x2",), ("3x3",)]
 
 
 def test_a_source_that_is_not_evaluated_has_no_curve(recwarn):
@@ -217,18 +221,18 @@ def test_a_source_that_is_not_evaluated_has_no_curve(recwarn):
         evaluation={"corner": cr.GreedyEvaluation("off")},
     )
     (graph,) = graphs_of({"transfer": plan.train(2)})
-    source, target = graph.cards
-    assert source.curves == ()
-    assert len(target.curves) == 1
-    assert source.height < target.height
+    source, target = graph["cards"]
+    assert source["curves"] == []
+    assert len(target["curves"]) == 1
+    assert source["height"] < target["height"]
     assert not recwarn.list
 
 
 def test_a_scaled_transfer_makes_another_graph(pursuit):
     scaled = hunt_plan(cr.minimum, scale=2.0).train(2)
     found = graphs_of({**pursuit.results, "scaled": scaled})
-    assert [graph.arms for graph in found] == [("min", "mean"), ("scaled",)]
-    assert all("scaled by 2" in words for words in found[1].edges[0].words)
+    assert [graph["arms"] for graph in found] == [("min", "mean"), ("scaled",)]
+    assert all("scaled by 2" in words for words in found[1]["edges"][0]["words"])
 
 
 def test_cards_do_not_overlap_and_arrows_lead_down():
@@ -238,20 +242,22 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
     edges = [cr.Transfer(*pair, cr.transfer.identity(maze)) for pair in pairs]
     result = cr.Curriculum(tasks, edges, budget=100).train()
     (graph,) = graphs_of({"both": result})
-    top = {card.name: card.top for card in graph.cards}
-    for edge in graph.edges:
-        assert top[edge.source] < top[edge.target]
-        assert 0 <= edge.place[0] <= graph.width
-    for i, card in enumerate(graph.cards):
-        assert 0 <= card.left <= graph.width - CARD
-        bottom = card.top + card.height
-        assert bottom <= graph.height
-        for other in graph.cards[:i]:
-            below = card.top >= other.top + other.height or other.top >= bottom
-            assert below or abs(card.left - other.left) >= CARD
-    (skipping,) = [edge for edge in graph.edges if (edge.source, edge.target) == ("a", "d")]
-    (card,) = [card for card in graph.cards if card.name == "c"]
-    assert not card.left <= skipping.place[0] <= card.left + CARD
+    top = {card["name"]: card["top"] for card in graph["cards"]}
+    for edge in graph["edges"]:
+        assert top[edge["source"]] < top[edge["target"]]
+        assert 0 <= edge["place"][0] <= graph["width"]
+    for i, card in enumerate(graph["cards"]):
+        assert 0 <= card["left"] <= graph["width"] - CARD
+        bottom = card["top"] + card["height"]
+        assert bottom <= graph["height"]
+        for other in graph["cards"][:i]:
+            below = card["top"] >= other["top"] + other["height"] or other["top"] >= bottom
+            assert below or abs(card["left"] - other["left"]) >= CARD
+    (skipping,) = [
+        edge for edge in graph["edges"] if (edge["source"], edge["target"]) == ("a", "d")
+    ]
+    (card,) = [card for card in graph["cards"] if card["name"] == "c"]
+    assert not card["left"] <= skipping["place"][0] <= card["left"] + CARD
 
 
 # -- forecasts and certificates next to what was measured ------------------------------------------
