@@ -181,7 +181,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         for task, node in record.nodes.items()
     ]
     ended = [(*place, Counter(words).most_common()) for place, words in study.reasons.items()]
-    scripts = ["scroll.js", "study.js", "curves.js", *["reload.js"] * bool(banner)]
+    scripts = ["study.js", "curves.js", *["reload.js"] * bool(banner)]
     return render(
         "study.html",
         name=study.name,

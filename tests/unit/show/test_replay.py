@@ -81,16 +81,13 @@ def test_a_replay_keeps_values_to_a_sixty_five_thousandth(seed, size):
         assert found.marks[number] == mark_of(found.view, row)
 
 
-def test_moments_are_thinned_but_the_ends_are_kept(monkeypatch):
-    maze = cr.GridWorld("S.T")
+def test_moments_are_thinned_and_a_page_holds_a_number_of_cells(maze, monkeypatch):
+    hall = cr.GridWorld("S.T")
     shot = Snapshots(seed=0, steps=np.arange(200), values=np.zeros((200, 3, 4), np.float32))
     monkeypatch.setattr(replay_module, "MOST_MOMENTS", 7)
-    found = replay_of(shot, maze)
+    found = replay_of(shot, hall)
     assert len(found.steps) == 7
-    assert found.steps[[0, -1]].tolist() == [0, 199]
-
-
-def test_a_page_holds_a_number_of_cells_and_targets_come_first(maze, monkeypatch):
+    assert found.steps[[0, -1]].tolist() == [0, 199]  # the ends are kept, and targets come first
     monkeypatch.setattr(replay_module, "MOST_CELLS", 3 * 15)  # three arms in the target
     found, left_out = replays(*shown(maze.results))
     assert {replay.task for replay in found} == {"maze"}

@@ -120,11 +120,6 @@ NAMES = ["row", "column", "fuel"]
 LIVE = cr.from_gymnasium(Tank, discount=0.9, names=NAMES, actions=MOVES, time_limit=9)
 
 
-@pytest.fixture(scope="module")
-def tabled():
-    return cr.tabulate(Tank, discount=0.9, actions=MOVES)
-
-
 def test_the_grid_is_of_the_row_and_the_column_as_an_episode_starts():
     view = GridView.of(LIVE)
     assert (view.shape, view.origin, view.words) == ((2, 3), (1, 0), "fuel 4")
@@ -135,14 +130,11 @@ def test_the_grid_is_of_the_row_and_the_column_as_an_episode_starts():
     assert LIVE.states.decode(low.states)["fuel"].tolist() == [0] * 6
 
 
-@pytest.mark.parametrize("names", [["row", "col", "fuel"], ["y", "x", "fuel"]])
-def test_other_names_of_rows_and_columns(names):
-    task = cr.from_gymnasium(Tank, discount=0.9, names=names, time_limit=9)
-    assert layout_of(task).components == tuple(names[:2])
-    assert GridView.of(task).directions is None  # actions without labels
-
-
-def test_other_components_are_no_grid():
+def test_other_names_of_rows_and_columns_make_a_grid_and_other_components_none():
+    for names in (["row", "col", "fuel"], ["y", "x", "fuel"]):
+        task = cr.from_gymnasium(Tank, discount=0.9, names=names, time_limit=9)
+        assert layout_of(task).components == tuple(names[:2])
+        assert GridView.of(task).directions is None  # actions without labels
     task = cr.from_gymnasium(Tank, discount=0.9, names=["a", "b", "c"], time_limit=9)
     assert layout_of(task) is None
     assert not GridView.for_replay(task).is_map
@@ -151,7 +143,8 @@ def test_other_components_are_no_grid():
     assert GridView.of(task, {"c": 4}).shape == (2, 3)
 
 
-def test_cells_of_states_with_other_components_are_no_walls(tabled):
+def test_cells_of_states_with_other_components_are_no_walls():
+    tabled = cr.tabulate(Tank, discount=0.9, actions=MOVES)
     view = GridView.of(tabled)
     assert view.words == "fuel 4"
     assert view.cells.tolist() == [[1, 0]]  # with a full tank only the start

@@ -1,6 +1,11 @@
 "use strict";
 document.documentElement.classList.add("js");
 document.addEventListener("DOMContentLoaded", () => {
+  // What is wider than the page says that it scrolls.
+  const wide = new ResizeObserver((entries) => entries.forEach(({ target }) => {
+    target.classList.toggle("scrolls", target.scrollWidth > target.clientWidth + 1);
+  }));
+  document.querySelectorAll(".across").forEach((box) => wide.observe(box));
   const { replays, palettes } = JSON.parse(document.getElementById("replays").textContent);
   const which = document.getElementById("which");
   if (!which) return;
