@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
+from curricle.display import COLOURS
 from curricle.frozen_arrays import frozen
 from curricle.show.views import GridView, stacked
 from curricle.tasks.domain import MOVES
@@ -71,30 +72,30 @@ PIT = Figure.of(
     (OVAL, (0.16, 0.32, 0.84, 0.87), "#000000"),
 )
 FIRE = Figure.of(
-    (POLYGON, _flame(0.32, 0.40, 0.34, 0.90), "#D55E00"),
-    (POLYGON, _flame(0.68, 0.40, 0.28, 0.90), "#D55E00"),
-    (POLYGON, _flame(0.50, 0.62, 0.06, 0.94), "#D55E00"),
+    (POLYGON, _flame(0.32, 0.40, 0.34, 0.90), COLOURS["vermillion"]),
+    (POLYGON, _flame(0.68, 0.40, 0.28, 0.90), COLOURS["vermillion"]),
+    (POLYGON, _flame(0.50, 0.62, 0.06, 0.94), COLOURS["vermillion"]),
     (POLYGON, _flame(0.50, 0.36, 0.40, 0.92), "#F0E442"),
 )
 TREASURE = Figure.of(
     (OVAL, (0.12, 0.18, 0.88, 0.76), "#7a4f00"),
     (BLOCK, (0.12, 0.46, 0.88, 0.84), "#7a4f00"),
-    (OVAL, (0.17, 0.23, 0.83, 0.70), "#E69F00"),
-    (BLOCK, (0.17, 0.53, 0.83, 0.79), "#E69F00"),
+    (OVAL, (0.17, 0.23, 0.83, 0.70), COLOURS["orange"]),
+    (BLOCK, (0.17, 0.53, 0.83, 0.79), COLOURS["orange"]),
     (BLOCK, (0.12, 0.44, 0.88, 0.52), "#7a4f00"),
     (BLOCK, (0.41, 0.40, 0.59, 0.64), "#F0E442"),
     (BLOCK, (0.47, 0.47, 0.53, 0.58), INK),
 )
 AGENT = Figure.of(
     (OVAL, (0.08, 0.08, 0.92, 0.92), "#ffffff"),
-    (OVAL, (0.12, 0.12, 0.88, 0.88), "#0072B2"),
+    (OVAL, (0.12, 0.12, 0.88, 0.88), COLOURS["blue"]),
     *((OVAL, (x, 0.32, x + 0.20, 0.58), "#ffffff") for x in (0.27, 0.53)),
     *((OVAL, (x, 0.40, x + 0.11, 0.54), INK) for x in (0.33, 0.57)),
 )
 PREY = Figure.of(
     *((OVAL, (x, 0.08, x + 0.38, 0.46), "#7a4f00") for x in (0.04, 0.58)),
     *((OVAL, (x, 0.16, x + 0.22, 0.38), "#f3cfa0") for x in (0.12, 0.66)),
-    (OVAL, (0.12, 0.20, 0.88, 0.92), "#E69F00"),
+    (OVAL, (0.12, 0.20, 0.88, 0.92), COLOURS["orange"]),
     *((OVAL, (x, 0.44, x + 0.11, 0.59), INK) for x in (0.31, 0.58)),
     (OVAL, (0.43, 0.66, 0.57, 0.77), "#7a4f00"),
 )
