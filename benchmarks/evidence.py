@@ -18,7 +18,7 @@ import numpy as np
 
 import curricle as cr
 from curricle.files import write_whole
-from curricle.plotting import COLOURS, STYLE, draw_curve, new_figure
+from curricle.show import COLOURS, STYLE, draw_curve, new_figure
 
 
 @dataclass(frozen=True)

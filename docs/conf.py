@@ -28,8 +28,8 @@ reference_packages = [
     f"curricle.{name}"
     for name in (
         *("tasks", "learning", "planning", "teaching", "transfer", "curriculum", "certificate"),
-        *("comparison", "design", "statistics", "study", "plotting"),
-        *("report", "interop", "deep", "errors"),
+        *("comparison", "design", "statistics", "study", "show"),
+        *("interop", "deep", "errors"),
     )
 ]
 write_pages(reference_packages, HERE / "api")  # read by the extensions below

@@ -15,7 +15,7 @@ from dataclasses import replace
 import matplotlib
 
 import curricle as cr
-from curricle.plotting import COLOURS, STYLE, draw_curve, new_figure
+from curricle.show import COLOURS, STYLE, draw_curve, new_figure
 
 SEEDS, SOURCE, TARGET = 30, 50_000, 100_000
 

@@ -19,7 +19,7 @@ import time
 import matplotlib
 
 import curricle as cr
-from curricle.plotting import STYLE, draw_curve, new_figure
+from curricle.show import STYLE, draw_curve, new_figure
 
 SCALES = {1.5: "green", 1.0: "blue"}
 EVALUATION = cr.GreedyEvaluation(method="rollouts", episodes=200, discounted=False)

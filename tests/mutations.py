@@ -227,10 +227,10 @@ MUTATIONS = [
     ),
     Mutation(
         "free steps saved are charged in the report",
-        "report/sections.py",
-        "strong=measure not in WEAK",
-        "strong=True",
-        ("tests/unit/report/test_findings.py",),
+        "show/findings.py",
+        'strong = _interval(measure, comparison, row), measure.startswith("strong")',
+        "strong = _interval(measure, comparison, row), True",
+        ("tests/unit/show/test_findings.py",),
     ),
     Mutation(
         "window of several studies beyond the budget",

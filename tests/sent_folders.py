@@ -11,7 +11,7 @@ import pytest
 
 from curricle.archives import SEAL, as_json, sealed, sealed_archive, unsealed
 from curricle.errors import StoreError
-from curricle.report.study_report import write_report
+from curricle.show.report import write_report
 from curricle.study import StudyResults, read_study, run_study
 
 RULES = """

@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from benchmarks.referee.claim import Arm
 from benchmarks.referee.players import SCRATCH
 from benchmarks.referee.verdicts import Match, Unit, against
-from curricle.plotting import COLOURS, STYLE, new_figure, save
+from curricle.show import COLOURS, STYLE, new_figure, save
 from curricle.statistics import Interval
 
 COLUMNS = 4

@@ -8,8 +8,7 @@ from . import (
     interop as interop,
     learning as learning,
     planning as planning,
-    plotting as plotting,
-    report as report,
+    show as show,
     statistics as statistics,
     study as study,
     tasks as tasks,
@@ -50,7 +49,7 @@ from .learning.storage import Storage as Storage
 from .learning.training import learn as learn
 from .planning.policy_evaluation import GreedyEvaluation as GreedyEvaluation
 from .planning.solution import evaluate as evaluate, solve as solve
-from .plotting.picture import plot as plot
+from .show.plots import plot as plot
 from .study.config.reading import read_study as read_study
 from .study.running import run_study as run_study
 from .study.study_arguments import compare as compare, forecast as forecast

@@ -6,38 +6,21 @@ import pytest
 
 import curricle as cr
 from curricle.paper.reproduce import reproduce
-from tests.unit.report.studies import chain_plan, hunt_plan, page_of, record
+from tests.unit.show.studies import chain_plan, hunt_plan, maze_plan, page_of, record
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
 )
-QUIET = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
+OFF = ("gpu", "quic", "background-networking", "component-update", "sync")
+QUIET = ["--no-sandbox", "--no-first-run", *(f"--disable-{part}" for part in OFF)]
 DESK = {"width": 1200, "height": 900}
 ODD = "<img src=x onerror=alert(1)>&\"' "
-
-
-def maze():
-    whole = cr.GridWorld(["......T", ".PP....", "F......", "S.#...."], time_limit=40)
-    corner = whole.crop(rows=(0, 3), columns=(3, 7))
-    return cr.Curriculum(
-        {"corner": corner, "maze": whole},
-        [cr.Transfer("corner", "maze", cr.same_position(whole, corner))],
-        budget={"corner": 500, "maze": 3000},
-    )
 
 
 @pytest.fixture(scope="session")
 def studies():
     """The comparison and the page of each study."""
-    plans = {"hunt": ("hunt", hunt_plan(cr.mean)), "maze": ("maze", maze())}
+    plans = {"hunt": ("hunt", hunt_plan(cr.mean)), "maze": ("maze", maze_plan(3))}
     found = {}
     for name, (title, plan) in (plans | {"chain": (ODD, chain_plan(ODD))}).items():
         study = record(title, {f"{title} arm": plan}, 3, moments=3)
@@ -83,9 +66,8 @@ def visit(browser, files):
         contexts.append(context)
         page = context.new_page()
         address = files[name].as_uri()
-        own = {address} | {
-            one.as_uri() for one in files[name].parent.glob("*.svg")
-        }  # a paper's pictures
+        pictures = {file.as_uri() for file in files[name].parent.glob("*.svg")}  # of the paper
+        own = {address, *pictures}
         page.on("console", lambda message: heard.append(message.text))
         page.on("pageerror", lambda error: heard.append(str(error)))
         page.on("dialog", lambda dialog: heard.append(dialog.message))

@@ -3,7 +3,7 @@
 import pytest
 from markupsafe import Markup
 
-from curricle.report.templates import Script, render
+from curricle.show.page import render
 
 from .conftest import ODD
 
@@ -27,12 +27,6 @@ def drawn(page, selector):
     )
 
 
-def set_moment(page, place):
-    page.locator("#moment").evaluate(
-        "(e, v) => { e.value = v; e.dispatchEvent(new Event('input')); }", place
-    )
-
-
 def tab_to(page, name):
     """Press the tabulator until this element has the focus."""
     for _ in range(80):
@@ -46,9 +40,6 @@ def visible(page, selector):
     return [page.evaluate(SHOWN, one) for one in page.query_selector_all(selector)]
 
 
-# -- values while learning went ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["hunt", "maze", "chain"])
 def test_the_script_draws_what_the_page_was_written_with(visit, name):
     page = visit(name)
@@ -56,9 +47,10 @@ def test_the_script_draws_what_the_page_was_written_with(visit, name):
     assert len(keys) == 3
     for key in keys:
         page.select_option("#which", key)
-        for place in range(3):
-            set_moment(page, place)
-            still = f'.still[data-key="{key}"] .moments figure:nth-child({place + 1})'
+        last = int(page.get_attribute("#moment", "max"))
+        for n, place in enumerate((0, last // 2, last), start=1):
+            page.locator("#moment").fill(str(place))
+            still = f'.still[data-key="{key}"] .moments figure:nth-child({n})'
             assert drawn(page, "#map svg") == drawn(page, f"{still} svg")
             step = page.text_content(f"{still} figcaption").removeprefix("step ")
             assert page.text_content("#moment-words").startswith(f"Step {step} of ")
@@ -75,9 +67,6 @@ def test_another_replay_has_its_own_grid(visit):
     assert page.locator("#before .marker").count() == 2
 
 
-# -- episodes ------------------------------------------------------------------------------------
-
-
 def places(page):
     return page.eval_on_selector_all(
         "#before .marker, #after .marker", "all => all.map(one => one.style.transform)"
@@ -92,12 +81,10 @@ def test_the_animation_plays_pauses_and_ends(visit):
     moved = int(page.input_value("#tick"))
     assert 0 < moved < most
     assert places(page) != start
-    assert page.text_content("#episode-play") == "Pause"
-    page.click("#episode-play")
+    page.get_by_role("button", name="Pause").click()
     held = places(page)
     page.clock.run_for(5000)
-    assert int(page.input_value("#tick")) == moved
-    assert places(page) == held
+    assert (int(page.input_value("#tick")), places(page)) == (moved, held)
     page.click("#episode-play")
     page.clock.run_for(60_000)
     assert int(page.input_value("#tick")) == most
@@ -112,9 +99,6 @@ def test_nothing_glides_where_motion_is_unwelcome(visit):
     assert visit("maze").locator("#after .marker").first.evaluate(glide) != "0s"
     calm = visit("maze", reduced_motion="reduce")
     assert calm.locator("#after .marker").first.evaluate(glide) == "0s"
-
-
-# -- curves --------------------------------------------------------------------------------------
 
 
 def test_the_keyboard_alone_does_all(visit):
@@ -138,16 +122,9 @@ def test_the_keyboard_alone_does_all(visit):
     assert int(page.input_value("#tick")) > 0
 
 
-# -- everywhere ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["hunt", "maze", "chain"])
-def test_nothing_is_wider_than_a_phone_or_than_paper(visit, name):
-    page = visit(name, PHONE)
-    assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
-    table = page.locator("#measures .across")
-    assert table.evaluate("e => e.scrollWidth > e.clientWidth")  # it scrolls inside
-    page.set_viewport_size(PAPER)
+def test_nothing_is_wider_than_paper(visit, name):
+    page = visit(name, PAPER)
     page.emulate_media(media="print")
     assert page.evaluate("document.documentElement.scrollWidth") == PAPER["width"]
 
@@ -166,7 +143,11 @@ def test_words_on_a_phone_are_large_enough(visit):
 
 def test_paper_shows_both_axes_and_three_moments_of_each_training(visit):
     page = visit("maze")
+    static = page.locator(".curves.strong .wide")
+    assert (page.locator("#chart").is_visible(), static.is_visible()) == (True, False)
     page.emulate_media(media="print")
+    assert page.locator("#chart").is_hidden()
+    assert static.bounding_box()["width"] == page.locator("#curves").bounding_box()["width"]
     assert visible(page, ".curves") == [True, True]
     assert visible(page, ".still") == [True] * 3
     assert visible(page, ".still .moments svg") == [True] * 9
@@ -177,12 +158,11 @@ def test_paper_shows_both_axes_and_three_moments_of_each_training(visit):
 def test_without_scripts_all_is_there(visit):
     page = visit("maze", java_script_enabled=False)
     assert page.locator(".live").is_hidden()
-    assert page.locator(".still").count() == 3
-    for i in range(3):
-        still = page.locator(".still").nth(i)
-        assert still.is_visible()
-        assert still.locator(".moments svg").count() == 3
-        assert still.locator(".episode").count() == 2
+    assert visible(page, ".still") == [True] * 3
+    assert visible(page, ".still .moments svg") == [True] * 9
+    assert visible(page, ".still .episode") == [True] * 6
+    assert page.locator("#chart, .tools").filter(visible=True).count() == 0
+    assert page.locator("#arms").is_visible()
     page.get_by_label("No: weak transfer").check()
     assert page.locator(".curves.weak").is_visible()
     assert page.locator(".curves.strong").is_hidden()
@@ -190,8 +170,7 @@ def test_without_scripts_all_is_there(visit):
 
 def test_names_do_no_harm(visit):
     page = visit("chain")
-    assert page.text_content("h1") == ODD
-    assert page.title() == ODD.strip()
+    assert (page.text_content("h1"), page.title()) == (ODD, ODD.strip())
     assert page.locator("img").count() == 0
 
 
@@ -199,10 +178,9 @@ def test_an_interim_page_is_read_again_but_not_under_its_readers_hands(visit, fi
     files["interim"] = files["maze"].with_name("interim.html")
 
     def write(words, seconds):
-        name, scripts = "Interim", [Script.of("reload.js")]
         banner = render("banner.html", sentence=words, time="12:00:00", seconds=seconds)
         tall = Markup(banner + '<div style="height: 300rem"></div>')
-        files["interim"].write_text(render("waiting.html", name=name, scripts=scripts, banner=tall))
+        files["interim"].write_text(render("waiting.html", name="Interim", banner=tall))
 
     write("not begun", 0)
     page = visit("interim")

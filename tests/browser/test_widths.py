@@ -6,6 +6,7 @@ from curricle.display import block, table
 from curricle.paper.reproduce import FIGURES
 
 WIDTHS = [{"width": 390, "height": 844}, {"width": 1300, "height": 900}]
+NARROWEST = {"width": 360, "height": 740}
 PAGES = ["hunt", "maze", "chain", "paper"]
 
 # What lies in a box that scrolls, or in a picture, may reach further than the page.
@@ -31,7 +32,7 @@ CUT = """() => [...document.querySelectorAll("body *")].filter(e => {
 
 
 @pytest.mark.usefixtures("paper_file")
-@pytest.mark.parametrize("viewport", WIDTHS, ids=lambda one: one["width"])
+@pytest.mark.parametrize("viewport", [NARROWEST, *WIDTHS], ids=lambda size: size["width"])
 @pytest.mark.parametrize("name", PAGES)
 def test_nothing_is_wider_than_the_page_and_no_text_is_cut(visit, name, viewport):
     page = visit(name, viewport)
@@ -44,7 +45,7 @@ def test_nothing_is_wider_than_the_page_and_no_text_is_cut(visit, name, viewport
     assert used > 0.85 * viewport["width"]
 
 
-@pytest.mark.parametrize("viewport", WIDTHS, ids=lambda one: one["width"])
+@pytest.mark.parametrize("viewport", WIDTHS, ids=lambda size: size["width"])
 def test_what_scrolls_sideways_says_so(visit, viewport):
     page = visit("maze", viewport)
     found = page.eval_on_selector_all(
@@ -60,7 +61,7 @@ def test_what_scrolls_sideways_says_so(visit, viewport):
 
 
 @pytest.mark.usefixtures("paper_file")
-@pytest.mark.parametrize("viewport", WIDTHS, ids=lambda one: one["width"])
+@pytest.mark.parametrize("viewport", WIDTHS, ids=lambda size: size["width"])
 def test_the_paper_jumps_from_contents_and_summary(visit, viewport):
     page = visit("paper", viewport)
     sections, claims = page.locator("main > section").count(), page.locator("article.claim").count()
@@ -79,7 +80,7 @@ def test_the_paper_jumps_from_contents_and_summary(visit, viewport):
     assert page.locator("img").evaluate_all("all => all.every(e => e.complete && e.naturalWidth)")
 
 
-@pytest.mark.parametrize("viewport", WIDTHS, ids=lambda one: one["width"])
+@pytest.mark.parametrize("viewport", WIDTHS, ids=lambda size: size["width"])
 def test_a_table_in_a_notebook_says_that_it_scrolls(browser, viewport):
     heads = [f"a column of number {k}" for k in range(6)]
     shown = block("wide and narrow", table(heads, [range(6)]), table(["a"], [[1]]))

@@ -17,7 +17,7 @@ from curricle.cli.tables import print_results
 from curricle.comparison.comparing import compare
 from curricle.deep import training
 from curricle.errors import ConfigError
-from curricle.report.study_report import write_report
+from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.arms import Arms
 from curricle.study.recording import curricula_record

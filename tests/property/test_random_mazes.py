@@ -8,8 +8,8 @@ from hypothesis import given, settings, strategies as st
 
 from curricle import solve
 from curricle.errors import TaskError
+from curricle.show.views import GridView
 from curricle.tasks import maze_family, random_maze
-from curricle.tasks.grid_view import GridView
 from curricle.tasks.gridworld import CORNERS
 
 CHANCES = st.sampled_from(

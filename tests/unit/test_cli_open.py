@@ -11,7 +11,7 @@ from urllib.parse import urlparse
 import pytest
 
 from curricle.cli import progress_bars
-from curricle.report.study_report import stored_page
+from curricle.show.report import stored_page
 from curricle.study import StudyResults
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

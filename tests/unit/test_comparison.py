@@ -9,7 +9,7 @@ import curricle as cr
 from curricle import compare
 from curricle.comparison import Arm, Comparison
 from curricle.comparison.comparison import MEASURES
-from curricle.report.sections import findings
+from curricle.show.findings import findings
 from curricle.statistics import Curve
 from curricle.statistics.curves import charge_source
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test

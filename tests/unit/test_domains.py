@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import ConfigError, TaskError
-from curricle.plotting.grids import draw_potential
-from curricle.report.svg import GridDrawing
+from curricle.show.grids import draw_potential
+from curricle.show.replay import grid_drawing
+from curricle.show.views import GridView
 from curricle.study.record import ViewRecord
 from curricle.tasks.family import rules_of
-from curricle.tasks.grid_view import GridView
 from tests.refusals import check_values
 from tests.studies import only, reader
 
@@ -140,9 +140,9 @@ def test_it_is_drawn(name):
         assert len(set(map(tuple, view.cells.tolist()))) == len(view.states)
         assert (task.layout.cells[view.states] == view.cells).all()
     read = ViewRecord.model_validate_json(ViewRecord.of(view).model_dump_json()).view
-    drawn = GridDrawing.of(view)
-    assert GridDrawing.of(read) == drawn
-    assert drawn.markers[0] == ("A", drawn.markers[0][1])
+    drawn = grid_drawing(view)
+    assert grid_drawing(read) == drawn
+    assert drawn["markers"][0][0] == "A"
     rows, columns = view.shape
     for marker in view.markers:
         assert marker.cells.shape == (task.states.size,)

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from curricle.report.study_report import write_report
+from curricle.show.report import write_report
 from tests.sent_folders import a_unit, change, read_all, refuses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

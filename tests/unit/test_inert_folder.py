@@ -17,7 +17,7 @@ import pytest
 import curricle as cr
 from curricle.archives import SEAL, sealed_archive
 from curricle.errors import StoreError
-from curricle.report.study_report import write_report
+from curricle.show.report import write_report
 from curricle.study import StudyResults, StudyStore, merge
 from curricle.study.serialization import DECISION_SCHEMA, as_parquet
 from tests.sent_folders import a_unit, change, npy, put, refuses

@@ -68,7 +68,7 @@ def test_a_notebook_runs_and_shows_what_is_stored(name):
 def test_a_figure_is_shown_once_and_bars_leave_nothing(first, tmp_path):
     task = 'cr.Curriculum({"maze": cr.GridWorld("S.T")}, budget=500)'
     cells = [f"{first}import curricle as cr", f"result = {task}.train(seeds=2, progress=True)"]
-    cells += ["from curricle.plotting import new_figure", "new_figure(1, 1, width=3, height=2)[0]"]
+    cells += ["from curricle.show import new_figure", "new_figure(1, 1, width=3, height=2)[0]"]
     notebook = nbformat.v4.new_notebook(cells=[*map(nbformat.v4.new_code_cell, cells)])
     nbformat.write(notebook, tmp_path / "figure.ipynb")
     found = code(script().executed(tmp_path / "figure.ipynb"))

@@ -20,6 +20,7 @@ from curricle import (
 )
 from curricle.errors import TaskError
 from curricle.planning import visit_distribution
+from curricle.show.views import GridView
 from curricle.tasks import (
     CliffWalking,
     DeepSea,
@@ -32,7 +33,6 @@ from curricle.tasks import (
     goal_distance,
     with_start,
 )
-from curricle.tasks.grid_view import GridView
 from curricle.tasks.mdp import reachable_states
 from curricle.tasks.start_states import TaskWithStart, goal_states
 from tests.refusals import check_values

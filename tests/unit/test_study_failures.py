@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from curricle.errors import StoreError, StudyError
-from curricle.report.study_report import write_report
+from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.engines.engine import SentUnit, train_sent, versions_here
 from curricle.study.store import FAILURES

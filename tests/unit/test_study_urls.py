@@ -11,7 +11,7 @@ from curricle import files as whole_files
 from curricle.cli.app import main
 from curricle.errors import LostStoreError, StoreError
 from curricle.files import RemotePath, place_at, write_whole
-from curricle.report.study_report import write_report
+from curricle.show.report import write_report
 from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
 from curricle.study.store import StoredUnit
 

@@ -12,8 +12,8 @@ from curricle.comparison.task_differences import (
     summary_differences,
     task_summary,
 )
+from curricle.show.views import GridView
 from curricle.study.record import ViewRecord, plain, read_record
-from curricle.tasks.grid_view import GridView
 from tests.tasks import random_mdp
 
 MAZE = cr.GridWorld(["S..P", ".#..", "..FT"], time_limit=40)

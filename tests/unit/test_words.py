@@ -10,8 +10,8 @@ from curricle import GridWorld, Pursuit
 from curricle.comparison.comparison import short as with_dash
 from curricle.comparison.task_differences import plain_text
 from curricle.comparison.trial import in_brief, verdict_words
-from curricle.plotting.scales import rounded, without_seeds
-from curricle.report.sections import signed
+from curricle.show.findings import signed
+from curricle.show.style import rounded, without_seeds
 from curricle.statistics import Interval
 from curricle.study.config.merging import path_text
 from curricle.study.config.sweeps import short_names, value_text, varied_in

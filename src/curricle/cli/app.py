@@ -395,7 +395,7 @@ def report(
     ] = None,
 ) -> None:
     """Write a study's report, one HTML page that works offline."""
-    from curricle.report.study_report import write_report
+    from curricle.show.report import write_report
 
     typer.echo(f"Open {write_report(folder, out)}")
 

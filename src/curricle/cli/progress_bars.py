@@ -9,7 +9,7 @@ import os
 import sys
 import webbrowser
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -33,7 +33,7 @@ from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
 
 if TYPE_CHECKING:
-    from curricle.report.study_report import InterimReport
+    from curricle.show.report import InterimReport
 
 
 # -- Saying that loops are compiled, which happens once for each kind of task and learner ----------
@@ -163,19 +163,20 @@ def run_with_bars(
         return run_study(study, path, **how, **settings)
 
 
-def _page_of_run(path: str | Place, pace: Pace) -> "AbstractContextManager[InterimReport]":
-    from curricle.report.study_report import interim_report
+def _page_of_run(path: str | Place, pace: Pace) -> "InterimReport":
+    from curricle.show.report import InterimReport
 
-    return interim_report(path, pace.line_in, _complain, open_page)
+    return InterimReport(path, pace.line_in, _complain, open_page)
 
 
 def watch_results(folder: str, out: Path | None) -> None:
     """Show the report of a folder, in which another process may store units, until it is over."""
-    from curricle.report.study_report import default_page, watch_folder
+    from curricle.show.report import InterimReport, default_page
 
     if out is None:
         out = Path(mkdtemp(prefix="curricle-")) / default_page(place_at(folder)).name
-    watch_folder(folder, out, Pace().line_of, _complain, open_page)
+    words = Pace().line_of, _complain, open_page
+    InterimReport(folder, *words, path=out, elsewhere=True).watch()
     typer.echo(f"The run is over: {out}")
 
 

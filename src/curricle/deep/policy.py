@@ -17,10 +17,9 @@ from curricle.files import local_file, write_whole
 from curricle.interop.tabulated_task import check_sight
 from curricle.learning.result import LearningResult
 from curricle.learning.shaping import QInitialisation, Shaping
-from curricle.planning.episode import Episode, played
+from curricle.planning.episode import Episode, frame_of, played, with_pictures
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
-from curricle.tasks.scene import frame_of, with_pictures
 from curricle.transfer.observation_rollouts import (
     Environments,
     ObservationTarget,

@@ -48,7 +48,7 @@ from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
 from curricle.tasks.spaces import MISSING, Component, Space
 
 if TYPE_CHECKING:
-    from curricle.tasks.scene import Scene
+    from curricle.show.scenes import Scene
 
 Environment = gym.Env[Any, Any] | str | EnvSpec | EnvironmentMaker | Callable[..., Any]
 TimeLimit = int | None | Literal["own"]
@@ -490,7 +490,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
 
     @cached_property
     def _scene(self) -> "Scene":
-        from curricle.tasks.scene import scene_of
+        from curricle.show.scenes import scene_of
 
         return scene_of(self.task)
 

@@ -23,9 +23,16 @@ from curricle.learning.saved_result import (
     task_record,
 )
 from curricle.learning.storage import SparseValues
-from curricle.planning.episode import Episode, played
+from curricle.planning.episode import (
+    Episode,
+    draws_pictures,
+    frame_of,
+    played,
+    with_pictures,
+)
 from curricle.planning.greedy import Values, VisitedValues
 from curricle.planning.rollouts import greedy_rollout
+from curricle.show.scenes import scene_of
 from curricle.tasks.live import LiveMDP, is_live, numbering
 from curricle.tasks.mdp import Task, generative_model
 
@@ -167,8 +174,6 @@ class TabularPolicy(Frozen):
         return Episode.of(task, greedy_rollout(task, view, seed=seed, steps=limit))
 
     def _live_episode(self, task: LiveMDP, seed: int, limit: int) -> Episode:
-        from curricle.tasks.scene import draws_pictures, frame_of, scene_of, with_pictures
-
         number, scene, rng = numbering(task), scene_of(task), np.random.default_rng(seed)
 
         def act(seen: Any) -> Any:

@@ -44,7 +44,7 @@ from curricle.paper.settings import (
     verdict,
 )
 from curricle.planning import greedy_policy
-from curricle.plotting import draw_curve, new_figure
+from curricle.show import draw_curve, new_figure
 from curricle.statistics import Curve, Interval, paired_difference
 from curricle.text_tables import counted
 from curricle.transfer import UNMAPPED, StateActionMapping, find_projections

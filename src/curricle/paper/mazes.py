@@ -39,7 +39,7 @@ from curricle.paper.settings import (
     whiskers,
 )
 from curricle.planning import greedy_policy, rollout
-from curricle.plotting import COLOURS, draw_curve, draw_maze, draw_potential, new_figure
+from curricle.show import COLOURS, draw_curve, draw_maze, draw_potential, new_figure
 from curricle.statistics import Curve, Times, midpoint, time_to_threshold
 from curricle.text_tables import counted
 from curricle.transfer import relative_objects

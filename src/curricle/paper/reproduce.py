@@ -15,9 +15,8 @@ from curricle.paper.figure4 import figure4
 from curricle.paper.mazes import figure1, figure2, figure3, hacking
 from curricle.paper.settings import FigureResult, Progress
 from curricle.paper.trust_figure import trust
-from curricle.plotting import STYLE, content_of
 from curricle.progress import Bars, check_progress, shown
-from curricle.report import render
+from curricle.show import STYLE, content_of, render
 from curricle.statistics import Interval
 from curricle.study import StudyStore
 from curricle.text_tables import counted

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from curricle import GreedyEvaluation, GridWorld, QLearning, Rewards
-from curricle.plotting import COLOURS
+from curricle.show import COLOURS
 from curricle.statistics import Interval, mean_interval
 
 MAP = resources.files("curricle.paper").joinpath("maze.txt").read_text(encoding="utf-8")

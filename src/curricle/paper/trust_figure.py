@@ -47,7 +47,7 @@ from curricle.paper.settings import (
     stacked,
     whiskers,
 )
-from curricle.plotting import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
+from curricle.show import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
 from curricle.statistics import Curve, Interval, paired_difference, time_to_threshold
 from curricle.text_tables import counted
 from curricle.transfer import Calibrate

@@ -3,13 +3,15 @@
 import base64
 import io
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from inspect import signature
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from curricle.array_types import FloatArray
 from curricle.checks import number
@@ -17,7 +19,9 @@ from curricle.errors import SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
 from curricle.frozen_arrays import frozen
 from curricle.planning.rollouts import Trajectory
+from curricle.show.scenes import scene_of
 from curricle.tasks.mdp import Task, generative_model
+from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.spaces import Space, action_name, values_of
 from curricle.text_tables import counted
 
@@ -99,8 +103,6 @@ class Episode:
         >>> Episode.of(maze, rollout(maze, [1, 1, 0]))
         Episode(2 steps, return 198, terminated)
         """
-        from curricle.tasks.scene import scene_of
-
         scene, actions = scene_of(task), generative_model(task).actions
         return cls(
             frames=Drawn(scene.image, path.states),
@@ -129,8 +131,6 @@ class Episode:
         return file
 
     def _gif(self, fps: float) -> bytes:
-        from PIL import Image
-
         number("fps", fps, SettingError, low=0.01)
         # A GIF counts hundredths of a second.
         each = 10 * round(100 / min(fps, FASTEST))
@@ -239,3 +239,40 @@ def played(
         fps=fps,
         texts=texts,
     )
+
+
+# -- pictures that environments draw themselves ----------------------------------------------------
+
+PICTURES = "rgb_array"
+
+
+def with_pictures(make: Callable[[], Any]) -> Callable[[], Any]:
+    """Return what makes the same environments, with pictures where they can be asked for."""
+    if not isinstance(make, EnvironmentMaker):
+        return EnvironmentMaker(make, _render_mode(make)) if _render_mode(make) else make
+    if isinstance(make.what, EnvironmentMaker):
+        return replace(make, what=with_pictures(make.what))
+    return replace(make, arguments={**make.arguments, **_render_mode(make.what)})
+
+
+def _render_mode(what: Any) -> dict[str, str]:
+    """Return the argument that asks for pictures, if an environment's maker has it."""
+    asked = not callable(what) or "render_mode" in signature(what).parameters
+    return {"render_mode": PICTURES} if asked else {}
+
+
+def draws_pictures(environment: Any) -> bool:
+    """Return whether an environment says that it can draw pictures."""
+    return PICTURES in getattr(environment, "metadata", {}).get("render_modes", ())
+
+
+def frame_of(environment: Any) -> Frame:
+    """Return a picture of an environment, (height, width, 3) uint8; SettingError if it has none."""
+    mode = getattr(environment, "render_mode", None)
+    picture: Any = environment.render() if mode == PICTURES else None
+    if np.ndim(picture) != 3:
+        raise SettingError(
+            'an episode\'s environment must draw pictures, render_mode="rgb_array": got '
+            f"render_mode={mode!r} from {environment}"
+        )
+    return np.array(picture, dtype=np.uint8)

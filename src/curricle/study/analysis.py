@@ -22,6 +22,8 @@ from curricle.learning.record import Snapshots
 from curricle.planning.episode import OF_TASKS, Drawn, Episode
 from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
+from curricle.show.scenes import scene_of_view
+from curricle.show.views import GridView
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
@@ -37,11 +39,9 @@ from curricle.study.record import (
     SectionRecord,
 )
 from curricle.study.results import ANALYSIS, StudyResults
-from curricle.tasks.grid_view import GridView
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.scene import ViewScene
 
 # -- What only the tasks themselves can say of results: forecasts, certificates, episodes ----------
 #
@@ -312,7 +312,7 @@ def stored_episode(
 
 def episode_of(view: GridView, record: EpisodeRecord) -> Episode:
     """Return a stored episode, drawn on the view of its task."""
-    scene, moments = ViewScene(view), np.arange(len(record.cells))
+    scene, moments = scene_of_view(view), np.arange(len(record.cells))
     return Episode(
         frames=Drawn(lambda moment: scene.image(record.cells[moment]), moments),
         actions=np.zeros(0, np.int64),

@@ -17,8 +17,8 @@ from pydantic import (
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.comparison.task_differences import TaskSummary
+from curricle.show.views import MOST_CELLS, GridView, Marker
 from curricle.statistics.curves import SCRATCH
-from curricle.tasks.grid_view import MOST_CELLS, GridView, Marker
 
 # -- Parts of records in plain data: their types are fixed, and arrays are lists of numbers --------
 

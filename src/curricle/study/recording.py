@@ -10,6 +10,7 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import PolicyReuse
+from curricle.show.views import GridView
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
@@ -24,7 +25,6 @@ from curricle.study.record import (
     VariantRecord,
     ViewRecord,
 )
-from curricle.tasks.grid_view import GridView
 from curricle.tasks.mdp import generative_model, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted

@@ -1,0 +1,211 @@
+"""The graph of a curriculum for a page: cards, arrows, and where they are."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+
+from curricle.array_types import FloatArray
+from curricle.learning.result import LearningResult
+from curricle.show.plots import places
+from curricle.show.style import rounded
+from curricle.statistics.curves import SCRATCH
+from curricle.statistics.intervals import mean_interval
+from curricle.study.record import ArmRecord, CurriculaRecord
+
+CARD, GAP, FALL = 156, 14, 64
+"""Width of a card, and the space between cards, across and down, in CSS pixels."""
+SIDE, LANE = 44, 26
+"""Space at the sides for an arrow that goes round other cards, and for each further one."""
+LINE, NAME_LETTERS, LETTERS = 17, 13, 18
+"""Height of a line of a card in CSS pixels; letters that it holds, in its name and below."""
+PLAIN, CURVE_SPACE = 20, 52
+"""Height of a card without text, and of a curve on it, in CSS pixels."""
+BADGE = 24
+"""Space between the middles of two arrows' numbers, which are circles 20 wide."""
+
+
+Learnt = Mapping[str, Mapping[str, LearningResult]]
+"""Arm -> task -> its training."""
+Data = dict[str, Any]
+Reasons = Mapping[tuple[str, str], Sequence[str]]
+"""(arm, task) -> for each seed why its training ended."""
+
+SWATCH = "\xa0" * 4
+"""As wide as the sample of a line before the returns of an arm."""
+CURVE, CURVE_HEIGHT, CURVE_POINTS = 140.0, 44.0, 60
+"""Size of the curve on a card, and its checkpoints at most."""
+
+
+def graphs(curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons) -> list[Data]:
+    """Return the graphs of a study; arms whose tasks and transfers are alike share one.
+
+    A graph is its ``arms``, the ``cards`` of tasks in the order of training, the ``edges`` of pairs
+    that transfer, ``notes`` on how each arm combines several transfers into a task, and ``width``
+    and ``height`` in CSS pixels.
+    """
+    return [_graph(arms, curricula, learnt, reasons) for arms in curricula.groups()]
+
+
+def _graph(
+    arms: Sequence[str], curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons
+) -> Data:
+    arm = curricula.arms[arms[0]]
+    compared = {name: learnt[name] for name in (*arms, SCRATCH) if name in learnt}
+    cards = dict[str, Data]()
+    for name in arm.nodes:
+        spent = np.concatenate([learnt[owner][name].steps_used for owner in arms])
+        least, most = int(spent.min()), int(spent.max())
+        ended = Counter(chain.from_iterable(reasons[owner, name] for owner in arms)).most_common()
+        several = (f"{reason} ({n} of {len(spent)})" for reason, n in ended)
+        curves = card_curves({a: nodes[name] for a, nodes in compared.items() if name in nodes})
+        texts = {
+            "kind": curricula.task(arms[0], name).kind,
+            "steps": f"{least:,} steps" if least == most else f"{least:,} to {most:,} steps",
+            "reason": ended[0][0] if len(ended) == 1 else "; ".join(several),
+        }
+        # As high as its name and its texts need that stand in lines of so many letters.
+        written = [*texts.values(), *(SWATCH + curve["words"] for curve in curves)]
+        lines = len(wrap(name, NAME_LETTERS)) + sum(len(wrap(text, LETTERS)) for text in written)
+        height = PLAIN + CURVE_SPACE * bool(curves) + LINE * lines
+        cards[name] = {"name": name, "curves": curves, "height": height, **texts}
+    heights = {name: card["height"] for name, card in cards.items()}
+    corners, width, height = layout(heights, [(t.source, t.target) for t in arm.transfers])
+    for name, (left, top) in corners.items():
+        cards[name] |= {"left": left, "top": top}
+    # How several transfers into a task become one potential.
+    notes: dict[str, list[str]] = {}
+    for owner in arms:
+        for name, node in curricula.arms[owner].nodes.items():
+            if node.aggregate is not None:
+                words = f"{name} uses the {node.aggregate} of its transfers"
+                notes.setdefault(words, []).append(owner)
+    named = {words: f"{'; '.join(owners)}: " * (len(notes) > 1) for words, owners in notes.items()}
+    return {
+        "arms": tuple(arms),
+        "cards": [*cards.values()],
+        "edges": [*_edges(arm, cards)],
+        "notes": [f"{owners}{words}." for words, owners in named.items()],
+        "width": width,
+        "height": height,
+    }
+
+
+def card_curves(trained: Mapping[str, LearningResult]) -> list[Data]:
+    """Return the curves of one task in one scale; arms that learnt it alike share one.
+
+    A curve has the colour of its first arm, the points of its mean and of its band, empty for a
+    single seed, and its mean return at its start and its end in words. An arm that was not
+    evaluated in the task has no curve.
+    """
+    alike: dict[bytes, list[str]] = {}
+    for arm, result in trained.items():
+        if not np.isnan(result.greedy_return).all():
+            alike.setdefault(result.greedy_return.tobytes(), []).append(arm)
+    if not alike:
+        return []
+    drawn = []
+    for arms in alike.values():
+        result = trained[arms[0]]
+        place = places(len(result.steps), CURVE_POINTS)
+        interval = mean_interval(result.greedy_return[:, place])
+        values = np.array([interval.estimate, interval.low, interval.high])
+        values = np.where(np.isnan(values), values[0], values)
+        drawn.append((tuple(arms), result, result.steps[place], values))
+    low = min(float(np.nanmin(values)) for *_, values in drawn)
+    high = max(float(np.nanmax(values)) for *_, values in drawn)
+    last = max(int(steps[-1]) for *_, steps, _ in drawn) or 1
+    curves = []
+    for owners, result, steps, values in drawn:
+        x = steps / last * CURVE
+        mean, lower, upper = (high - values) / ((high - low) or 1.0) * CURVE_HEIGHT
+        band = points([*x, *x[::-1]], [*lower, *upper[::-1]]) * (len(result.seeds) > 1)
+        start, end = result.greedy_return[:, [0, -1]].mean(axis=0)
+        words = f"{rounded(start)} → {rounded(end)}"
+        curves.append({"arms": owners, "line": points(x, mean), "band": band, "words": words})
+    return curves
+
+
+def points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> str:
+    """Return the points of a polyline."""
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+
+
+# -- where cards are, sources above their targets, and the arrows between them ---------------------
+
+
+def layout(
+    heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]
+) -> tuple[dict[str, tuple[int, int]], int, int]:
+    """Return left and top of cards, sources above their targets, and width and height of all.
+
+    `heights` holds the height of each card, sources before their targets, `pairs` the source and
+    the target of each transfer.
+    """
+    depth = dict[str, int]()
+    for name in heights:
+        depth[name] = max((depth[source] + 1 for source, to in pairs if to == name), default=0)
+    rows: dict[int, list[str]] = {}
+    for name, row in sorted(depth.items(), key=lambda pair: pair[1]):
+        rows.setdefault(row, []).append(name)
+    around = {(source, target) for source, target in pairs if depth[target] - depth[source] > 1}
+    side = SIDE + (len(around) - 1) * LANE if around else 0
+    width = max(len(names) for names in rows.values()) * (CARD + GAP) - GAP + 2 * side
+    corners, top = dict[str, tuple[int, int]](), 0
+    for names in rows.values():
+        left = (width - len(names) * (CARD + GAP) + GAP) // 2
+        for place, name in enumerate(names):
+            corners[name] = (left + place * (CARD + GAP), top)
+        top += max(heights[name] for name in names) + FALL
+    return corners, width, top - FALL
+
+
+def _arrow(start: tuple[int, int], end: tuple[int, int], beside: float | None) -> FloatArray:
+    """Return the curve from below one card to above another: the points of a cubic, (4, 2).
+
+    Its middle is at the horizontal position `beside`, right of the cards that it goes round.
+    """
+    (x0, y0), (x1, y1) = (start[0] + CARD / 2, start[1]), (end[0] + CARD / 2, end[1] - 7)
+    middle, inner = (y0 + y1) / 2, (x0, x1)
+    if beside is not None:
+        # A cubic's middle is an eighth of each end and three eighths of each inner point.
+        inner = ((beside - (x0 + x1) / 8) * 4 / 3,) * 2
+    return np.array([(x0, y0), (inner[0], middle), (inner[1], middle), (x1, y1)])
+
+
+def _free(curve: FloatArray, taken: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the place of a number on a curve: near its middle, but apart from those taken."""
+    along = 0.5 + np.array([0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5]) / 14
+    rest = 1 - along
+    weights = np.stack([rest**3, 3 * rest**2 * along, 3 * rest * along**2, along**3])
+    spots = [(float(x), float(y)) for x, y in weights.T @ curve]
+    room = [min((math.dist(spot, other) for other in taken), default=math.inf) for spot in spots]
+    first = next((n for n, free in enumerate(room) if free >= BADGE), int(np.argmax(room)))
+    return spots[first]
+
+
+def _edges(arm: ArmRecord, cards: Mapping[str, Data]) -> Iterator[Data]:
+    """Yield an arrow for each pair of tasks: none on a card, and no number on another.
+
+    An edge has a sentence for each transfer in `words`; its number stands at `place`.
+    """
+    pairs: dict[tuple[str, str], list[str]] = {}
+    for transfer in arm.transfers:
+        pairs.setdefault((transfer.source, transfer.target), []).append(transfer.words)
+    taken, around = list[tuple[float, float]](), 0
+    for (source, target), words in pairs.items():
+        above, below = cards[source], cards[target]
+        bottom, top = above["top"] + above["height"], below["top"]
+        passed = [card["left"] + CARD for card in cards.values() if bottom < card["top"] < top]
+        beside = max(passed) + SIDE / 2 + around * LANE if passed else None
+        curve = _arrow((above["left"], bottom), (below["left"], top), beside)
+        around += bool(passed)
+        taken.append(_free(curve, taken))
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = curve.tolist()
+        path = f"M{x0:g} {y0:g}C{x1:g} {y1:g} {x2:g} {y2:g} {x3:g} {y3:g}"
+        names = {"source": source, "target": target}
+        yield {**names, "path": path, "place": taken[-1], "words": words}

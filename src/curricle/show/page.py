@@ -1,0 +1,395 @@
+"""A study as one HTML page without a network and without other files, and the paper's page.
+
+A page is a function of results alone. Curves are in it twice, both by `shown_curve`: as pictures,
+for paper and for readers without scripts, and as rounded numbers that ``curves.js`` draws.
+"""
+
+import base64
+import hashlib
+import io
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import matplotlib
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.scale import SymmetricalLogTransform
+
+from curricle.array_types import FloatArray, IntArray
+from curricle.checks import listed
+from curricle.comparison.comparison import Comparison
+from curricle.errors import SettingError, StoreError, in_words
+from curricle.files import write_whole
+from curricle.show.findings import (
+    COLUMNS,
+    effects_sections,
+    findings,
+    forecast_sections,
+    forest,
+    headline,
+    meanings,
+    table,
+    too_few,
+)
+from curricle.show.graph import Learnt, Reasons, graphs
+from curricle.show.plots import (
+    controls_first,
+    draw_learning_curves,
+    places,
+    random_level,
+    shown_curve,
+)
+from curricle.show.replay import replays
+from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
+from curricle.statistics.curves import SCRATCH
+from curricle.statistics.intervals import mean_interval
+from curricle.study.effects import Effects
+from curricle.study.record import Analysis, CurriculaRecord
+from curricle.study.tuning import TuningRecord
+from curricle.study.units import numbered_seeds
+from curricle.text_tables import counted
+
+# -- templates -------------------------------------------------------------------------------------
+
+WHITE = "\n\t\u00a0\u202f"
+"""Characters that are not printable and stay: breaks of lines, tabs and narrow spaces."""
+
+
+def render(template: str, **values: Any) -> str:
+    """Return a template filled in; text is escaped, ``Markup`` is not.
+
+    Parameters
+    ----------
+    template : str
+        File name in ``assets``.
+    **values
+        What the template names. A missing one raises ``UndefinedError``.
+
+    Examples
+    --------
+    >>> page = render("paper.html", title="A < B", counts={}, sections=[], seeds="")
+    >>> "<h1>A &lt; B</h1>" in page
+    True
+    """
+    environment = Environment(
+        loader=PackageLoader("curricle.show", "assets"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_visible,
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
+    environment.globals.update(shades=shades_of, asset=asset, digest=_digest)
+    environment.filters.update(signs=_signs, evidence=_evidence, numbered_seeds=numbered_seeds)
+    environment.filters.update(rounded=rounded, listed=listed, counted=counted)
+    return environment.get_template(template).render(values)
+
+
+def _visible(value: Any) -> Any:
+    """Return a text with control and format characters written out: some reverse what follows."""
+    if not isinstance(value, str) or isinstance(value, Markup) or value.isprintable():
+        return value
+    return "".join(c if c.isprintable() or c in WHITE else ascii(c)[1:-1] for c in value)
+
+
+def asset(name: str) -> Markup:
+    """Return the text of a file in ``assets``."""
+    return Markup((files("curricle.show") / "assets" / name).read_text("utf-8"))
+
+
+def _digest(script: str) -> str:
+    """Return the digest by which the policy of a page names its script."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+
+
+def write_page(page: str, path: str | Path) -> Path:
+    """Write a page, whole or not at all, and return its path; StoreError if that fails."""
+    try:
+        write_whole(Path(path), page.encode())
+    except OSError as error:
+        raise StoreError(f"a report cannot be written to {path}: {error.strerror}") from None
+    return Path(path)
+
+
+def _signs(words: str) -> str:
+    """Return a sentence whose negative numbers have a minus sign in place of the hyphen."""
+    return re.sub(r"(?<![\w)\]])-(?=\d)", "−", words)
+
+
+def _evidence(value: Any) -> str:
+    """Return a number, an interval or a text of a claim's evidence."""
+
+    def text(number: float) -> str:
+        return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
+
+    if isinstance(value, dict) and "estimate" in value:
+        ends = [value["low"], value["high"]]
+        bounds = "(no interval)" if None in ends else f"[{', '.join(map(text, ends))}]"
+        return f"{text(value['estimate'])} {bounds}"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+# -- a study as one page ---------------------------------------------------------------------------
+
+WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
+"""Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShownStudy:
+    """All that a page shows, in plain data."""
+
+    name: str
+    comparison: Comparison
+    curricula: CurriculaRecord
+    learnt: Learnt  # arm -> task -> its training
+    analysis: Analysis
+    reasons: Reasons  # (arm, task) -> for each seed why its training ended
+    effects: tuple[Effects, ...] = ()
+    tuning: TuningRecord | None = None
+
+
+def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "") -> str:
+    """Return the page of a study; SettingError when it has no arm besides the scratch baseline.
+
+    With a `banner` at its top it is an interim one, which is read again while the run goes on.
+    """
+    comparison, curricula, learnt = study.comparison, study.curricula, study.learnt
+    if not comparison.contrasts:
+        raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
+    answers, styles = findings(comparison), arm_styles(comparison)
+    films, not_shown = replays(curricula, learnt, study.analysis)
+    # The replay to begin with: the first curriculum in the target.
+    in_target = [film for film in films if film.task == comparison.target]
+    curricula_first = [film for film in in_target if not {*film.arms} <= {*comparison.scratches}]
+    curves, panels = _curves(comparison)
+    settings = [
+        (arm, task, {"task": curricula.task(arm, task).text, **node.settings})
+        for arm, record in curricula.arms.items()
+        for task, node in record.nodes.items()
+    ]
+    ended = [(*place, Counter(words).most_common()) for place, words in study.reasons.items()]
+    scripts = ["study.js", "curves.js", *["reload.js"] * bool(banner)]
+    return render(
+        "study.html",
+        name=study.name,
+        comparison=comparison,
+        environment=environment,
+        headline=headline(comparison),
+        too_few=too_few(comparison),
+        failed={arm: in_words(error) for arm, error in comparison.failed.items()},
+        findings=answers,
+        forest=forest(answers),
+        styles=styles,
+        graphs=graphs(curricula, learnt, study.reasons),
+        with_scratch=SCRATCH in learnt,
+        curves=curves,
+        curve_data=curve_data(comparison, styles, panels),
+        most_seeds=MOST_SEEDS,
+        table=table(comparison),
+        columns=COLUMNS,
+        kinds={kind: [*keys] for kind, keys in groupby(COLUMNS, lambda key: COLUMNS[key].transfer)},
+        meanings=meanings(comparison),
+        settings_sections=effects_sections(study.effects, study.tuning),
+        tuning=study.tuning,
+        sections=forecast_sections(study.analysis, curricula, learnt),
+        replays=films,
+        menu={film.task: [other for other in films if other.task == film.task] for film in films},
+        first=next((film.key for film in [*curricula_first, *films]), ""),
+        not_shown=not_shown,
+        settings=_shared(settings),
+        reasons=_shared(ended),
+        ends=ends(study.reasons),
+        banner=banner,
+        scripts=scripts,
+        data={
+            "replays": {film.key: film.data() for film in films},
+            "palettes": {film.palette: shades_of(film.palette) for film in films},
+        },
+    )
+
+
+def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[str, Axes]]:
+    """Return the drawn learning curves, and the panels that they were drawn in.
+
+    The first are kind of transfer -> width -> SVG, the second kind of transfer -> axes.
+    """
+    drawn: dict[str, dict[str, Markup]] = {"weak": {}, "strong": {}}
+    panels: dict[str, Axes] = {}
+    for size, (width, height, most) in WIDTHS.items():
+        pair = draw_learning_curves(comparison, width=width, height=height, most=most)
+        for kind, figure in zip(drawn, pair, strict=True):
+            steps = "target steps" if kind == "weak" else "target and source steps"
+            label = f"Greedy return of each arm over {steps}; the table below has the numbers."
+            drawn[kind][size] = inline_svg(figure, f"{kind}-{size}", label)
+            panels[kind] = figure.axes[0]
+    return drawn, panels
+
+
+def ends(reasons: Reasons) -> list[tuple[str, int, int, tuple[str, ...]]]:
+    """Return why trainings ended: a reason, its number, that of all trainings, and the tasks."""
+    counts: Counter[str] = Counter()
+    tasks: dict[str, dict[str, None]] = {}
+    for (_, task), words in reasons.items():
+        counts.update(words)
+        for reason in words:
+            tasks.setdefault(reason, {})[task] = None
+    return [(why, n, counts.total(), tuple(tasks[why])) for why, n in counts.most_common()]
+
+
+def _shared(rows: Iterable[tuple[str, str, Any]]) -> list[tuple[list[str], str, Any]]:
+    """Return rows of arm, task and content; rows of equal task and content become one."""
+    alike: dict[str, tuple[list[str], str, Any]] = {}
+    for arm, task, content in rows:
+        alike.setdefault(repr((task, content)), ([], task, content))[0].append(arm)
+    return list(alike.values())
+
+
+# -- figures as SVG --------------------------------------------------------------------------------
+
+_REFERENCE = re.compile(r"#([\w-]+)")
+_DRAWN = ("d", "transform", "x", "y", "width", "height")
+"""Attributes that hold coordinates."""
+
+
+def inline_svg(figure: Figure, name: str, label: str) -> Markup:
+    """Return a figure as an ``<svg>`` element, its text kept as text in the font of the page.
+
+    It scales with the width of its container, refers to nothing outside and shares no identifier
+    with an element of another name.
+    """
+    content = io.BytesIO()
+    with matplotlib.rc_context({**STYLE, "svg.fonttype": "none"}):
+        figure.savefig(content, format="svg", metadata={"Date": None})
+    root = ElementTree.fromstring(content.getvalue())
+    for parent in list(root.iter()):
+        for child in list(parent):
+            # Metadata; and a style rule for *, which would apply to the whole page.
+            if child.tag.endswith(("}metadata", "}style")):
+                parent.remove(child)
+    values = [value for element in root.iter() for value in element.attrib.values()]
+    used = {name for value in values for name in _REFERENCE.findall(value)}
+    for element in root.iter():
+        element.text = element.text if element.text and element.text.strip() else None
+        element.tag, element.tail = element.tag.rpartition("}")[2], None
+        attributes = {key.rpartition("}")[2]: value for key, value in element.attrib.items()}
+        element.attrib.clear()
+        for key, value in attributes.items():
+            if key != "id":
+                element.set(key, _plain(key, value, name))
+            elif value in used:
+                element.set(key, f"{name}-{value}")
+    box = root.get("viewBox", "")
+    root.attrib.clear()
+    root.attrib.update({"viewBox": box, "role": "img", "aria-label": label})
+    root.set("stroke-linejoin", "round")
+    return Markup(ElementTree.tostring(root, encoding="unicode"))
+
+
+def _plain(key: str, value: str, name: str) -> str:
+    """Return an attribute's value: coordinates in hundredths, references renamed, no font."""
+    if key in _DRAWN:
+        value = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):z.2f}", value)
+        return re.sub(r"\s+", " ", value).strip()
+    if "url(" in value or key == "href":
+        return _REFERENCE.sub(rf"#{name}-\1", value)
+    return re.sub(r"font-family:[^;]*;\s*", "", value)
+
+
+# -- learning curves as data for the script of the page --------------------------------------------
+
+MOST_CHECKPOINTS = 400
+"""Checkpoints of a mean that a page holds."""
+MOST_SEEDS, MOST_SEED_VALUES = 100, 60_000
+"""Seeds of an arm that a page shows, and the values of all of them that it holds at most."""
+SEEN, SEEN_NEAR_ZERO = 4000, 100
+"""Values are rounded to this share of a linear axis, or of the linear part of a symlog axis."""
+
+
+def curve_data(
+    comparison: Comparison, styles: Mapping[str, ArmStyle], panels: Mapping[str, Axes]
+) -> dict[str, Any]:
+    """Return what the script of a page draws curves from, as data for JSON.
+
+    Returns are whole numbers of 10^-digits, and a row of numbers holds its first number, then
+    differences, so that the text is short. None stands for a bound that does not exist.
+
+    ``digits``; ``threshold`` and its words; ``random``, the return while sources are trained;
+    ``symlog``, the return up to which its axis is linear and Matplotlib's ``linscale``, or None;
+    ``panels``, the limits of each; ``steps`` (T,) and ``seed_steps`` (T',); ``arms`` in the order
+    of drawing: for each panel the place of its first step, mean, low and high; for each seed its
+    ``source_steps``, and in ``seeds`` its returns over target steps.
+    """
+    scale, symlog = panels["strong"].yaxis.get_transform(), None
+    if isinstance(scale, SymmetricalLogTransform):
+        symlog = [float(scale.linthresh), float(scale.linscale)]
+    low, high = panels["strong"].get_ylim()
+    seen = symlog[0] / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
+    digits = max(0, math.ceil(-math.log10(seen)))
+    steps, seeds = comparison.scratch.curve.steps, min(comparison.seeds, MOST_SEEDS)
+    # The checkpoints of means that are kept, and those of seeds.
+    begins = [shown_curve(comparison, name, strong=True)[1] for name in comparison.arms]
+    budget = int(np.searchsorted(steps, comparison.budget, side="right")) - 1
+    kept = np.union1d(places(len(steps), MOST_CHECKPOINTS), [*begins, budget])
+    most = max(2, MOST_SEED_VALUES // (seeds * len(comparison.arms)))
+    kept_of_seeds = places(len(steps), min(most, MOST_CHECKPOINTS))
+
+    def row(values: FloatArray) -> list[int | None]:
+        known = ~np.isnan(values)
+        numbers: list[int | None] = [None] * len(values)
+        whole = np.round(values[known] * 10**digits).astype(np.int64)
+        for place, difference in zip(np.flatnonzero(known), _differences(whole), strict=True):
+            numbers[place] = difference
+        return numbers
+
+    def band(name: str, panel: str) -> dict[str, Any]:
+        curve, begin = shown_curve(comparison, name, strong=panel == "strong")
+        inside = kept[(kept >= begin) & (kept < begin + len(curve.steps))]
+        mean = mean_interval(curve.filled()[:, inside - begin], confidence=comparison.confidence)
+        rows = {"mean": mean.estimate, "low": mean.low, "high": mean.high}
+        first = int(np.searchsorted(kept, begin))
+        return {"first": first} | {key: row(np.asarray(values)) for key, values in rows.items()}
+
+    return {
+        "digits": digits,
+        "threshold": comparison.threshold,
+        "threshold_words": minus(f"{comparison.threshold:.4g}"),
+        "random": random_level(comparison),
+        "symlog": symlog,
+        "panels": {
+            name: {"x": list(axes.get_xlim()), "y": list(axes.get_ylim())}
+            for name, axes in panels.items()
+        },
+        "steps": _differences(steps[kept]),
+        "seed_steps": _differences(steps[kept_of_seeds]),
+        "arms": [
+            {
+                "name": name,
+                "colour": style.colour,
+                "dashes": style.svg_dashes,
+                "control": style.control,
+                **{panel: band(name, panel) for panel in panels},
+                "source_steps": comparison[name].curve.source_steps[:seeds].tolist(),
+                "seeds": [*map(row, comparison[name].curve.filled()[:seeds, kept_of_seeds])],
+            }
+            for name, style in controls_first(styles)
+        ],
+    }
+
+
+def _differences(numbers: IntArray) -> list[int]:
+    """Return the first number, then the difference of each from the number before."""
+    differences: list[int] = np.diff(numbers, prepend=0).tolist()
+    return differences

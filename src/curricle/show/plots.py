@@ -1,0 +1,509 @@
+"""Figures of what was learnt, of comparisons and forecasts, and figures as files."""
+
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from curricle.array_types import IntArray
+from curricle.checks import brief, numbers
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.forecasts import Forecast
+from curricle.comparison.verdicts import SIGNIFICANT
+from curricle.curriculum.result import MOST_CURVES, CurriculumResult
+from curricle.errors import SettingError
+from curricle.files import write_whole
+from curricle.learning.result import LearningResult, shown_returns
+from curricle.show.grids import draw_potential
+from curricle.show.style import (
+    COLOURS,
+    STYLE,
+    ArmStyle,
+    ShownFigure,
+    arm_styles,
+    caption,
+    minus,
+    new_figure,
+    return_scale,
+    rounded,
+    steps_scale,
+    without_seeds,
+    write_columns,
+)
+from curricle.statistics.curves import SCRATCH, Curve, smooth
+from curricle.statistics.hypothesis_tests import performance_profile
+from curricle.statistics.intervals import CONFIDENCE, mean_interval, seed_line
+from curricle.statistics.metrics import asymptotic_performance
+
+METADATA: dict[str, dict[str, Any]] = {
+    ".png": {},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
+}
+"""Ending -> metadata. Without a date the same results give the same file."""
+
+
+def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> Figure:
+    """Return the figure of what was found, and write it to a file if a path is given.
+
+    Parameters
+    ----------
+    subject : Comparison, Forecast, StudyResults, LearningResult, CurriculumResult or array
+        Of a comparison, a study or a trial: curves, profiles and gains of the arms. Of a forecast
+        its rows. Of what was learnt its learning curve, of a curriculum those of its last tasks.
+        Of values, (S,) or (S, A) float64, the best of each state as a heat map of their `task`.
+    path : str or Path, optional
+        Ending in .png, .svg or .pdf, in a folder that exists. An existing file is replaced only
+        when the new one is complete.
+    task : Task, optional
+        Of an array of values: one whose states lie on a grid, as in :func:`draw_potential`.
+
+    Raises
+    ------
+    SettingError
+        When the subject or the file's ending is another, a task is given without values or the
+        other way round, states do not lie on a grid, or the file cannot be written.
+    StoreError, CurricleError
+        As of ``StudyResults.comparison``, where a study cannot be compared.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, GridWorld, Transfer, compare, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
+    ...     budget={"corner": 500, "maze": 2000})
+    >>> figure = plot(compare(plan, seeds=3))
+    >>> len(figure.axes)
+    3
+    >>> plot(plan.train()["maze"].values[0], task=maze).axes[0].get_title()
+    'max Q(s, a)'
+    """
+    if path is not None:
+        check_path(path)
+    figure = _figure_of(subject) if task is None else _figure_of_values(subject, task)
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def _figure_of(subject: Any) -> Figure:
+    """Return the figure of a subject; a new picture is a line here and its function below."""
+    if isinstance(subject, Forecast):
+        return draw_forecast(subject)
+    if isinstance(subject, LearningResult):
+        name = "learning" if subject.task is None else type(subject.task).__name__
+        return draw_results({name: subject})
+    if isinstance(subject, CurriculumResult) and subject.nodes:
+        return draw_results(subject.nodes)
+    compared = getattr(subject, "comparison", subject)  # of a study or a trial, or itself
+    if isinstance(compared, Comparison):
+        return draw_comparison(compared)
+    raise SettingError(
+        "what is plotted must be a Comparison, Forecast, StudyResults, LearningResult or "
+        f"CurriculumResult, or an array of values with its task: got {brief(subject)}"
+    )
+
+
+@matplotlib.rc_context(STYLE)
+def _figure_of_values(values: Any, task: Any) -> Figure:
+    """Return values of states, or the best of their actions, over a task's grid."""
+    array = numbers("the values of a task", values, SettingError)
+    figure, axes = new_figure(1, 1, width=5.5, height=4.2)
+    draw_potential(axes[0, 0], task, array, label="max Q(s, a)" if array.ndim == 2 else "V(s)")
+    return figure
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure to a file, as :func:`plot` does; the same bytes every time.
+
+    Raises
+    ------
+    SettingError
+        When the path is none for a picture, or the file cannot be written.
+
+    Examples
+    --------
+    >>> save(Figure(), "picture.bmp")
+    Traceback (most recent call last):
+    curricle.errors.SettingError: a picture's file must end in .png, .svg, .pdf: got picture.bmp
+    """
+    place = check_path(path)
+    try:
+        write_whole(place, content_of(figure, place.suffix.lower()))
+    except OSError as error:
+        raise SettingError(f"a picture cannot be written to {place} ({error.strerror})") from error
+
+
+def content_of(figure: Figure, ending: str) -> bytes:
+    """Return the content of a figure's file that ends in .png, .svg or .pdf, the same every time.
+
+    Examples
+    --------
+    >>> content_of(Figure(), ".png")[1:4]
+    b'PNG'
+    """
+    content = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(content, format=ending[1:], metadata=METADATA[ending])
+    return content.getvalue()
+
+
+def check_path(path: str | Path) -> Path:
+    """Return the path of a picture, or raise SettingError if none can be written there."""
+    if not isinstance(path, str | Path):
+        raise SettingError(f"a picture's file must be a path: got {path!r}")
+    place = Path(path)
+    if place.suffix.lower() not in METADATA:
+        raise SettingError(f"a picture's file must end in {', '.join(METADATA)}: got {place}")
+    if place.is_dir() or not place.parent.is_dir():
+        raise SettingError(f"a picture needs a file in a folder that exists: got {place}")
+    return place
+
+
+# -- learning curves -------------------------------------------------------------------------------
+
+ALL = 10**9
+"""More checkpoints than a curve has."""
+ROW_HEIGHT, BAR_HEIGHT = 0.21, 0.28
+"""Inches of an arm in the figure of a comparison, and of a row of a forecast."""
+
+
+def draw_curve(
+    axes: Axes,
+    curve: Curve,
+    *,
+    label: str,
+    colour: str,
+    window: int = 1,
+    strong: bool = False,
+    dashes: Any = "-",
+    confidence: float = CONFIDENCE,
+) -> None:
+    """Draw the mean over seeds with Student's 95 % band.
+
+    Parameters
+    ----------
+    axes : Axes
+    curve : Curve
+    label, colour : str
+        Name in the legend; key of `COLOURS`, or any colour of Matplotlib.
+    window : int
+        Checkpoints to smooth over.
+    strong : bool
+        Whether to start the curve at its mean number of source steps.
+    dashes : str or tuple
+        Line style of Matplotlib.
+    confidence : float
+        Of the band, at each checkpoint.
+
+    Examples
+    --------
+    >>> axes = Figure().subplots()
+    >>> curve = Curve(np.array([0, 50]), np.array([[0.0, 1.0], [1.0, 3.0]]))
+    >>> draw_curve(axes, curve, label="scratch", colour="black")
+    >>> axes.lines[0].get_ydata()
+    array([0.5, 2. ])
+    """
+    values = smooth(curve.filled(), window)
+    steps = curve.steps + (curve.source_steps.mean() if strong else 0)
+    shade = COLOURS.get(colour, colour)
+    axes.plot(steps, values.mean(axis=0), linestyle=dashes, color=shade, label=label, lw=1.5)
+    if len(values) > 1:
+        band = mean_interval(values, confidence=confidence)
+        axes.fill_between(steps, band.low, band.high, color=shade, alpha=0.2, lw=0)
+
+
+def places(n: int, most: int) -> IntArray:
+    """Return the places of at most `most` of `n` checkpoints, evenly spaced, with both ends."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+
+
+def shown_curve(comparison: Comparison, name: str, *, strong: bool) -> tuple[Curve, int]:
+    """Return the curve of an arm as it is drawn, and its first checkpoint of the comparison's.
+
+    For strong transfer source steps count, and the curve begins at the first checkpoint at which a
+    seed has left its sources. For weak transfer it ends at the budget of the target.
+    """
+    arm = comparison[name]
+    if not strong:
+        kept = arm.curve.steps <= comparison.budget
+        return Curve(arm.curve.steps[kept], arm.curve.values[:, kept]), 0
+    curve = arm.charged(comparison.scratch)
+    begin = int(np.searchsorted(curve.steps[:-1], arm.curve.source_steps.min()))
+    return Curve(curve.steps[begin:], curve.values[:, begin:]), begin
+
+
+@matplotlib.rc_context(STYLE)
+def draw_results(results: Mapping[str, LearningResult]) -> Figure:
+    """Return the figure of what tasks learnt: a panel with a curve for each, of at most the last 4.
+
+    The greedy return, or that of training where nothing was evaluated: mean over seeds with
+    Student's 95 % band.
+    """
+    shown = [*results.items()][-MOST_CURVES:]
+    figure, grid = new_figure(1, len(shown), width=1 + 4.2 * len(shown), height=3.4)
+    for axes, (name, result) in zip(grid[0], shown, strict=True):
+        named, values = shown_returns(result)
+        line = seed_line(name, result.steps, values)
+        axes.plot(line.steps, line.values, color=COLOURS["blue"], lw=1.5)
+        axes.fill_between(line.steps, line.low, line.high, color=COLOURS["blue"], alpha=0.2, lw=0)
+        axes.set_title(name)
+        steps_scale(axes, int(result.steps[-1]))
+        drawn = axes.dataLim
+        if np.isfinite([drawn.y0, drawn.y1]).all():
+            return_scale(axes.yaxis, drawn.y0, drawn.y1, named)
+    return figure
+
+
+@matplotlib.rc_context(STYLE)
+def draw_learning_curves(
+    comparison: Comparison, *, width: float = 8.4, height: float = 4.0, most: int = ALL
+) -> tuple[Figure, Figure]:
+    """Return two figures of the arms' learning curves with one scale of return.
+
+    First weak transfer, over target steps up to the budget of the target; then strong transfer,
+    over all steps, dotted while an arm trains its sources. There is no legend.
+    """
+    styles = arm_styles(comparison)
+    weak, strong = (new_figure(1, 1, width=width, height=height)[0] for _ in range(2))
+    _draw_arms(weak.axes[0], comparison, styles, strong=False, most=most)
+    _draw_arms(strong.axes[0], comparison, styles, strong=True, most=most)
+    both = weak.axes + strong.axes
+    _scale_returns(both, comparison)
+    for axes in both:
+        axes.grid(axis="y", color="#e4e4e4", lw=0.6)
+        axes.set_axisbelow(True)
+    return weak, strong
+
+
+def _scale_returns(panels: Sequence[Axes], comparison: Comparison) -> None:
+    """Give panels of drawn arms one scale of return, in which the threshold can be seen."""
+    ends = [*np.ravel([axes.dataLim.intervaly for axes in panels]), comparison.threshold]
+    for axes in panels:
+        return_scale(axes.yaxis, float(min(ends)), float(max(ends)), "greedy return")
+
+
+def _draw_arms(
+    axes: Axes,
+    comparison: Comparison,
+    styles: Mapping[str, ArmStyle],
+    *,
+    strong: bool,
+    most: int = ALL,
+) -> None:
+    """Draw the curve of each arm, in which source steps count if `strong`."""
+    for name, style in controls_first(styles):
+        whole, begin = shown_curve(comparison, name, strong=strong)
+        kept = places(len(whole.steps), most)
+        shown = Curve(whole.steps[kept], whole.filled()[:, kept])
+        look = {"label": name, "colour": style.colour, "dashes": style.dashes}
+        draw_curve(axes, shown, **look, confidence=comparison.confidence)
+        if begin:
+            # Dotted from step 0 to where training in the target begins.
+            low, start = random_level(comparison), int(shown.steps[0])
+            first = float(shown.values[:, 0].mean())
+            axes.plot([0, start, start], [low, low, first], ":", color="#555555", lw=1.2)
+            axes.plot(start, first, "o", color=style.colour, mfc="w", ms=4.5, zorder=4)
+    counted = "target and source steps" if strong else "target steps"
+    steps_scale(axes, comparison.total if strong else comparison.budget, counted)
+    axes.axhline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
+    axes.annotate(
+        minus(f"threshold {comparison.threshold:.4g}"),
+        (1, comparison.threshold),
+        (-2, 2),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        ha="right",
+        fontsize=7.5,
+        color="#444444",
+        bbox={"fc": "w", "ec": "none", "pad": 0.8, "alpha": 0.8},
+    )
+
+
+def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]:
+    """Return arms in the order of drawing: the scratch baseline and the curricula over controls."""
+    return sorted(styles.items(), key=lambda arm: not arm[1].control)
+
+
+def random_level(comparison: Comparison) -> float:
+    """Return the return that counts while an arm trains its sources: the first one of scratch."""
+    return float(comparison.scratch.curve.filled()[:, 0].mean())
+
+
+@matplotlib.rc_context(STYLE)
+def draw_comparison(comparison: Comparison) -> Figure:
+    """Return the figure of a comparison: learning curves, performance profiles and gains.
+
+    The list of arms beside the gains is the legend of all. SettingError when scratch is alone.
+    """
+    if not comparison.contrasts:
+        raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")
+    styles = arm_styles(comparison)
+    height = max(3.7, 1.5 + ROW_HEIGHT * len(styles))
+    figure = ShownFigure(figsize=(11.5, height), layout="constrained")
+    curves, profile, gains = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
+    _draw_arms(curves, comparison, styles, strong=True)
+    _scale_returns([curves], comparison)
+    curves.set_title("learning curves (strong transfer)")
+    _draw_profiles(profile, comparison, styles)
+    _draw_gains(gains, comparison, styles)
+    figure.suptitle(f"{comparison.target}: every arm spends {comparison.total:,} steps")
+    caption(figure, _words(comparison))
+    return figure
+
+
+def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
+    """Draw the share of runs above tau; a step where a run ends."""
+    final = {
+        name: asymptotic_performance(arm.charged(comparison.scratch))
+        for name, arm in comparison.arms.items()
+    }
+    ends = np.concatenate(list(final.values()))
+    return_scale(axes.xaxis, float(ends.min()), float(ends.max()), "τ: final return")
+    tau = np.unique([*axes.get_xlim(), *ends])
+    curricula = left = sum(not style.control for style in styles.values())
+    for name, style in controls_first(styles):
+        share = performance_profile(final[name], tau, confidence=comparison.confidence)
+        left -= not style.control
+        # Later lines are thinner, so that none hides one below it.
+        width = 1.2 + (0.0 if style.control else 2 * left / curricula)
+        drawn: Any = {"color": style.colour, "label": name, "lw": width, "drawstyle": "steps-post"}
+        axes.plot(tau, share.estimate, linestyle=style.dashes, **drawn)
+        if share.n > 1:
+            band = tau, share.low, share.high
+            axes.fill_between(*band, step="post", color=style.colour, alpha=0.15, lw=0)
+    axes.axvline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
+    axes.set(
+        ylim=(-0.03, 1.03),
+        title="final returns",
+        ylabel="share of runs with a final return > τ",
+    )
+
+
+def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
+    """Draw the gains as a forest plot; the names of its rows are the legend of the figure."""
+    axes.axvline(0, color=COLOURS["black"], lw=0.8)
+    tested = not comparison.withheld
+    head = "gain [95 %]" if comparison.seeds > 1 else "gain"
+    columns = [(head, "p (Holm)" if tested else "")]
+    for row, (name, style) in enumerate(styles.items()):
+        sample: Any = {"linestyle": style.dashes, "lw": 1.8, "clip_on": False}
+        across = axes.get_yaxis_transform()
+        axes.plot([-0.16, -0.03], [row, row], color=style.colour, transform=across, **sample)
+        if name in comparison.scratches:
+            columns.append(("reference" if name == comparison.best_scratch else "", ""))
+            continue
+        gain = comparison.contrasts[name].strong_gain
+        verdict = comparison.verdicts.get(name)
+        axes.hlines(row, gain.low, gain.high, colors=style.colour, lw=2)
+        face = style.colour if verdict is not None and verdict.direction else "w"
+        axes.plot(gain.estimate, row, "o", color=style.colour, mfc=face, ms=4.5, label=name)
+        p = f"{verdict.adjusted_p:.2g}" if tested and verdict is not None else ""
+        columns.append((without_seeds(gain), p))
+    write_columns(axes, list(zip(*columns, strict=True)))
+    axes.set_yticks(range(len(styles)), [style.short for style in styles.values()])
+    axes.tick_params(axis="y", length=0, pad=32)
+    for text, style in zip(axes.get_yticklabels(), styles.values(), strict=True):
+        text.set_color("#555555" if style.control else "k")
+        text.set_fontsize(7.5 if style.control else 9)
+    axes.margins(x=0.08)
+    axes.spines["left"].set_visible(False)
+    spare = max(0.5, (7 - len(styles)) / 2)
+    axes.set_ylim(len(styles) - 1 + spare, -spare)
+    xlabel = f"mean return, minus that of {comparison.best_scratch}"
+    axes.set(title="gain over scratch", xlabel=xlabel)
+
+
+def _words(comparison: Comparison) -> str:
+    """Return the caption."""
+    n, seeds = len(comparison.verdicts), comparison.seeds
+    tests = f"adjusted for {n} curricula by Holm's rule" if n > 1 else "of one curriculum"
+    if seeds > 1:
+        how = (
+            f"{seeds} seeds; bands and bars are nominal 95 % intervals over seeds, Student's for "
+            "means and Wilson's for shares, pointwise for curves and profiles."
+        )
+        sure = (
+            f"; p values of a sign-flip test of the paired differences, {tests}; filled where "
+            f"p < {SIGNIFICANT:g}"
+        )
+        if why := comparison.withheld:
+            sure = f"; {why}"
+    else:
+        how, sure = "One seed, which allows neither intervals nor tests.", ""
+    controls = any(arm.control for arm in comparison.arms.values())
+    return (
+        f"{how} Left: means over seeds; dotted, steps in the sources, at the random policy's "
+        "return; circle, where the first seed begins the target. Middle: final is the mean over "
+        "the last tenth of the checkpoints. Right: the mean return is the mean height of the left "
+        f"curve{sure}.{' Dashed and greyer: controls.' * controls}"
+    )
+
+
+# -- forecasts -------------------------------------------------------------------------------------
+
+
+@matplotlib.rc_context(STYLE)
+def draw_forecast(forecast: Forecast) -> Figure:
+    """Return the figure of a forecast: bars from the random policy's return to predicted starts.
+
+    A row for each aggregate, the best start first, then a row for each transfer alone.
+    """
+    rows, low = forecast.rows, forecast.random_return
+    figure, grid = new_figure(1, 1, width=7.5, height=1.6 + BAR_HEIGHT * max(len(rows), 3))
+    axes = grid[0, 0]
+    for y, row in enumerate(rows):
+        colour, alpha = COLOURS["blue" if row.aggregate else "grey"], 0.9 if row.used else 0.45
+        axes.barh(y, row.mean("start") - low, 0.62, low, color=colour, alpha=alpha)
+        starts = [seed.start for seed in row.seeds]
+        # Seeds lie side by side, so that equal starts can be seen.
+        heights = y + 0.2 * np.linspace(-1, 1, len(starts)) * (len(starts) > 1)
+        axes.plot(starts, heights, "o", color="k", ms=2.5)
+    axes.set_yticks(range(len(rows)), [row.name + " (used)" * row.used for row in rows])
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    above: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    for name, bound, dashes, side in (
+        ("random policy", low, ":", "left"),
+        ("optimum", forecast.optimum, "-", "right"),
+    ):
+        if not math.isnan(bound):
+            axes.axvline(bound, color=COLOURS["black"], lw=1, linestyle=dashes)
+            words = f"{name} {rounded(bound)}"
+            axes.annotate(words, (bound, 1), (0, 3), ha=side, fontsize=7.5, **above)
+    axes.use_sticky_edges = False
+    axes.margins(x=0.04)
+    axes.xaxis.set_major_formatter(lambda x, _: minus(f"{x:,g}"))
+    axes.set_xlabel("expected return of the greedy policy")
+    over, share = "φ > Q*", "state-action pairs whose potential φ is above their optimal value"
+    if not forecast.solved:
+        over = "φ > return"
+        share = "the steps of φ's greedy policy on which φ is above the return to go"
+    shares = [f"{row.mean('optimistic'):.0%}" for row in rows]
+    scales = ["none" if math.isnan(row.scale) else f"× {row.scale:.2g}" for row in rows]
+    write_columns(axes, [(over, *shares), ("scale", *scales)])
+    # The sources' names are not in the caption: lines that are wrapped read dollars as formulas.
+    figure.suptitle(
+        f"{forecast.target}: where learning would start, not what it gains\n"
+        f"a forecast {forecast.computed_from}"
+    )
+    bars = "Bars: mean over seeds; dots: seeds" if len(rows[0].seeds) > 1 else "One seed"
+    returns = "exact" if forecast.exact else "by rollouts"
+    alone = any(not row.aggregate for row in rows)
+    colours = " Blue: all transfers together; grey: one alone." * alone
+    caption(
+        figure,
+        f"{bars}; no intervals. Returns are {returns}; nothing is learnt in the target yet. "
+        f"{over}: share of {share}. Scale: what a calibration would multiply φ by.{colours}",
+    )
+    return figure

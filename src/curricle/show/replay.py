@@ -1,0 +1,322 @@
+"""Replays of training: one seed's values and greedy actions, and an episode before and after.
+
+The page holds three drawn moments of each; its script draws the others from :meth:`Replay.data`.
+"""
+
+import base64
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from curricle.array_types import BoolArray, FloatTable, IntArray
+from curricle.learning.record import Snapshots
+from curricle.show.graph import Learnt
+from curricle.show.style import (
+    COLOURS,
+    DIVERGING,
+    MOST_NUMBERS,
+    SEQUENTIAL,
+    SHADES,
+    TINTS,
+    minus,
+    rounded,
+    shades_of,
+)
+from curricle.show.views import GridView
+from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord, TaskRecord
+from curricle.tasks.grid_layout import LETTERS
+from curricle.text_tables import counted
+
+MOST_MOMENTS = 48
+"""Moments of one training at most."""
+MOST_CELLS = 16_000
+"""Cells of all replays together; each is printed at three moments, under four megabytes."""
+MOST_CELL_MOMENTS = 400_000
+"""Cells times moments of all replays together: a megabyte and a half."""
+LEVELS = 2**16
+"""Levels between the lowest and the highest value to which values are rounded."""
+LONGEST_WORD = 9
+"""Letters of an action's name up to which it is written into a cell."""
+APART = 0.2
+"""Distance of markers from the middle of a cell, where there are several."""
+# Shapes around the middle of a cell one wide: a move north drawn alone, one of several, a stay.
+_HALF = ((0.15, -0.05), (0.05, -0.05), (0.05, 0.26))
+_ARROW = ((0, -0.26), *_HALF, *((-x, y) for x, y in reversed(_HALF)))
+_TIP = ((0, -0.32), (0.1, -0.18), (-0.1, -0.18))
+_STAY = ((0, -0.1), (0.1, 0), (0, 0.1), (-0.1, 0))
+
+
+# -- a grid as SVG ---------------------------------------------------------------------------------
+
+
+def squares(cells: Iterable[tuple[int, int]]) -> str:
+    """Return the path of unit squares with these top-left corners, (column, row) each."""
+    return "".join(f"M{x} {y}h1v1h-1z" for x, y in cells)
+
+
+def grid_drawing(view: GridView) -> dict[str, Any]:
+    """Return the unchanging parts of a grid, in columns and rows from its top-left cell."""
+    (top, left), (rows, columns) = view.origin, view.shape
+    across = "".join(f"M0 {y}h{columns}" for y in range(rows + 1))
+    down = "".join(f"M{x} 0v{rows}" for x in range(columns + 1))
+    numbered = zip(shifted(view, view.cells), view.states.tolist(), strict=True)
+    return {
+        "columns": columns,
+        "rows": rows,
+        # Paths: the lines between cells, cells in which no state lies, and terminal states.
+        "lines": across + down,
+        "walls": squares(shifted(view, view.walls)),
+        "ended": squares(shifted(view, view.cells[view.ended])),
+        # What lies in a maze: letter, colour, column, row, and whether it ends the episode.
+        "objects": [
+            (LETTERS[name], TINTS[name], column - left, row - top, ends)
+            for name, row, column, ends in view.objects
+        ],
+        # Fixed components of the state, the number of each state of a strip, and what moves.
+        "letters": [(x, c - left, r - top) for (r, c), x in view.stacked_letters.items()],
+        "labels": [] if view.is_map else [(x, y, str(n)) for (x, y), n in numbered],
+        "markers": [(marker.letter, COLOURS[marker.colour]) for marker in view.markers],
+    }
+
+
+def shifted(view: GridView, cells: IntArray) -> list[tuple[int, int]]:
+    """Return column and row from the top-left cell of a view, for (n, 2) rows and columns."""
+    return [(x, y) for y, x in (cells - np.array(view.origin)).tolist()]
+
+
+def move_path(direction: int, *, alone: bool) -> str:
+    """Return a move as a path from the middle of a cell and back to it.
+
+    Directions are 0 stay, 1 north, 2 east, 3 south, 4 west. The only greedy move is an arrow, a
+    move that is as good as others the tip of an arrow.
+    """
+    points: tuple[tuple[float, float], ...] = _STAY
+    if direction:
+        # A quarter turn from north for each direction after it.
+        cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][direction - 1]
+        drawn = _ARROW if alone else _TIP
+        points = tuple((x * cos - y * sin, x * sin + y * cos) for x, y in drawn)
+    way = np.diff(np.array([(0.0, 0.0), *points]), axis=0).round(3).tolist()
+    steps = [f"{x:zg},{y:zg}" for x, y in [*way, (-points[0][0], -points[0][1])]]
+    # A page may hold thousands of them: 0.5 is written .5.
+    return f"m{' '.join(steps[:-1])}zm{steps[-1]}".replace("0.", ".")
+
+
+# -- greedy choices in cells -----------------------------------------------------------------------
+
+
+def _options(view: GridView) -> IntArray:
+    """Return the move of each action, or its number where actions are no moves, (A,)."""
+    return np.arange(len(view.actions)) if view.directions is None else np.array(view.directions)
+
+
+def greedy_choices(view: GridView, values: FloatTable) -> BoolArray:
+    """Return which moves, or else actions, are greedy, ties included: (..., A) -> (..., O)."""
+    greedy = values == values.max(axis=-1, keepdims=True)
+    options = _options(view)
+    chosen = [greedy[..., options == option].any(axis=-1) for option in np.unique(options)]
+    return np.stack(chosen, axis=-1)
+
+
+def mark_of(view: GridView, chosen: BoolArray) -> str:
+    """Return how greedy choices, (O,), are drawn into a cell; empty where all are equally good."""
+    if chosen.all() and len(chosen) > 1:
+        return ""
+    best = np.unique(_options(view))[chosen].tolist()
+    if view.directions is not None:
+        return "".join(move_path(move, alone=len(best) == 1) for move in best)
+    names = [(view.actions[action], str(action)) for action in best]
+    return "/".join(name if len(name) <= LONGEST_WORD else number for name, number in names)
+
+
+# -- replays ---------------------------------------------------------------------------------------
+
+
+def shown_episode(record: EpisodeRecord, columns: int) -> dict[str, Any]:
+    """Return a greedy episode of n steps on a grid: how it ended, and where markers are."""
+    cells, n = record.cells, len(record.cells) - 1
+    markers = cells.shape[1]
+    turn = 2 * np.pi * np.arange(markers) / markers
+    # Several markers stand apart within a cell.
+    aside = APART * (markers > 1) * np.stack([-np.cos(turn), -np.sin(turn)], axis=1)
+    corner = np.stack([cells % columns, cells // columns], axis=-1)
+    points = (corner + 0.5 + aside).round(2)  # (n + 1, markers, 2)
+    how, last = "terminated" if record.terminated else "truncated", rounded(record.returns[-1])
+    return {
+        "words": f"{how} after {counted(n, 'step')}, return {last}",
+        # Of each marker the points of its path, and where it starts as a CSS translation.
+        "trails": [" ".join(f"{x:g},{y:g}" for x, y in points[:, m]) for m in range(markers)],
+        "starts": [f"{x:g}px, {y:g}px" for x, y in points[0]],
+        "places": points.reshape(n + 1, -1).tolist(),
+        "returns": [rounded(value) for value in record.returns],
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """Values and greedy choices of one seed at M moments of training, in the n cells of a view."""
+
+    key: str  # unique in the page
+    task: str
+    arms: tuple[str, ...]  # those that trained it alike
+    view: GridView
+    seed: int
+    steps: IntArray  # (M,)
+    cells: tuple[tuple[int, int], ...]  # column and row of the n states that are not terminal
+    levels: npt.NDArray[np.uint16]  # (M, n): max_a Q(s, a), from low (0) to high (65,535)
+    choices: IntArray  # (M, n): numbers of marks
+    marks: tuple[str, ...]  # how choices are drawn
+    low: float  # return
+    high: float
+    episodes: Mapping[str, Any]  # "before" and "after"; empty where they are not shown
+
+    @cached_property
+    def grid(self) -> dict[str, Any]:
+        """The unchanging parts of the drawing."""
+        return grid_drawing(self.view)
+
+    @property
+    def arrows(self) -> bool:
+        """Whether choices are drawn as arrows."""
+        return self.view.directions is not None
+
+    @property
+    def palette(self) -> str:
+        """The colour map: diverging where values have both signs."""
+        return DIVERGING if self.low < 0 < self.high else SEQUENTIAL
+
+    @property
+    def digits(self) -> int | None:
+        """Decimals of the numbers written into cells; None where there are too many cells."""
+        if len(self.cells) > MOST_NUMBERS:
+            return None
+        return 0 if max(abs(self.low), abs(self.high)) >= 100 else 1
+
+    def moment(self, place: int) -> dict[str, Any]:
+        """Return the moment at a place, ready to be drawn."""
+        shade = self.levels[place].astype(np.int64) * SHADES // LEVELS
+        marks = [(*cell, self.marks[k]) for cell, k in self._with_cells(self.choices[place])]
+        numbers, middle = list[tuple[int, int, str]](), 0.5
+        if self.digits is not None:
+            values = self.low + (self.high - self.low) * self.levels[place] / (LEVELS - 1)
+            cells_values = self._with_cells(values)
+            numbers = [(*cell, minus(f"{x:z.{self.digits}f}")) for cell, x in cells_values]
+            middle = 0.4
+        cells, arrows = np.array(self.cells), self.arrows
+        paths = [f"M{x}.5 {y + middle:g}{mark}" for x, y, mark in marks if mark]
+        return {
+            "step": int(self.steps[place]),
+            # A colour, and the path of all cells that have it.
+            "heat": [
+                (colour, squares(cells[shade == number].tolist()))
+                for number, colour in enumerate(shades_of(self.palette))
+                if (shade == number).any()
+            ],
+            # Choices are arrows or words; words and values of cells: column, row, text.
+            "choice": "".join(paths) if arrows else "",
+            "texts": [] if arrows else marks,
+            "numbers": numbers,
+        }
+
+    def _with_cells(self, values: Any) -> Iterable[tuple[tuple[int, int], Any]]:
+        return zip(self.cells, values, strict=True)
+
+    def data(self) -> dict[str, Any]:
+        """Return all moments for the script of the page."""
+        names = ("marks", "arrows", "low", "high", "digits", "palette")
+        return {name: getattr(self, name) for name in names} | {
+            "steps": self.steps.tolist(),
+            "cells": [number for cell in self.cells for number in cell],
+            "levels": base64.b64encode(self.levels.astype("<u2").tobytes()).decode(),
+            "choices": ["".join(chr(48 + number) for number in row) for row in self.choices],
+            "episodes": {
+                name: {key: episode[key] for key in ("places", "returns", "words")}
+                for name, episode in self.episodes.items()
+            },
+        }
+
+
+def replays(
+    curricula: CurriculaRecord, learnt: Learnt, analysis: Analysis
+) -> tuple[tuple[Replay, ...], tuple[str, ...]]:
+    """Return the replays of all snapshots, the last task first, and the tasks too large to show.
+
+    Arms whose snapshots of a task are equal share a replay.
+    """
+    shown, left_out, cells = list[tuple[str, GridView, list[str]]](), dict[str, None](), 0
+    for name, task, arms in reversed(_tasks(curricula, learnt)):
+        view = None if task.view is None else task.view.view
+        size = 0 if view is None else len(arms) * view.states.size
+        if view is None or cells + size > MOST_CELLS:
+            left_out[name] = None
+        else:
+            shown.append((name, view, arms))
+            cells += size
+    most = max(3, min(MOST_MOMENTS, MOST_CELL_MOMENTS // max(1, cells)))
+    made = list[Replay]()
+    for name, view, arms in shown:
+        alike: dict[Any, tuple[Any, list[str]]] = {}
+        for arm in arms:
+            kept: Any = learnt[arm][name].snapshots
+            same = kept.seed, kept.steps.tobytes(), kept.values.tobytes()
+            alike.setdefault(same, (kept, []))[1].append(arm)
+        for kept, owners in alike.values():
+            episodes = _episodes(analysis.episodes.get(owners[0], {}).get(name), view)
+            values = _values(kept, view, most)
+            made.append(
+                Replay(f"r{len(made)}", name, tuple(owners), view, **values, episodes=episodes)
+            )
+    return tuple(made), tuple(left_out)
+
+
+def _tasks(curricula: CurriculaRecord, learnt: Learnt) -> list[tuple[str, TaskRecord, list[str]]]:
+    """Return each task with snapshots and its arms, sources first; equal names may be two tasks."""
+    depths, owners = dict[str, int](), dict[tuple[str, int], list[str]]()
+    for arm, record in curricula.arms.items():
+        for depth, (name, node) in enumerate(record.nodes.items()):
+            depths[name] = max(depth, depths.get(name, 0))
+            if name in learnt[arm] and learnt[arm][name].snapshots is not None:
+                owners.setdefault((name, node.task), []).append(arm)
+    tasks = [(name, curricula.tasks[task], arms) for (name, task), arms in owners.items()]
+    return sorted(tasks, key=lambda task: depths[task[0]])
+
+
+def _episodes(pair: EpisodePair | None, view: GridView) -> dict[str, Any]:
+    """Return the episodes "before" and "after"; none where the view does not hold them."""
+    records = {} if pair is None else {"before": pair.before, "after": pair.after}
+    rows, columns = view.shape
+    for record in records.values():
+        if record.cells.shape[1] != len(view.markers) or record.cells.max() >= rows * columns:
+            return {}
+    return {which: shown_episode(record, columns) for which, record in records.items()}
+
+
+def _values(snapshots: Snapshots, view: GridView, most: int) -> dict[str, Any]:
+    """Return the fields of a replay for `most` moments, the first and the last among them."""
+    n = len(snapshots.steps)
+    moments = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+    values = snapshots.values[moments][:, view.states[~view.ended]]
+    best = values.max(axis=-1)
+    low, high = (float(best.min()), float(best.max())) if best.size else (0.0, 0.0)
+    if low < 0 < high:
+        # Zero is the middle of the colours.
+        high = max(-low, high)
+        low = -high
+    share = (best.astype(np.float64) - low) / ((high - low) or 1.0)
+    levels = (np.clip(share, 0, 1) * (LEVELS - 1)).round().astype(np.uint16)
+    chosen = greedy_choices(view, values)
+    kinds, choices = np.unique(chosen.reshape(-1, chosen.shape[-1]), axis=0, return_inverse=True)
+    return {
+        "seed": snapshots.seed,
+        "steps": snapshots.steps[moments],
+        "cells": tuple(shifted(view, view.cells[~view.ended])),
+        "levels": levels,
+        "choices": choices.reshape(levels.shape),
+        "marks": tuple(mark_of(view, kind) for kind in kinds),
+        "low": low,
+        "high": high,
+    }

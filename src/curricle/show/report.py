@@ -1,0 +1,306 @@
+"""The report of a study's folder: once, or again and again while units are stored.
+
+An interim report is made of what the folder holds, whoever runs the study, so that ``run --open``
+and ``watch`` do the same. It is a file as the last report is; a few lines of script read it again
+until the run is over. Every page is written beside its place and moved there, whole at any moment.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from datetime import datetime
+from pathlib import Path
+from secrets import token_hex
+from threading import Event, Lock, Thread
+from time import monotonic, sleep
+from typing import Any, Self
+
+from curricle.checks import listed
+from curricle.errors import StudyError, in_words
+from curricle.files import Place, RemotePath, place_at
+from curricle.show.page import ShownStudy, page_of, render, write_page
+from curricle.statistics.curves import SCRATCH
+from curricle.study.effects import effects_of
+from curricle.study.record import Analysis, CurriculaRecord, SectionRecord, StudyRecord
+from curricle.study.results import ANALYSIS, StudyResults
+from curricle.study.store import STUDY, in_use
+from curricle.study.tuning import read_tuning
+from curricle.study.units import seed_ranges
+from curricle.text_tables import counted
+
+BETWEEN, BETWEEN_AT_URL = 2.0, 10.0
+"""Seconds between two interim reports at least."""
+REST = 10.0
+"""An interim report that took t seconds is followed by another after REST * t at the earliest."""
+ATTEMPTS = 3
+"""A file that a listing names may have been merged into another before it is read."""
+INTERRUPTED = "The run was interrupted. What was stored is whole, and --resume goes on from there."
+NO_LONGER = "The command that followed the run was ended; the run goes on by itself."
+
+
+def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
+    """Write the report of a study's folder, and return its path.
+
+    Parameters
+    ----------
+    folder : path or str
+        Or a URL.
+    out : path, optional
+        ``report.html`` in the folder by default; NAME-report.html here for the URL of NAME.
+
+    Raises
+    ------
+    StoreError
+        When there is nothing to compare yet, or the page cannot be written.
+    """
+    study = StudyResults(folder)
+    path = default_page(study.store.path) if out is None else Path(out)
+    return write_page(stored_page(study), path)
+
+
+def default_page(place: Place) -> Path:
+    """Return where the report of a folder is written by default."""
+    return place / "report.html" if isinstance(place, Path) else Path(f"{place.name}-report.html")
+
+
+def stored_page(study: StudyResults, banner: str = "") -> str:
+    """Return the page of a stored study; StoreError when there is nothing to compare yet.
+
+    With a `banner`, what stands at the top, it is an interim report.
+    """
+    comparison = study.comparison
+    learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
+    places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
+    record, tuning = study.record.only(learnt), read_tuning(study.store)
+    shown = ShownStudy(
+        name=study.record.name,
+        comparison=comparison,
+        curricula=record,
+        learnt=learnt,
+        analysis=study.analysis or _no_analysis(record),
+        reasons={place: list(study.ended_by(*place).values()) for place in places},
+        effects=effects_of(comparison, record, tuning),
+        tuning=tuning,
+    )
+    environment = dict[str, str]()
+    for last in study.runs[-1:]:
+        environment = {"file": last.file, "started": last.started}
+        environment |= {"seeds": seed_ranges(study.seeds), "commit": last.commit or "none"}
+        environment |= {"Python": last.python, "machine": last.machine, **last.versions}
+    return page_of(shown, environment, banner)
+
+
+def _no_analysis(record: CurriculaRecord) -> Analysis:
+    """Return the analysis of a run that has not ended: what is left out."""
+    why = (
+        "The forecast and certificates are left out, because the run has not ended: "
+        "curricle run --resume makes them."
+    )
+    groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
+    sections = [
+        SectionRecord(arms=arms, forecast=None, certificates=(), left_out=(why,)) for arms in groups
+    ]
+    return Analysis(of="", sections=tuple(sections))
+
+
+# -- while units are stored ------------------------------------------------------------------------
+
+
+class InterimReport:
+    """The report of a folder in which units are being stored, written anew as they end.
+
+    Nothing that goes wrong is raised, so that a run goes on without its page. `line` says in words
+    how far a study is, from the units that are stored and all units; `say` is called with a
+    sentence when the page cannot be written, once with the same; `opened` with the path when the
+    page is there. A ``with`` block around a run ends the report with it; the run begins it. With
+    `elsewhere` others run the study: the folder tells whether they still do, and `over` whether
+    their run is over.
+    """
+
+    def __init__(
+        self,
+        folder: str | Place,
+        line: Callable[[int, int], str],
+        say: Callable[[str], Any],
+        opened: Callable[[Path], Any],
+        *,
+        path: Path | None = None,
+        elsewhere: bool = False,
+    ):
+        self.folder, self.over = place_at(folder), False
+        self.path = default_page(self.folder) if path is None else path
+        self._line, self._say, self._opened, self._elsewhere = line, say, opened, elsewhere
+        self._between = BETWEEN_AT_URL if isinstance(self.folder, RemotePath) else BETWEEN
+        self._place = token_hex(16)  # of the banner in the page
+        self._page, self._was_running = "", False
+        self._seen: Any = None
+        self._said = set[str]()
+        self._stopped, self._writing = Event(), Lock()
+        self._thread: Thread | None = None
+
+    def begin(self) -> None:
+        """Begin to follow the folder in a thread; again, it does nothing."""
+        if self._thread is None:
+            self._thread = Thread(target=self._follow, daemon=True)
+            self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, KeyboardInterrupt):
+            self.break_off(INTERRUPTED)
+        elif error is not None and not isinstance(error, StudyError):
+            self.break_off(f"The run ended with an error. {_one_line(error)}")
+        elif self._thread is not None:
+            # A last time, from all that is stored.
+            self._stopped.set()
+            self._thread.join()
+            self.refresh(last=True)
+
+    def watch(self) -> None:
+        """Write the page until the run elsewhere is over."""
+        try:
+            pause = self.refresh()
+            while not self.over:
+                sleep(pause)
+                pause = self.refresh()
+        except KeyboardInterrupt:
+            self.break_off(NO_LONGER)
+            raise
+
+    def break_off(self, sentence: str) -> None:
+        """Write the page a last time as it is, and why it ends; what is being read is left."""
+        self._stopped.set()
+        with self._writing:
+            if self._page:
+                self._write(sentence, 0)
+
+    def refresh(self, *, last: bool = False) -> float:
+        """Write the page if something is new; return the seconds until the next time at least."""
+        begun = monotonic()
+        for attempt in range(ATTEMPTS):
+            try:
+                self._read(begun, last)
+                break
+            except Exception as error:  # whatever it is, it must not stop a run
+                sentence = f"the page of the run is not up to date. {_one_line(error)}"
+                if attempt == ATTEMPTS - 1 and sentence not in self._said:
+                    self._said.add(sentence)
+                    self._say(sentence)
+        return max(self._between, REST * (monotonic() - begun))
+
+    def _follow(self) -> None:
+        pause = 0.0
+        while not self._stopped.wait(pause):
+            pause = self.refresh()
+
+    def _read(self, begun: float, last: bool) -> None:
+        """Read the folder, and write the page if something is new or it is the `last` time."""
+        if not (self.folder / STUDY).exists():
+            return
+        study = StudyResults(self.folder)
+        stored_units, units = unit_counts(study)
+        running = in_use(self.folder) if self._elsewhere else True
+        over = last or (self._elsewhere and self._ended(study, stored_units == units, running))
+        stored = {key: len(seeds) for key, seeds in study.stored.items()}
+        seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
+        if seen == self._seen and not over:
+            return
+        arms = arms_so_far(study)
+        if over and stored_units == units and arms:
+            page = stored_page(study)
+        elif arms:
+            page = stored_page(_only(study, {*arms, *study.failed}), self._place)
+        else:
+            page = render("waiting.html", name=study.record.name, banner=self._place)
+        if over:
+            sentence = f"The run is over: {stored_units:,} of {counted(units, 'unit')} are stored."
+        else:
+            idle = " No process is at work now." * (running is False)
+            sentence = f"{self._line(stored_units, units)}.{idle}"
+        with self._writing:
+            if self._stopped.is_set() and not last:
+                return
+            is_first, self._page = not self._page, page
+            remark = _remark(study.record, study.failed, arms)
+            pause = max(self._between, REST * (monotonic() - begun))
+            self._write(f"{sentence} {remark}", 0 if over else pause)
+        self._seen, self.over = seen, over
+        if is_first:
+            self._opened(self.path)
+
+    def _ended(self, study: StudyResults, whole: bool, running: bool | None) -> bool:
+        """Return whether a run elsewhere is over: it let go of the folder, or all is there."""
+        let_go, self._was_running = self._was_running and running is False, running is True
+        done = whole or bool(study.failed and running is False)
+        return let_go or (done and not running and study.store.has(ANALYSIS))
+
+    def _write(self, sentence: str, seconds: float) -> None:
+        """Write the page with a sentence at its top; it is read again after so many seconds."""
+        time, seconds = f"{datetime.now():%X}", round(seconds, 1)
+        banner = render("banner.html", sentence=sentence, time=time, seconds=seconds)
+        write_page(self._page.replace(self._place, banner), self.path)
+
+
+def unit_counts(study: StudyResults) -> tuple[int, int]:
+    """Return how many units of a study are stored with all their seeds, and how many it has."""
+    per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
+    seeds, keys = study.record.seeds, set(study.record.keys.values())
+    units = len(keys) * len({seed // per_unit for seed in seeds})
+    stored = study.stored
+    missing = {
+        (key, seed // per_unit) for key in keys for seed in seeds if seed not in stored.get(key, {})
+    }
+    return units - len(missing), units
+
+
+def arms_so_far(study: StudyResults) -> list[str]:
+    """Return the arms that can be compared: scratch and others, with the most results in common.
+
+    Those are the n arms for which n times the number of seeds that all have finished is largest.
+    Empty as long as there are no two.
+    """
+    record = study.record
+    if record.total is None or SCRATCH not in record.arms or SCRATCH in study.failed:
+        return []
+    done = {
+        name: set(record.seeds).intersection(
+            *(study.stored.get(record.keys[name, task], {}) for task in arm.nodes)
+        )
+        for name, arm in record.arms.items()
+        if name not in study.failed
+    }
+    others = sorted(done.keys() - {SCRATCH}, key=lambda name: -len(done[name] & done[SCRATCH]))
+    best, most, common = 0, 0, done[SCRATCH]
+    for number, name in enumerate(others, start=1):
+        common = common & done[name]
+        if common and (number + 1) * len(common) >= most:
+            best, most = number, (number + 1) * len(common)
+    chosen = {SCRATCH, *others[:best]}
+    if all(record.arms[name].scratch for name in chosen - {SCRATCH}):
+        return []
+    return [name for name in record.arms if name in chosen]
+
+
+def _only(study: StudyResults, arms: set[str]) -> StudyResults:
+    """Return the results of some arms of a study, those that failed among them."""
+    part = StudyResults(study.store.path)
+    part.lacks_arms = not study.record.arms.keys() <= arms
+    kept = {name: arm for name, arm in study.record.arms.items() if name in arms}
+    part.record = study.record.model_copy(update={"arms": kept})
+    return part
+
+
+def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> str:
+    """Return what an interim report is of."""
+    if record.total is None or SCRATCH not in record.arms or SCRATCH in {*failed}:
+        return "There is no report: it needs the target learnt from scratch, for a number of steps."
+    if not arms:
+        return f"The report begins when {SCRATCH} and another arm have finished a seed."
+    later = [arm for arm in record.arms if arm not in {*arms, *failed}]
+    come = f" is of {listed(arms)}; to come: {listed(later)}" if later else " is of all arms"
+    return f"The report so far{come}. There is no verdict before all seeds are there."
+
+
+def _one_line(error: BaseException) -> str:
+    r"""Return an error as one line."""
+    return " ".join(in_words(error).split())

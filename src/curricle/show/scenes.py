@@ -1,0 +1,388 @@
+"""Pictures and text of a task in one state, quick enough to be drawn at every step.
+
+Figures differ in shape as well as in colour, and most colours are Okabe and Ito's, so that
+colour-blind readers can tell them apart.
+"""
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import cache
+from textwrap import shorten
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageColor, ImageDraw, ImageFont
+
+from curricle.display import COLOURS
+from curricle.frozen_arrays import frozen
+from curricle.show.views import GridView, stacked
+from curricle.tasks.domain import MOVES
+from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
+from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.mdp import generative_model
+from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.spaces import Space, parts_of
+from curricle.tasks.start_states import TaskWithStart
+
+FINER = 4
+"""Figures are drawn this many times larger and then reduced, which smooths their edges."""
+FLOOR, DARK, INK = "#f7f5f0", "#4d5366", "#22242c"
+
+Shape = tuple[Callable[..., None], tuple[float, ...], str]
+"""The method that draws it, its coordinates in a cell of side 1, and its colour."""
+OVAL, BLOCK = ImageDraw.ImageDraw.ellipse, ImageDraw.ImageDraw.rectangle
+POLYGON = ImageDraw.ImageDraw.polygon
+
+
+class Figure(NamedTuple):
+    """Shapes, the later ones on top, and a number written over them."""
+
+    shapes: tuple[Shape, ...]
+    number: str = ""
+
+    @classmethod
+    def of(cls, *shapes: Shape, number: str = "") -> Self:
+        """Return the figure of these shapes."""
+        return cls(shapes, number)
+
+
+def _flame(middle: float, width: float, top: float, bottom: float) -> tuple[float, ...]:
+    """Return an outline that is pointed above and round below."""
+    t = np.linspace(0, 2 * np.pi, 60)
+    x = middle + 0.6 * width * np.sin(t) * np.sin(t / 2) ** 1.6
+    y = (top + bottom) / 2 - (bottom - top) / 2 * np.cos(t)
+    return tuple(np.stack([x, y], axis=1).ravel().tolist())
+
+
+WALL = Figure.of(
+    (BLOCK, (0, 0, 1, 1), DARK),
+    *((BLOCK, (0, y, 1, y + 0.03), "#6b7288") for y in (0.31, 0.64, 0.97)),
+    *((BLOCK, (x, 0.00, x + 0.03, 0.31), "#6b7288") for x in (0.22, 0.72)),
+    *((BLOCK, (x, 0.34, x + 0.03, 0.64), "#6b7288") for x in (0.47, 0.97)),
+    *((BLOCK, (x, 0.67, x + 0.03, 0.97), "#6b7288") for x in (0.22, 0.72)),
+)
+START = Figure.of(
+    (OVAL, (0.18, 0.18, 0.82, 0.82), "#c9c4b4"), (OVAL, (0.24, 0.24, 0.76, 0.76), FLOOR)
+)
+PIT = Figure.of(
+    (OVAL, (0.06, 0.14, 0.94, 0.90), "#b3ad9a"),
+    (OVAL, (0.12, 0.20, 0.88, 0.87), DARK),
+    (OVAL, (0.16, 0.32, 0.84, 0.87), "#000000"),
+)
+FIRE = Figure.of(
+    (POLYGON, _flame(0.32, 0.40, 0.34, 0.90), COLOURS["vermillion"]),
+    (POLYGON, _flame(0.68, 0.40, 0.28, 0.90), COLOURS["vermillion"]),
+    (POLYGON, _flame(0.50, 0.62, 0.06, 0.94), COLOURS["vermillion"]),
+    (POLYGON, _flame(0.50, 0.36, 0.40, 0.92), "#F0E442"),
+)
+TREASURE = Figure.of(
+    (OVAL, (0.12, 0.18, 0.88, 0.76), "#7a4f00"),
+    (BLOCK, (0.12, 0.46, 0.88, 0.84), "#7a4f00"),
+    (OVAL, (0.17, 0.23, 0.83, 0.70), COLOURS["orange"]),
+    (BLOCK, (0.17, 0.53, 0.83, 0.79), COLOURS["orange"]),
+    (BLOCK, (0.12, 0.44, 0.88, 0.52), "#7a4f00"),
+    (BLOCK, (0.41, 0.40, 0.59, 0.64), "#F0E442"),
+    (BLOCK, (0.47, 0.47, 0.53, 0.58), INK),
+)
+AGENT = Figure.of(
+    (OVAL, (0.08, 0.08, 0.92, 0.92), "#ffffff"),
+    (OVAL, (0.12, 0.12, 0.88, 0.88), COLOURS["blue"]),
+    *((OVAL, (x, 0.32, x + 0.20, 0.58), "#ffffff") for x in (0.27, 0.53)),
+    *((OVAL, (x, 0.40, x + 0.11, 0.54), INK) for x in (0.33, 0.57)),
+)
+PREY = Figure.of(
+    *((OVAL, (x, 0.08, x + 0.38, 0.46), "#7a4f00") for x in (0.04, 0.58)),
+    *((OVAL, (x, 0.16, x + 0.22, 0.38), "#f3cfa0") for x in (0.12, 0.66)),
+    (OVAL, (0.12, 0.20, 0.88, 0.92), COLOURS["orange"]),
+    *((OVAL, (x, 0.44, x + 0.11, 0.59), INK) for x in (0.31, 0.58)),
+    (OVAL, (0.43, 0.66, 0.57, 0.77), "#7a4f00"),
+)
+ASIDE = Figure.of(
+    *((method, tuple(0.44 + 0.56 * x for x in at), colour) for method, at, colour in AGENT.shapes)
+)
+"""The agent, drawn small, in a cell with an object."""
+COATS = ("#0072B2", "#00785A", "#B34700", "#8E4C7A", "#444444", "#2B6E96")
+
+
+def predator(number: int) -> Figure:
+    """Return a round head with pointed ears, and its number in white."""
+    coat = COATS[(number - 1) % len(COATS)]
+    ears = (0.08, 0.04, 0.46, 0.24, 0.12, 0.56), (0.92, 0.04, 0.54, 0.24, 0.88, 0.56)
+    head = (OVAL, (0.08, 0.16, 0.92, 0.96), coat)
+    return Figure.of(*((POLYGON, ear, coat) for ear in ears), head, number=str(number))
+
+
+@cache
+def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return a figure's colours, (side, side, 3), and its transparency, (side, side, 1)."""
+    large = side * FINER
+    image = Image.new("RGBA", (large, large))
+    draw = ImageDraw.Draw(image)
+    for method, coordinates, colour in figure.shapes:
+        method(draw, [large * value for value in coordinates], fill=colour)
+    if figure.number:
+        font = ImageFont.load_default(0.52 * large / max(1, len(figure.number) - 0.5))
+        middle = (0.5 * large, 0.57 * large)
+        draw.text(middle, figure.number, "#ffffff", font, anchor="mm", stroke_width=0.02 * large)
+    pixels = np.asarray(image.resize((side, side), Image.Resampling.LANCZOS), dtype=np.float32)
+    opaque = pixels[..., 3:] / np.float32(255)
+    return frozen(pixels[..., :3] * opaque), frozen(1 - opaque)
+
+
+Pixels = npt.NDArray[np.uint8]
+Letters = npt.NDArray[np.str_]
+Cells = list[tuple[int, int]]
+"""Row and column of everything that moves."""
+SIDE = 640
+"""Pixels along the longer side of a grid, unless its cells would be too large or too small."""
+LARGEST_CELL, SMALLEST_CELL = 64, 4
+MARGIN = 4
+LINES, GLOW = "#dedace", "#fadcc9"
+FIGURES = {"#": WALL, "P": PIT, "F": FIRE, "T": TREASURE, "G": TREASURE}
+"""What lies in cells, by its letter; a goal looks like a treasure."""
+
+
+def tile(letter: str, colour: str) -> Figure:
+    """Return a square with a letter in white."""
+    return Figure.of((BLOCK, (0.08, 0.08, 0.92, 0.92), colour), number=letter)
+
+
+class Canvas:
+    """A grid seen from above, north on top, on which figures are put; a frame marks its edge."""
+
+    def __init__(self, shape: tuple[int, ...], *, framed: bool = True):
+        # Even, as video formats require.
+        self._cell = max(SMALLEST_CELL, min(LARGEST_CELL, SIDE // max(shape)) // 2 * 2)
+        height, width = (side * self._cell + 2 * MARGIN for side in shape)
+        self._backdrop = np.empty((height, width, 3), np.uint8)
+        self._backdrop[:] = ImageColor.getrgb(DARK if framed else FLOOR)
+        for cell in np.ndindex(shape):
+            self.paint(cell, FLOOR)
+
+    def paint(self, cell: Sequence[int], colour: str) -> None:
+        """Give a cell of the background a colour."""
+        top, left = self._corner(cell)
+        bottom, right = top + self._cell, left + self._cell
+        self._backdrop[top:bottom, left:right] = ImageColor.getrgb(LINES)
+        inside = slice(top + 1, bottom - 1), slice(left + 1, right - 1)
+        self._backdrop[inside] = ImageColor.getrgb(colour)
+
+    def put(self, cell: Sequence[int], figure: Figure) -> None:
+        """Put a figure into a cell of the background."""
+        _paste(self._backdrop, self._corner(cell), figure, self._cell)
+
+    def put_letters(self, letters: Letters) -> None:
+        """Put the walls and objects of a map of letters, (rows, columns), into its background."""
+        for cell, letter in np.ndenumerate(letters):
+            if letter != ".":
+                self.put(cell, FIGURES.get(letter, tile(letter, COATS[1])))
+
+    def with_figures(self, cells: Cells, figures: Sequence[Figure]) -> Pixels:
+        """Return the grid with figures in cells; those that share a cell are side by side."""
+        together: dict[tuple[int, int], list[Figure]] = {}
+        for cell, figure in zip(cells, figures, strict=True):
+            together.setdefault(cell, []).append(figure)
+        image = self._backdrop.copy()
+        for cell, group in together.items():
+            (top, left), across = self._corner(cell), math.ceil(math.sqrt(len(group)))
+            side = self._cell // across
+            for i, figure in enumerate(group):
+                corner = top + side * (i // across), left + side * (i % across)
+                _paste(image, corner, figure, side)
+        return image
+
+    def _corner(self, cell: Sequence[int]) -> tuple[int, int]:
+        """Return where a cell begins, y and x."""
+        return MARGIN + self._cell * cell[0], MARGIN + self._cell * cell[1]
+
+
+def _paste(image: Pixels, corner: tuple[int, int], figure: Figure, side: int) -> None:
+    colours, through = painted(figure, side)
+    region = image[corner[0] : corner[0] + side, corner[1] : corner[1] + side]
+    region[:] = region * through + colours
+
+
+# -- scenes: pictures, (height, width, 3) uint8 of one size, and text of all moments of a task -----
+
+MOST_CELLS = 40_000
+"""Cells of a grid that is drawn, at most, but for mazes."""
+WIDTH, LINE, LETTER = 480, 28, 9
+"""A picture of text: its width, the height of a line, and the width of a letter, in pixels."""
+MOST_LINES, LONGEST_LINE = 14, 48
+INKS = dict(zip(("blue", "green", "vermillion", "purple", "black"), COATS[:5], strict=True))
+"""Colours of a view's markers by name."""
+
+
+@dataclass(frozen=True)
+class GridScene:
+    """What moves over a grid, and lines of text about what the grid does not show."""
+
+    letters: Letters  # of the map as text, (rows, columns)
+    canvas: Canvas
+    objects: Letters  # what lies in cells
+    cells: Callable[[Any], Cells]  # of a moment: of a task the number of its state
+    names: Sequence[str]  # of what moves; "@" is the agent
+    figures: Sequence[Figure]  # the same in pictures
+    gap: str = ""  # between letters; without it every cell has room for one letter
+    lines: Callable[[Any], list[str]] = lambda moment: []
+
+    def image(self, moment: Any) -> Pixels:
+        """Return the grid from above, and the lines below it."""
+        cells, lines = self.cells(moment), self.lines(moment)
+        # The agent is drawn small in a cell with an object.
+        figures = [
+            ASIDE if name == "@" and self.objects[cell] != "." else figure
+            for name, figure, cell in zip(self.names, self.figures, cells, strict=True)
+        ]
+        grid = self.canvas.with_figures(cells, figures)
+        if not lines:
+            return grid
+        below = Image.new("RGB", (grid.shape[1], LINE * len(lines)), FLOOR)
+        draw, font = ImageDraw.Draw(below), ImageFont.load_default(18)
+        most = max(4, below.width // LETTER)
+        for i, line in enumerate(lines):
+            short = shorten(line, most, placeholder=" …")
+            draw.text((LINE // 4, LINE * i + LINE // 2), short, INK, font, anchor="lm")
+        return np.concatenate([grid, np.array(below)])
+
+    def text(self, moment: Any) -> str:
+        """Return the map with the names of what moves, and the lines."""
+        cells = self.cells(moment)
+        named = zip(self.names, *zip(*cells, strict=True), strict=True)
+        there = stacked(named) if self.gap else dict(zip(cells, self.names, strict=True))
+        wide = max(map(len, there.values()))
+        letters = [
+            [there.get((y, x), letter).ljust(wide) for x, letter in enumerate(row)]
+            for y, row in enumerate(self.letters.tolist())
+        ]
+        return "\n".join([self.gap.join(row).rstrip() for row in letters] + self.lines(moment))
+
+
+@dataclass(frozen=True)
+class LabelScene:
+    """The number of a state and the values of its components, as text."""
+
+    states: Space
+
+    def image(self, state: int) -> Pixels:
+        """Return a card with a line for each component."""
+        lines = self._lines(state)
+        height = LINE * (len(lines) + (3 if lines else 2))
+        image = Image.new("RGB", (WIDTH, height), FLOOR)
+        draw = ImageDraw.Draw(image)
+        draw.rectangle((0, 0, WIDTH, 2 * LINE), fill=DARK)
+        large, font = ImageFont.load_default(22), ImageFont.load_default(18)
+        draw.text((LINE, LINE), f"state {state}", "#ffffff", large, anchor="lm")
+        for i, line in enumerate(lines):
+            draw.text((LINE, LINE * (i + 3)), line, INK, font, anchor="lm")
+        return np.array(image)
+
+    def _lines(self, state: int) -> list[str]:
+        """Return the components' values, nothing for the one component of plain numbered states."""
+        first, *others = self.states.components
+        if self.states.is_box and first.low == 0 and first.labels is None and not others:
+            return []
+        lines = _lines_of(self.states, state, self.states.names)
+        if len(lines) > MOST_LINES:
+            lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
+        return [shorten(line, LONGEST_LINE, placeholder=" …") for line in lines]
+
+    def text(self, state: int) -> str:
+        """Return the state's label."""
+        return self.states.label(state)
+
+
+Scene = GridScene | LabelScene
+
+
+def scene_of(task: Any) -> Scene:
+    """Return what draws a task: from above where it says where its states lie, else as a label."""
+    if isinstance(task, TaskWithStart):
+        return scene_of(task.task)
+    if isinstance(task, Pursuit):
+        return _pursuit_scene(task)
+    layout = layout_of(task)
+    if layout is not None and (isinstance(task, GridWorld) or np.prod(layout.shape) <= MOST_CELLS):
+        return _layout_scene(task, layout)
+    return LabelScene(generative_model(task).states)
+
+
+def scene_of_view(view: GridView) -> GridScene:
+    """Return what draws a view; its moments are the cells of markers, (markers,), by rows."""
+    letters, columns = _letters_of(view, view.walls), view.shape[1]
+    canvas = Canvas(letters.shape)
+    canvas.put_letters(letters)
+    names, figures, gap = ["@"], [AGENT], ""
+    if len(view.markers) > 1:
+        names, gap = [marker.letter for marker in view.markers], " "
+        figures = [tile(marker.letter, INKS[marker.colour]) for marker in view.markers]
+
+    def cells(numbers: Any) -> Cells:
+        return [divmod(number, columns) for number in numbers.tolist()]
+
+    return GridScene(letters, canvas, letters, cells, names, figures, gap)
+
+
+def _pursuit_scene(pursuit: Pursuit) -> GridScene:
+    """Return the prey and the numbered predators; a dark frame where the grid is walled."""
+    predators = range(1, pursuit.predators + 1)
+    empty = np.full((pursuit.size, pursuit.size), ".")
+
+    def cells(state: int) -> Cells:
+        return [divmod(int(cell), pursuit.size) for cell in pursuit.states.decode(state).values()]
+
+    canvas = Canvas(empty.shape, framed=not pursuit.torus)
+    names, figures = ["P", *map(str, predators)], [PREY, *map(predator, predators)]
+    return GridScene(empty, canvas, empty, cells, names, figures, " ")
+
+
+def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
+    """Return the agent among walls, objects and what else moves; other components are lines."""
+    states, letters = generative_model(task).states, _letters_of(layout, layout.wall_cells)
+    others = set(states.names) - {*layout.components, *layout.markers}
+    moving = [*layout.markers.values(), layout.cells]
+    markers = [str(i + 1) for i in range(len(layout.markers))]
+
+    def cells(state: int) -> Cells:
+        (top, left), places = layout.origin, [places[state].tolist() for places in moving]
+        return [(row - top, column - left) for row, column in places]
+
+    canvas, text = Canvas(letters.shape), letters
+    if isinstance(task, GridWorld):
+        _mark(canvas, task, letters)
+        text = np.array([list(line) for line in task.map])
+    canvas.put_letters(letters)
+    figures = [*(tile(number, COATS[2]) for number in markers), AGENT]
+
+    def lines(state: int) -> list[str]:
+        return _lines_of(states, state, others) if others else []
+
+    return GridScene(text, canvas, letters, cells, [*markers, "@"], figures, lines=lines)
+
+
+def _mark(canvas: Canvas, maze: GridWorld, letters: Letters) -> None:
+    """Let cells glow that cost extra beside a fire, and ring those in which episodes start."""
+    if maze.rewards.near_fire:
+        burning = np.pad(letters == "F", 1)
+        beside = np.any([np.roll(burning, way, (0, 1)) for way in MOVES.values()], axis=0)
+        for cell in np.argwhere(beside[1:-1, 1:-1] & (letters != "#")).tolist():
+            canvas.paint(cell, GLOW)
+    if maze.start != "uniform":
+        for cell in (maze.cells[maze.mdp.start_states] - maze.layout.origin).tolist():
+            canvas.put(cell, START)
+
+
+def _letters_of(grid: GridLayout | GridView, walls: Any) -> Letters:
+    """Return the map of a layout or a view: walls, and the letters of what lies in cells."""
+    letters = np.full(grid.shape, ".")
+    letters[tuple((walls - grid.origin).T)] = "#"
+    for name, row, column, _ in grid.objects:
+        letters[row - grid.origin[0], column - grid.origin[1]] = LETTERS[name]
+    return letters
+
+
+def _lines_of(states: Space, state: int, names: Collection[str]) -> list[str]:
+    """Return the values of these components of a state, a line each."""
+    return [f"{name} = {label}" for name, label in parts_of(states, state) if name in names]

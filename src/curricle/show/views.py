@@ -1,0 +1,356 @@
+"""Grid views: the states of a task that a grid shows, the cell of each, and what moves.
+
+`grids` draws a view with Matplotlib, `replay` as SVG, `scenes` as pixels and text. Like `scenes`
+this module knows tasks alone: episodes, environments and the records of studies need it, and they
+lie below the rest of this package.
+"""
+
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+
+from curricle.array_types import BoolArray, IntArray
+from curricle.checks import instance
+from curricle.errors import SettingError
+from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
+from curricle.tasks.live import is_live, reset_state
+from curricle.tasks.mdp import generative_model, has_tables, tables
+from curricle.tasks.spaces import MISSING, Component, Space, action_name
+
+At = Mapping[str, Any]
+"""Component name -> its value, a number, a label, or for a cell (row, column)."""
+Letters = tuple[tuple[str, int, int], ...]
+"""Letter, row and column."""
+
+STRIP, LONGEST_STRIP = 6, 60
+"""States without geometry stand in a strip: states a row, and states at most."""
+MOST_CELLS = 2500
+"""Cells of a replayed grid at most."""
+DIRECTIONS = {"stay": 0, "noop": 0, "north": 1, "up": 1, "east": 2, "right": 2}
+DIRECTIONS |= {"south": 3, "down": 3, "west": 4, "left": 4}
+DIRECTIONS |= dict.fromkeys(("pick up", "put down", "drop off", "unlock"), 0)
+AGENTS, OTHER = ("blue", "vermillion", "green", "purple"), "black"
+"""Colours of markers that act, and of others, by their names in the palette of all figures."""
+
+_CELL = re.compile(r"\((\d+), ?(\d+)\)")
+
+
+@dataclass(frozen=True, eq=False)
+class Marker:
+    """Something that moves over a grid during an episode."""
+
+    letter: str
+    colour: str  # its name
+    cells: IntArray  # (S,): row * columns + column in each state; -1 where that is not shown
+
+
+@dataclass(frozen=True, eq=False)
+class GridView:
+    """Some states of a task as cells of a grid, seen from above."""
+
+    states: IntArray  # (n,): at most one a cell
+    ended: BoolArray  # (n,): whether the episode is over there
+    cells: IntArray  # (n, 2): row and column of each
+    origin: tuple[int, int]  # top-left cell
+    shape: tuple[int, int]  # rows and columns
+    actions: tuple[str, ...]  # A names
+    directions: tuple[int, ...] | None  # (A,): 0 stay, 1 north ... 4 west; None where none moves
+    letters: Letters = ()  # of the fixed components
+    words: str = ""  # what is free and what is fixed, and what the letters mean
+    is_map: bool = True  # whether cells are places of the task; in a strip they are states in order
+    markers: tuple[Marker, ...] = ()  # what moves during an episode; empty if it is not replayed
+    # Of a grid: name, row, column, and whether it ends the episode.
+    objects: tuple[tuple[str, int, int, bool], ...] = ()
+    # Cells in which no state lies and that are no walls, counted by rows, (m,).
+    air: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+
+    @classmethod
+    def of(cls, task: Any, at: At | None = None) -> "GridView":
+        """Return the view of the states that share the components `at`.
+
+        A component is given by a number, a label, or a cell's row and column. Those left out make
+        the grid: one that is a cell, or two, the first being the row. Where the task or names say
+        where its states lie (:class:`GridLayout`), those left out are as an episode starts.
+        """
+        fixed = {} if at is None else at
+        instance("at", fixed, Mapping, SettingError)
+        layout = layout_of(task)
+        if layout is None or (not _says_where(task) and set(fixed) & set(layout.components)):
+            return _of_components(task, fixed)
+        return _of_layout(task, layout, fixed)
+
+    @classmethod
+    def for_replay(cls, task: Any) -> "GridView | None":
+        """Return a view with markers, to replay training in; None where it has too many cells.
+
+        A maze or a pursuit is shown as its grid, states without geometry as a strip. Of several
+        cells in a state the first that an action moves is left free. Cells that no action moves are
+        fixed in the middle, those of other agents in the corners.
+        """
+        space = generative_model(task).states
+        read = {component.name: labelled_cells(component) for component in space.components}
+        labelled = {name: cells for name, cells in read.items() if cells is not None}
+        if labelled and not _says_where(task):
+            return _of_agents(task, space, labelled)
+        if (layout := layout_of(task)) is not None:
+            if layout.shape[0] * layout.shape[1] > MOST_CELLS:
+                return None
+            moving = {"agent": layout.cells, **layout.markers}
+            return _with_markers(_of_layout(task, layout, {}), moving, ("agent",))
+        return _strip(task, space)
+
+    @property
+    def stacked_letters(self) -> dict[tuple[int, int], str]:
+        """The letters on the grid, (row, column) -> those that share a cell."""
+        return stacked(self.letters)
+
+    @property
+    def walls(self) -> IntArray:
+        """Row and column of the cells of a map in which no state lies, (m, 2)."""
+        grid = np.full(self.shape, self.is_map)
+        grid.flat[self.air] = False
+        grid[tuple((self.cells - self.origin).T)] = False
+        return np.asarray(np.argwhere(grid) + self.origin)
+
+
+def stacked(letters: Iterable[tuple[str, int, int]]) -> dict[tuple[int, int], str]:
+    """Return the letters of each cell, (row, column) -> those that share it."""
+    together: dict[tuple[int, int], str] = {}
+    for letter, row, column in letters:
+        together[row, column] = together.get((row, column), "") + letter
+    return together
+
+
+def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) -> dict[str, Any]:
+    """Return the fields that are read off a task: which states end, and what its actions do.
+
+    `mover` is the component of an action that moves what the cells stand for.
+    """
+    generative = generative_model(task)
+    terminal, actions = generative.terminal, generative.actions
+    ended = np.zeros(len(states), bool) if terminal is None else terminal[states]
+    names = tuple(action_name(actions, a).removeprefix("action ") for a in range(actions.size))
+    alone = len(actions.names) == 1
+    part = next((part for part in actions.components if part.name == mover or alone), None)
+    directions: tuple[int, ...] | None = None
+    if is_map and part is not None and set(part.labels or ("",)) <= set(DIRECTIONS):
+        moves = actions.decode()[part.name].tolist()
+        directions = tuple(DIRECTIONS[part.label(move)] for move in moves)
+    return {"ended": ended, "actions": names, "directions": directions}
+
+
+def _says_where(task: Any) -> bool:
+    """Return whether a task says itself where its states lie."""
+    return isinstance(getattr(task, "layout", None), GridLayout)
+
+
+def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
+    """Return the view of a task that says where its states lie.
+
+    Components that are neither fixed nor part of the grid are as an episode starts.
+    """
+    space = generative_model(task).states
+    others = [part for part in space.components if part.name not in layout.components]
+    if fixed and not others:
+        raise SettingError(
+            f"a {type(task).__name__} is drawn whole, without at: got at {dict(fixed)}"
+        )
+    _check_names(fixed, [part.name for part in others])
+    values = space.decode() if others else {}
+    start = _start_of(task) if others else 0
+    shown, keys = np.ones(space.size, bool), list[str]()
+    for part in others:
+        value = _value(part, fixed.get(part.name, int(values[part.name][start])))
+        shown &= values[part.name] == value
+        if part.name not in layout.markers:
+            keys.append(f"{part.name} {part.label(value)}")
+    states = np.flatnonzero(shown)
+    if not states.size:
+        raise SettingError(f"at must leave a state to draw: none is as in {dict(fixed)}")
+    letters, legend = _lettered({name: at[states[0]] for name, at in layout.markers.items()})
+    cells, objects = layout.cells[states], dict.fromkeys(name for name, *_ in layout.objects)
+    air = np.ones(layout.shape, bool)
+    for taken in (layout.wall_cells, cells):
+        air[tuple((taken - layout.origin).T)] = False
+    return GridView(
+        states=states,
+        cells=cells,
+        origin=layout.origin,
+        shape=layout.shape,
+        letters=letters,
+        words=", ".join(
+            [*(f"{LETTERS[name]}: {name}" for name in objects), *legend.values(), *keys]
+        ),
+        objects=layout.objects,
+        air=np.flatnonzero(air),
+        **_of_task(task, states, None, is_map=True),
+    )
+
+
+def _start_of(task: Any) -> int:
+    """Return a state that episodes start in; of a task given by functions the first state."""
+    if has_tables(task):
+        return int(tables(task).start_states[0])
+    return reset_state(task) if is_live(task) else 0
+
+
+def labelled_cells(component: Component) -> IntArray | None:
+    """Return the row and column of each value, (size, 2); None if its labels are no cells."""
+    matches = [match for label in component.labels or () if (match := _CELL.fullmatch(label))]
+    if len(matches) < component.size:
+        return None
+    return np.array([match.groups() for match in matches], dtype=np.int64)
+
+
+def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
+    """Return the view of the states whose other components are fixed."""
+    space = generative_model(task).states
+    _check_names(fixed, space.names)
+    values = {name: _value(space.component(name), value) for name, value in fixed.items()}
+    free = [component for component in space.components if component.name not in values]
+    cells, sides = _grid_of(free, space)
+    states = space.encode(**values, **sides)
+    there = states != MISSING
+    (top, left), (bottom, right) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
+    kept = {part.name: part for part in space.components if part.name in values}
+    by_value = {name: labelled_cells(part) for name, part in kept.items()}
+    letters, legend = _lettered(
+        {
+            name: places[values[name] - kept[name].low]
+            for name, places in by_value.items()
+            if places is not None
+        }
+    )
+    words = [legend.get(name, f"{name} {kept[name].label(values[name])}") for name in kept]
+    what = f"cells: where {free[0].name} is" if len(free) == 1 else ""
+    return GridView(
+        states=states[there],
+        cells=cells[there],
+        origin=(top, left),
+        shape=(bottom - top + 1, right - left + 1),
+        letters=letters,
+        words="; ".join(filter(None, (what, ", ".join(words)))),
+        **_of_task(task, states[there], mover, is_map=True),
+    )
+
+
+def _check_names(fixed: At, known: Sequence[str]) -> None:
+    """Raise SettingError where `fixed` names what is no component to fix."""
+    unknown = [name for name in fixed if name not in known]
+    if unknown:
+        raise SettingError(
+            f"at must name components of a state, {', '.join(known)}: got {unknown[0]!r}"
+        )
+
+
+def _grid_of(free: list[Component], space: Space) -> tuple[IntArray, dict[str, IntArray]]:
+    """Return all cells that the free components make, (n, 2), and their values, (n,) each."""
+    if len(free) == 1 and (cells := labelled_cells(free[0])) is not None:
+        return cells, {free[0].name: free[0].low + np.arange(free[0].size)}
+    if len(free) == 2 and all(labelled_cells(component) is None for component in free):
+        sides = [component.low + np.arange(component.size) for component in free]
+        cells = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 2)
+        return cells, {free[0].name: cells[:, 0], free[1].name: cells[:, 1]}
+    names = [component.name for component in free]
+    raise SettingError(
+        "a picture is of one cell, or of a row and a column; at must fix all other components of "
+        f"{', '.join(space.names)}: it leaves {', '.join(names) or 'none'}"
+    )
+
+
+def _value(component: Component, value: Any) -> int:
+    """Return a component's value from a number, a label, or a cell's row and column."""
+    label, labels = value, component.labels or ()
+    if isinstance(value, tuple | list | np.ndarray):
+        label = f"({','.join(str(int(part)) for part in value)})"
+    if isinstance(label, str) and label in labels:
+        return component.low + labels.index(label)
+    high = component.low + component.size - 1
+    if isinstance(value, int | np.integer) and component.low <= value <= high:
+        return int(value)
+    raise SettingError(
+        f"{component.name} runs from {component.label(component.low)} to {component.label(high)}: "
+        f"got {value!r}"
+    )
+
+
+def _lettered(places: Mapping[str, IntArray]) -> tuple[Letters, dict[str, str]]:
+    """Return the letters of what is fixed in cells, name -> (row, column), and what they mean."""
+    letters = list[tuple[str, int, int]]()
+    for name, (row, column) in places.items():
+        letter = _letter_of(name, [letter for letter, *_ in letters])
+        letters.append((letter, int(row), int(column)))
+    legend = {name: f"{letter}: {name}" for (letter, *_), name in zip(letters, places, strict=True)}
+    return tuple(letters), legend
+
+
+def _letter_of(name: str, taken: Collection[str]) -> str:
+    """Return the number that a name ends in, or its first letter that is not taken yet."""
+    candidates = re.findall(r"\d+$", name) + [char.upper() for char in name if char.isalnum()]
+    return next((letter for letter in candidates if letter not in taken), "?")
+
+
+def _of_agents(task: Any, space: Space, cells: Mapping[str, IntArray]) -> GridView | None:
+    """Return the view of a task in whose states one or several agents stand on cells."""
+    agents = [name for name in generative_model(task).actions.names if name in cells]
+    free = agents[0] if agents else next(iter(cells))
+    rows, columns = cells[free].max(axis=0)
+    corners = cycle([(0, 0), (0, columns), (rows, columns), (rows, 0)])
+    at = dict[str, Any]()
+    for component in space.components:
+        if component.name == free:
+            continue
+        if component.name not in cells:
+            at[component.name] = component.low
+            continue
+        wanted = next(corners) if component.name in agents else (rows // 2, columns // 2)
+        distance = abs(cells[component.name] - wanted).sum(axis=1)
+        at[component.name] = tuple(cells[component.name][distance.argmin()].tolist())
+    values = space.decode()
+    by_state = {
+        name: where[values[name] - space.component(name).low] for name, where in cells.items()
+    }
+    return _with_markers(_of_components(task, at, free), by_state, agents)
+
+
+def _with_markers(
+    view: GridView, cells: Mapping[str, IntArray], agents: Collection[str]
+) -> GridView | None:
+    """Return a view with markers on `cells`, name -> (S, 2); None if it is too large."""
+    rows, columns = view.shape
+    if rows * columns > MOST_CELLS:
+        return None
+    colours = cycle(AGENTS)
+    markers = list[Marker]()
+    for name, where in cells.items():
+        acts = len(cells) == 1 or name in agents
+        letter = _letter_of(name, [marker.letter for marker in markers])
+        colour = next(colours) if acts else OTHER
+        markers.append(Marker(letter, colour, (where - view.origin) @ np.array([columns, 1])))
+    return replace(view, markers=tuple(markers))
+
+
+def _strip(task: Any, space: Space) -> GridView:
+    """Return the view of a task without geometry: its first states in rows."""
+    states = np.arange(min(space.size, LONGEST_STRIP))
+    cells = np.stack(np.divmod(states, STRIP), axis=1)
+    shape = (int(cells[-1, 0]) + 1, min(STRIP, len(states)))
+    words = "cells: states by number"
+    if len(states) < space.size:
+        words += f", the first {len(states)} of {space.size:,}"
+    place = np.full(space.size, -1)
+    place[states] = cells @ np.array([shape[1], 1])
+    return GridView(
+        states=states,
+        cells=cells,
+        origin=(0, 0),
+        shape=shape,
+        words=words,
+        is_map=False,
+        markers=(Marker("", AGENTS[0], place),),
+        **_of_task(task, states, None, is_map=False),
+    )

@@ -1,0 +1,154 @@
+"""Small studies for the tests of the report, and a strict reader of its page."""
+
+from dataclasses import replace
+from html.parser import HTMLParser
+from types import SimpleNamespace
+
+import curricle as cr
+from curricle.learning.stopping import ended_by
+from curricle.show import page as module
+from curricle.show.page import ShownStudy
+from curricle.study.analysis import analysed
+from curricle.study.recording import curricula_record
+from tests.tasks import predator_edges
+
+VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
+ODD = "a <b>&\"' $\\frac{a$ </script>"
+"""A name with special characters of HTML, of scripts and of Matplotlib's mathematics."""
+
+
+def with_snapshots(result, **kept):
+    """A result with the snapshots of some tasks."""
+    shown = {name: replace(result[name], snapshots=one) for name, one in kept.items()}
+    return replace(result, nodes={**result.nodes, **shown})
+
+
+def shown(results):
+    """The record of results by arm, what their tasks learnt, and the analysis of it."""
+    record = curricula_record({arm: one.curriculum for arm, one in results.items()}, {})
+    return record, {arm: one.nodes for arm, one in results.items()}, analysed(results, record)
+
+
+def study_page(name, comparison, results, *, decisions=None, environment=None):
+    """The page of arms by name; ``decisions`` are why trainings ended, for some of them."""
+    curricula, learnt, analysis = shown(results)
+    reasons = {}
+    for arm, nodes in learnt.items():
+        for task, node in nodes.items():
+            ended = results[arm].curriculum.node(task)
+            default = [
+                rows[-1].criterion if rows else ended_by(ended.budget, full)
+                for rows, full in zip(ended.decisions(node), node.out_of_memory, strict=True)
+            ]
+            reasons[arm, task] = (decisions or {}).get((arm, task), default)
+    study = ShownStudy(name, comparison, curricula, learnt, analysis, reasons)
+    return module.page_of(study, environment or {})
+
+
+def page_of(study):
+    """The page of what :func:`record` made."""
+    return study_page(**vars(study))
+
+
+def record(name, plans, seeds, moments=5, **settings):
+    """A study as the store holds it: comparison and training results with snapshots."""
+    comparison = cr.compare(plans, seeds=seeds, **settings)
+    first = next(iter(plans.values()))
+    target = first.target
+    scratch = cr.Curriculum({target: first.tasks[target]}, budget=comparison.total)
+    arms = {"scratch": scratch, **plans}
+    results = {arm: plan.train(seeds, snapshots=moments) for arm, plan in arms.items()}
+    return SimpleNamespace(
+        name=name,
+        comparison=comparison,
+        results=results,
+        decisions={},
+        environment={"curricle": "0.1.0", "command": "curricle run study.toml <now>"},
+    )
+
+
+def hunt_plan(aggregate, **transfer):
+    hunt, chase = (cr.Pursuit(3, n, discount=0.9, time_limit=30) for n in (2, 1))
+    return cr.Curriculum(
+        {"chase": chase, "hunt": hunt},
+        predator_edges(hunt, chase, **transfer),
+        aggregate=aggregate,
+        budget={"chase": 4000, "hunt": 8000},
+        shaping=cr.QInitialisation(),
+    )
+
+
+def maze_plan(size):
+    maze = cr.GridWorld(["...T", ".PP.", "F...", "S.#."], time_limit=40)
+    corner = maze.crop(rows=(0, size), columns=(4 - size, 4))
+    return cr.Curriculum(
+        {"corner": corner, "maze": maze},
+        [cr.Transfer("corner", "maze", cr.same_position(maze, corner))],
+        budget={"corner": 500, "maze": 3000},
+        shaping=cr.QInitialisation(),
+    )
+
+
+def chain(n):
+    outcomes = [[[(1.0, max(s - 1, 0), -1.0)], [(1.0, s + 1, -1.0)]] for s in range(n - 1)]
+    ended = [False] * (n - 1) + [True]
+    return cr.FiniteMDP.from_outcomes(
+        [*outcomes, [[], []]], terminal=ended, start=0, discount=0.9, time_limit=30
+    )
+
+
+def chain_plan(name=ODD):
+    long, short = chain(8), chain(5)
+    f = cr.from_function(long, short, lambda s, a: ({"state": s["state"] - 3}, a))
+    return cr.Curriculum(
+        {f"{name} short": short, f"{name} long": long},
+        [cr.Transfer(f"{name} short", f"{name} long", f, scale=1.5)],
+        budget={f"{name} short": 300, f"{name} long": 1500},
+    )
+
+
+class Reader(HTMLParser):
+    """Reads a page strictly: every element that opens closes, in order."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.elements, self.text, self.problems = [], [], [], []
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        names = [name for name, _ in attrs]
+        if len(set(names)) != len(names):
+            self.problems.append(f"{tag} repeats an attribute")
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        if tag not in VOID and "svg" not in self.open:
+            self.problems.append(f"{tag} closes itself outside SVG")
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.problems.append(f"{tag} closes what is not open")
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("script", "style"):
+            self.text.append(data)
+
+    def values(self, attribute, tag=None):
+        return [a[attribute] for t, a in self.elements if attribute in a and tag in (None, t)]
+
+    @property
+    def words(self):
+        return " ".join(" ".join(self.text).split())
+
+
+def labelled(axes):
+    """The lines with a name of their own."""
+    return {line.get_label(): line for line in axes.lines if line.get_label()[0] != "_"}
+
+
+def texts_of(axes):
+    return [text.get_text() for text in axes.texts]

@@ -1,0 +1,128 @@
+"""Findings and measures of a comparison in words."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from curricle.comparison.arms import Arm
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.levels import Level
+from curricle.show.findings import findings, forest, headline, table, too_few
+from curricle.statistics.curves import Curve
+
+
+def line(height, source=0, seeds=8, control=False):
+    """An arm of constant height; seeds differ a little, from arm to arm by another amount."""
+    steps = np.arange(0, 101, 10)
+    values = np.full((seeds, 11), float(height)) + 0.01 * (height + np.arange(seeds)[:, None])
+    values += 0.001 * height * np.arange(seeds)[:, None]
+    return Arm(Curve(steps, values, np.full(seeds, source)), values, values, control)
+
+
+def compared(seeds=8, threshold=5.0, **arms):
+    own = {"scratch": line(0, seeds=seeds), **arms}
+    return Comparison("hunt", own, 80, 100, threshold, 1)
+
+
+def test_the_headline_names_what_paid_and_by_how_much():
+    found = compared(good=line(10, 20), better=line(20, 20), bad=line(-5, 10))
+    gain = found.contrasts["better"].strong_gain
+    words = headline(found).replace("\xa0", " ")
+    assert words.startswith("2 of 3 pay for themselves, 1 of 3 costs more than it brings: better ")
+    assert f"+{gain.estimate:.1f} [{gain.low:.1f}, {gain.high:.1f}]" in words
+    assert words.endswith("over 8 seeds.")
+
+
+def test_a_headline_claims_nothing_that_was_not_shown():
+    assert headline(compared(same=line(0))).startswith("No curriculum is shown to differ")
+    both = headline(compared(one=line(-5), two=line(-6)))
+    assert both.startswith("Both curricula cost more than they bring: two most")
+    found = compared(good=line(10), placebo=line(10, control=True))
+    assert headline(found).startswith("The curriculum pays for itself: +")
+
+
+def test_a_curriculum_is_compared_with_its_own_controls():
+    found = compared(good=line(10), weak=line(4, control=True), strong=line(9, control=True))
+    curriculum, *controls = findings(found)
+    words = curriculum.sentences[3].replace("\xa0", " ")
+    assert words.startswith("Gains more than each of its 2 controls: yes, +1.01 [")
+    assert words.endswith("the strongest is strong.")
+    assert not any("(p" in one.sentences[0] for one in controls)
+
+
+@pytest.mark.parametrize(("seeds", "arms", "few"), [(1, 1, True), (5, 1, True), (6, 1, False)])
+def test_too_few_seeds_are_said_to_be(seeds, arms, few):
+    found = compared(seeds, **{f"arm {i}": line(10, seeds=seeds) for i in range(arms)})
+    assert bool(too_few(found)) is few
+    if few:
+        assert all(one.tone == "open" for one in findings(found))
+        needed = "6 or more" if arms == 1 else "7 or more"
+        assert headline(found) == f"Too few seeds for a verdict ({seeds}; {needed})."
+
+
+def test_the_table_holds_the_numbers_of_the_comparison(pursuit):
+    cells, rows = table(pursuit.comparison), pursuit.comparison.rows()
+    assert list(cells) == [row["arm"] for row in rows]
+    gains = "strong_gain", "weak_gain", "jumpstart", "asymptotic_gain"
+    for row in rows[1:]:
+        for measure in (*gains, "probability_of_improvement", "mean_return"):
+            text, below = cells[row["arm"]][measure]
+            wanted = [row[measure], row[f"{measure}_low"], row[f"{measure}_high"]]
+            numbers = [text, *below.strip("[]").split(", ")]
+            read = [float(number.replace("−", "-")) for number in numbers]
+            assert read == pytest.approx(wanted, abs=0.006 * max(map(abs, wanted)))
+
+
+def test_saved_steps_are_bounds_where_seeds_never_got_there():
+    cells = table(compared(good=line(10, 20), bad=line(1)))
+    assert cells["good"]["strong_steps_saved"].text == "80.0"
+    assert cells["bad"]["strong_steps_saved"].below == "never reached"
+    reverse = Comparison("hunt", {"scratch": line(10), "bad": line(0)}, 80, 100, 5.0, 1)
+    assert table(reverse)["bad"]["weak_steps_saved"].text == "−80.0"
+    # Reached after 70 of 80 target steps: 110 with those of the source, beyond all 100 steps.
+    steps, values = np.arange(0, 101, 10), np.repeat([[0.0] * 7 + [10.0] * 4], 8, axis=0)
+    late = Arm(Curve(steps, values, np.full(8, 40)), values, values, False)
+    cells = table(compared(late=late))["late"]
+    assert cells["weak_steps_saved"] == ("10.0", "")
+    assert cells["strong_steps_saved"] == ("–", "never reached")
+
+
+@given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=5))
+def test_a_forest_keeps_order_and_stays_on_its_axis(gains):
+    ordered = [sorted(gain) for gain in gains]
+    found = [
+        SimpleNamespace(arm=str(i), gain=SimpleNamespace(low=low, estimate=middle, high=high))
+        for i, (low, middle, high) in enumerate(ordered)
+    ]
+    zero, places = forest(found)
+    flat = [zero, *(place for three in places.values() for place in three)]
+    assert min(flat) >= -1e-9
+    assert max(flat) <= 100 + 1e-9
+    assert all(low <= middle <= high for low, middle, high in places.values())
+
+
+def asked(height, level=30.0):
+    """A comparison of a curriculum with a constant control that gains as much as `height`."""
+    constant = replace(line(height, 20, control=True), level=Level(np.full(8, level), 0.0, True))
+    return compared(good=line(10, 20), **{"good, constant mean": constant})
+
+
+def test_why_a_curriculum_pays_is_part_of_its_verdict_and_of_the_headline():
+    for height, words in ((4, "by what it knows"), (10.001, "by optimism alone")):
+        found = asked(height)
+        assert findings(found)[0].verdict == f"pays, {words}"
+        assert findings(found)[0].tone == "pays"
+        assert headline(found).endswith(f"over 8 seeds. It pays {words}.")
+
+
+def test_the_cheaper_way_is_a_sentence_of_a_finding():
+    own, constant = findings(asked(10.001))
+    words = [one for one in own.sentences if one.startswith("Cheaper than good: initial_value=30 ")]
+    assert len(words) == 1
+    assert own.sentences[-1].endswith("% of its gain is by what it knows.")
+    assert not any(
+        "heaper" in one for one in (*constant.sentences, *findings(asked(4))[0].sentences)
+    )

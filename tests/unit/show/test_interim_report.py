@@ -1,0 +1,273 @@
+"""The interim report of a folder while units are stored, and that it never stops a run."""
+
+import re
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event, Thread
+from time import monotonic, sleep
+from types import SimpleNamespace
+
+import pytest
+
+from curricle.errors import StoreError, StudyError
+from curricle.show import report as module
+from curricle.show.report import InterimReport, arms_so_far, stored_page
+from curricle.study.results import StudyResults
+from curricle.study.store import in_use, locked
+
+
+class Followed:
+    """An interim report of a folder without units, and what it said and opened."""
+
+    def __init__(self, finished, tmp_path):
+        self.folder, self.path = tmp_path / "live", tmp_path / "page.html"
+        left_out = shutil.ignore_patterns("units", "*.parquet", "ana*")
+        shutil.copytree(finished, self.folder, ignore=left_out)
+        self.finished, self.keys = finished, StudyResults(finished).record.keys
+        self.said, self.opened = [], []
+
+    def report(self, *, opened=None, **how):
+        settings = "{} of {} units".format, self.said.append, opened or self.opened.append
+        return InterimReport(self.folder, *settings, **{"path": self.path, **how})
+
+    def store(self, arm, *tasks):
+        """Store the units of some tasks of an arm."""
+        for task in tasks:
+            (unit,) = (self.finished / "units").glob(f"*-{self.keys[arm, task]}")
+            shutil.copytree(unit, self.folder / "units" / unit.name)
+
+    def store_all(self):
+        shutil.copytree(self.finished, self.folder, dirs_exist_ok=True)
+
+    @property
+    def page(self):
+        return self.path.read_text("utf-8")
+
+    @property
+    def banner(self):
+        """What stands at the top of the page, in words, and the seconds until it is read again."""
+        seconds, words = re.search(r'id="interim".*?seconds="(.*?)">(.*?)</p>', self.page).groups()
+        return re.sub("<.*?>", "", words), float(seconds)
+
+
+@pytest.fixture
+def live(finished, tmp_path):
+    return Followed(finished, tmp_path)
+
+
+def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
+    report = live.report()
+    report.refresh()
+    words, seconds = live.banner
+    assert re.match(r"Interim report, written at [\d:]+( [AP]M)?\. 0 of 16 units\.", words)
+    assert "begins when scratch and another arm have finished a seed" in words
+    assert seconds == 2
+    live.store("scratch", "maze")
+    report.refresh()
+    assert "2 of 16 units. The report begins" in live.banner[0]
+    live.store("chain", "corner", "easy", "maze")
+    report.refresh()
+    words, seconds = live.banner
+    assert "8 of 16 units" in words
+    assert "so far is of scratch, chain; to come: state, calibrated. There" in words
+    assert seconds >= 2
+    assert ">chain<" in live.page.replace("> ", ">").replace(" <", "<")
+    assert "reload" in live.page
+    live.store_all()
+    report.refresh(last=True)
+    assert live.page == stored_page(StudyResults(live.finished))
+    assert "reload" not in live.page
+    assert (live.said, live.opened) == ([], [live.path])
+
+
+def test_the_page_is_written_when_something_is_new_and_rests_long_if_it_took_long(
+    live, monkeypatch
+):
+    report, written = live.report(), []
+    monkeypatch.setattr(module, "write_page", lambda page, path: written.append(page))
+    for times in (1, 1, 2, 2):
+        if (times, len(written)) == (2, 1):
+            (live.folder / "units").mkdir()
+            live.store("scratch", "maze")
+        assert report.refresh() >= module.BETWEEN
+        assert len(written) == times
+    monkeypatch.setattr(module, "arms_so_far", lambda _: sleep(0.3) or [])
+    assert live.report().refresh() >= 3
+    assert float(re.search('seconds="(.*?)"', written[-1])[1]) >= 3
+
+
+@pytest.fixture
+def hasty(monkeypatch):
+    monkeypatch.setattr(module, "BETWEEN", 0.01)
+    monkeypatch.setattr(module, "REST", 0.0)
+
+
+@pytest.mark.usefixtures("hasty")
+def test_a_reader_at_any_moment_has_a_whole_page(live):
+    seen, until = set(), monotonic() + 120
+    with live.report() as report:
+        report.begin()
+        for words, arm, *tasks in (
+            ("2 of 16", "scratch", "maze"),
+            ("8 of 16", "chain", "corner", "easy", "maze"),
+            ("10 of 16", "state", "easy"),
+        ):
+            live.store(arm, *tasks)
+            while monotonic() < until and not any(words in page for page in seen):
+                sleep(0.001)
+                if live.path.exists():
+                    seen.add(live.page)
+    assert len(seen) >= 3
+    assert all(page.rstrip().endswith("</html>") for page in seen)
+    assert [*live.path.parent.glob(".*.part")] == []
+
+
+def test_an_error_is_said_once_and_the_last_page_stays(live, monkeypatch):
+    report = live.report()
+    report.refresh()
+    page = live.page
+    live.store("scratch", "maze")
+    with monkeypatch.context() as broken:
+        broken.setattr(module, "arms_so_far", lambda _: {}["a\nkey"])
+        report.refresh()
+        report.refresh()
+    assert live.said == [r"the page of the run is not up to date. KeyError: 'a\nkey'"]
+    assert live.page == page
+    report.refresh()
+    assert "2 of 16" in live.banner[0]
+
+
+def test_a_page_that_cannot_be_written_ends_no_run(live):
+    live.path.mkdir()
+    with live.report() as report:
+        report.begin()
+    (complaint,) = live.said
+    assert "cannot be written" in complaint
+
+
+def test_a_file_that_is_merged_while_it_is_read_is_no_error(live, monkeypatch):
+    tries = []
+
+    def merged_once(study):
+        tries.append(study)
+        if len(tries) == 1:
+            raise StoreError("units/maze/seeds-0.npz cannot be read: No such file or directory")
+        return arms_so_far(study)
+
+    monkeypatch.setattr(module, "arms_so_far", merged_once)
+    live.report().refresh()
+    assert (len(tries), live.said) == (2, [])
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (KeyboardInterrupt(), "The run was interrupted."),
+        (OSError("no space"), "The run ended with an error. OSError: no space"),
+        (StudyError("units failed"), "The run is over: 2 of 16 units are stored."),
+    ],
+)
+def test_a_page_of_a_run_that_broke_off_says_so_and_is_read_no_more(live, error, words):
+    written = Event()
+    live.store("scratch", "maze")
+
+    def run():
+        with live.report(opened=lambda _: written.set(), path=None) as report:
+            report.begin()
+            assert written.wait(60)
+            raise error
+
+    with pytest.raises(type(error)):
+        run()
+    live.path = live.folder / "report.html"
+    assert words in live.banner[0]
+    assert live.banner[1] == 0
+
+
+def test_a_study_without_scratch_has_no_report(live):
+    (live.folder / "failures.json").write_text(
+        f'[{{"key": "{live.keys["scratch", "maze"]}", "seeds": [0], "error": "lost"}}]'
+    )
+    live.store("chain", "corner")
+    live.report().refresh()
+    assert "There is no report: " in live.banner[0]
+
+
+# -- runs elsewhere --------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("hasty")
+def test_watching_ends_when_the_run_lets_go_of_the_folder(live):
+    live.store("scratch", "maze")
+    with locked(live.folder):
+        thread = Thread(target=live.report(elsewhere=True).watch, daemon=True)
+        thread.start()
+        until = monotonic() + 60
+        while not live.opened and monotonic() < until:
+            sleep(0.01)
+        sleep(0.2)
+        assert thread.is_alive()
+        assert "No process" not in live.banner[0]
+    thread.join(60)
+    assert not thread.is_alive()
+    assert "The run is over: 2 of 16 units are stored." in live.banner[0]
+    assert live.banner[1] == 0
+
+
+def test_a_run_that_has_not_begun_is_waited_for_and_watching_a_finished_study_ends(live):
+    report = live.report(elsewhere=True)
+    report.refresh()
+    assert "No process is at work now." in live.banner[0]
+    assert not report.over
+    live.store_all()
+    live.report(elsewhere=True).watch()
+    assert live.page == stored_page(StudyResults(live.finished))
+
+
+def test_where_locks_cannot_be_read_only_the_end_is_known(live, monkeypatch):
+    monkeypatch.setattr(module, "in_use", lambda _: None)
+    report = live.report(elsewhere=True)
+    report.refresh()
+    assert (report.over, "No process" in live.banner[0]) == (False, False)
+    live.store_all()
+    report.refresh()
+    assert report.over
+
+
+def test_whoever_looks_whether_a_run_is_at_work_keeps_none_from_beginning(live):
+    with ThreadPoolExecutor(1) as other:
+        looking = other.submit(lambda: [sleep(0.002) or in_use(live.folder) for _ in range(300)])
+        for _ in range(20):
+            with locked(live.folder):
+                pass
+    assert {*looking.result()} <= {True, False}
+
+
+def results(total=9, failed=(), learners=(), **seeds):
+    """Results as far as the choice of arms reads them: arm -> number of seeds it has finished."""
+    arms = {arm: SimpleNamespace(nodes=("maze",), scratch=arm in learners) for arm in seeds}
+    keys = {(arm, "maze"): arm for arm in seeds}
+    record = SimpleNamespace(total=total, seeds=range(100), arms=arms, keys=keys)
+    stored = {arm: dict.fromkeys(range(n)) for arm, n in seeds.items()}
+    return SimpleNamespace(record=record, stored=stored, failed=dict.fromkeys(failed))
+
+
+@pytest.mark.parametrize(
+    ("study", "arms"),
+    [
+        (results(scratch=30, a=0, b=0), []),
+        (results(scratch=0, a=30, b=30), []),
+        (results(scratch=30, a=5, b=0), ["scratch", "a"]),
+        (results(scratch=30, a=30, b=5), ["scratch", "a"]),
+        (results(scratch=30, a=30, b=20), ["scratch", "a", "b"]),
+        (results(scratch=100, a=20, b=20), ["scratch", "a", "b"]),
+        (results(scratch=30, b=10, a=30), ["scratch", "a"]),
+        (results(scratch=30, a=30, b=30, failed=["a"]), ["scratch", "b"]),
+        (results(scratch=30, a=30, failed=["scratch"]), []),
+        (results(scratch=30, a=30, learners=["a"]), []),
+        (results(scratch=30, a=30, total=None), []),
+        (results(a=30, b=30), []),
+    ],
+)
+def test_the_arms_with_most_results_in_common_are_compared(study, arms):
+    assert arms_so_far(study) == arms

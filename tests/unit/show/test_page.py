@@ -1,0 +1,315 @@
+"""The page of a study: sound HTML, its curves as data, its graph, its forecast."""
+
+import base64
+import hashlib
+import json
+import re
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.comparison.arms import Arm
+from curricle.errors import SettingError
+from curricle.show.findings import forecast_sections
+from curricle.show.graph import CARD, graphs
+from curricle.show.page import SEEN, curve_data
+from curricle.show.plots import draw_learning_curves
+from curricle.show.style import arm_styles
+from curricle.statistics.curves import Curve
+from curricle.study import analysis as analysis_module
+from curricle.study.analysis import analysed
+from curricle.study.recording import curricula_record
+
+from .studies import ODD, Reader, hunt_plan, labelled, maze_plan, page_of, shown, study_page
+
+
+def without_scripts(page):
+    return re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)
+
+
+def test_the_page_is_balanced_and_its_references_resolve(page):
+    found = Reader(page)
+    assert found.problems == found.open == []
+    ids = found.values("id")
+    assert len(set(ids)) == len(ids)
+    wanted = [href[1:] for href in found.values("href") if href.startswith("#")]
+    wanted += found.values("for")
+    wanted += re.findall(r"url\(#([\w-]+)\)", without_scripts(page))
+    assert set(wanted) <= set(ids)
+    levels = [int(tag[1]) for tag, _ in found.elements if re.fullmatch(r"h[1-6]", tag)]
+    assert levels[0] == 1
+    assert all(after - before <= 1 for before, after in pairwise(levels))
+
+
+def test_the_page_requests_nothing_and_allows_its_own_scripts_only(page):
+    found = Reader(page)
+    assert not re.search(r"https?://(?!www.w3.org/2000/svg)", page)
+    addresses = [*found.values("src"), *found.values("href"), *found.values("srcset")]
+    assert all(address.startswith(("#", "data:")) for address in addresses)
+    assert not re.search(r"@import|url\((?!#)", page)
+    assert {tag for tag, _ in found.elements} & {"iframe", "object", "embed", "img"} == set()
+    policy = found.values("content", "meta")[0]
+    assert policy.startswith("default-src 'none';")
+    scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in scripts]
+    assert len(scripts) == 2
+    assert "script-src " + " ".join(f"'sha256-{one}'" for one in digests) + ";" in policy
+    assert not [name for _, attrs in found.elements for name in attrs if name.startswith("on")]
+
+
+def test_names_are_text_wherever_they_stand(pages):
+    page = pages["odd"]
+    assert "<b>&" not in page
+    found = Reader(page)
+    for name in ("", " arm", " short", " long", " reason", " key", " value"):
+        assert ODD + name in found.words
+    assert page.count("</script>") == 4
+    data = json.loads(re.search(r'id="replays">(.*?)</script>', page, re.DOTALL)[1])
+    assert set(data["replays"]) == set(found.values("data-key"))
+    curves = json.loads(re.search(r'id="curves-data">(.*?)</script>', page, re.DOTALL)[1])
+    assert {arm["name"] for arm in curves["arms"]} == set(found.values("data-arm"))
+
+
+def test_the_page_is_small_and_the_same_every_time(pages, maze):
+    assert max(len(page.encode()) for page in pages.values()) < 500_000
+    assert page_of(maze) == pages["maze"]
+
+
+def test_a_page_of_many_arms_seeds_and_checkpoints_is_below_a_megabyte(maze):
+    rng, seeds, checkpoints = np.random.default_rng(0), 100, 2001
+    steps = np.arange(checkpoints) * 500
+
+    def arm(control):
+        values = -100 + np.cumsum(rng.normal(size=(seeds, checkpoints)), axis=1)
+        spent = rng.integers(1000, 9000, seeds)
+        return Arm(Curve(steps, values, spent), values, values, control)
+
+    first = arm(False)
+    first = replace(first, curve=replace(first.curve, source_steps=np.zeros(seeds, dtype=int)))
+    arms = {"scratch": first, "2x2": arm(False), "3x3": arm(False)}
+    arms |= {f"3x3, control {n}": arm(True) for n in range(5)}
+    large = replace(maze.comparison, arms=arms, budget=900_000, total=1_000_000)
+    page = study_page("large", large, maze.results)
+    films = re.search(r'id="replays">(.*?)</script>', page, re.DOTALL)[1]
+    assert len(page.encode()) - len(films) < 1_000_000
+
+
+def test_reasons_of_all_trainings_are_counted(pages):
+    words = Reader(pages["odd"]).words
+    assert f"{ODD} reason 1 of 6 {ODD} short" in words
+    assert f"all steps used 5 of 6 {ODD} long, {ODD} short" in words
+
+
+def test_every_control_has_a_label(page):
+    found = Reader(page)
+    controls = [a for tag, a in found.elements if tag in ("select", "input") and a["id"]]
+    labelled = set(found.values("for", "label"))
+    # The labels of these hold them.
+    switches = {a["id"] for a in controls if a.get("type") in ("radio", "checkbox")}
+    assert {a["id"] for a in controls} == (labelled | switches)
+
+
+def test_both_axes_have_one_scale_and_all_arms(pursuit):
+    comparison = pursuit.comparison
+    weak, strong = (figure.axes[0] for figure in draw_learning_curves(comparison))
+    assert weak.get_ylim() == strong.get_ylim()
+    assert weak.get_xlim() == (0, comparison.budget)
+    assert strong.get_xlim() == (0, comparison.total)
+    for axes in (weak, strong):
+        assert set(comparison.arms) == set(labelled(axes))
+        assert len(axes.collections) == len(comparison.arms)  # a band each
+
+
+def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():
+    plan = maze_plan(2)
+    comparison = cr.compare({"mean": plan}, seeds=1)
+    found = Reader(study_page("alone", comparison, {"mean": plan.train(1)}))
+    assert found.problems == []
+    assert "One seed allows neither intervals nor tests." in found.words
+    assert "This study kept no snapshots" in found.words
+    assert "nan" not in found.words.lower().split()
+
+
+def test_an_arm_without_transfers_has_no_forecast_and_scratch_alone_no_page(maze):
+    plan = cr.Curriculum({"maze": maze_plan(2).tasks["maze"]}, budget=500)
+    found = Reader(study_page("same", cr.compare({"same": plan}, seeds=2), {"same": plan.train(2)}))
+    assert found.problems == []
+    assert "Too few seeds for a verdict (2; 6 or more)." in found.words
+    assert "predicted start" not in found.words
+    comparison = replace(maze.comparison, arms={"scratch": maze.comparison.scratch})
+    with pytest.raises(SettingError, match="needs an arm besides 'scratch'"):
+        study_page("alone", comparison, {"scratch": maze.results["scratch"]})
+
+
+# -- curves that the script draws: what was measured, no more than is seen -------------------------
+
+
+def data_of(comparison):
+    weak, strong = (figure.axes[0] for figure in draw_learning_curves(comparison))
+    found = curve_data(comparison, arm_styles(comparison), {"weak": weak, "strong": strong})
+    return json.loads(json.dumps(found, allow_nan=False))
+
+
+def numbers(row, digits):
+    """The numbers that a row of differences holds; NaN for None."""
+    known = np.array([number is not None for number in row])
+    values = np.full(len(row), np.nan)
+    values[known] = np.cumsum([number for number in row if number is not None]) / 10**digits
+    return values
+
+
+def test_seeds_are_their_returns_over_target_steps(pursuit):
+    found = data_of(pursuit.comparison)
+    unit = 10.0 ** -found["digits"]
+    for arm in found["arms"]:
+        curve = pursuit.comparison[arm["name"]].curve
+        assert arm["source_steps"] == curve.source_steps.tolist()
+        assert np.cumsum(found["seed_steps"]).tolist() == curve.steps.tolist()
+        rows = [numbers(row, found["digits"]) for row in arm["seeds"]]
+        np.testing.assert_allclose(rows, curve.filled(), atol=0.5001 * unit, rtol=0)
+
+
+def test_returns_are_rounded_to_what_can_be_seen(maze):
+    found = data_of(maze.comparison)
+    low, high = found["panels"]["strong"]["y"]
+    assert 10.0 ** -found["digits"] <= (high - low) / SEEN < 10.0 ** (1 - found["digits"])
+    for arm in data_of(cr.compare({"mean": maze_plan(2)}, seeds=1))["arms"]:
+        assert set(arm["weak"]["low"]) == set(arm["strong"]["high"]) == {None}  # of one seed
+
+
+# -- the curriculum graph --------------------------------------------------------------------------
+
+
+def graphs_of(results):
+    record, learnt, _ = shown(results)
+    reasons = {(arm, task): ["all steps used"] for arm, nodes in learnt.items() for task in nodes}
+    return graphs(record, learnt, reasons)
+
+
+def test_arms_with_the_same_tasks_and_transfers_share_a_graph(pursuit, maze):
+    (graph,) = graphs_of(pursuit.results)
+    assert graph["arms"] == ("min", "mean")
+    assert [card["name"] for card in graph["cards"]] == ["chase", "hunt"]
+    assert [curve["arms"] for curve in graph["cards"][0]["curves"]] == [("min", "mean")]
+    assert [curve["arms"] for curve in graph["cards"][1]["curves"]] == [
+        ("min",),
+        ("mean",),
+        ("scratch",),
+    ]
+    (edge,) = graph["edges"]
+    assert [words.split(";")[0] for words in edge["words"]] == [
+        "predator is predator_1, prey by name",
+        "predator is predator_2, prey by name",
+    ]
+    assert graph["notes"] == [
+        "min: hunt uses the minimum of its transfers.",
+        "mean: hunt uses the mean of its transfers.",
+    ]
+    # Both corners are called "corner", and are not one task.
+    assert [graph["arms"] for graph in graphs_of(maze.results)] == [("2x2",), ("3x3",)]
+
+
+def test_a_source_that_is_not_evaluated_has_no_curve(recwarn):
+    maze, corner = cr.GridWorld("S..T"), cr.GridWorld("S.T")
+    plan = cr.Curriculum(
+        tasks={"corner": corner, "maze": maze},
+        transfers=[cr.Transfer("corner", "maze", cr.same_position(maze, corner))],
+        budget=200,
+        evaluation={"corner": cr.GreedyEvaluation("off")},
+    )
+    (graph,) = graphs_of({"transfer": plan.train(2)})
+    source, target = graph["cards"]
+    assert source["curves"] == []
+    assert len(target["curves"]) == 1
+    assert source["height"] < target["height"]
+    assert not recwarn.list
+
+
+def test_a_scaled_transfer_makes_another_graph(pursuit):
+    scaled = hunt_plan(cr.minimum, scale=2.0).train(2)
+    found = graphs_of({**pursuit.results, "scaled": scaled})
+    assert [graph["arms"] for graph in found] == [("min", "mean"), ("scaled",)]
+    assert all("scaled by 2" in words for words in found[1]["edges"][0]["words"])
+
+
+def test_cards_do_not_overlap_and_arrows_lead_down():
+    maze = cr.GridWorld(["...T", "....", "S..."])
+    tasks = dict.fromkeys("abcd", maze)
+    pairs = [("a", "c"), ("b", "c"), ("c", "d"), ("a", "d")]
+    edges = [cr.Transfer(*pair, cr.transfer.identity(maze)) for pair in pairs]
+    result = cr.Curriculum(tasks, edges, budget=100).train()
+    (graph,) = graphs_of({"both": result})
+    top = {card["name"]: card["top"] for card in graph["cards"]}
+    for edge in graph["edges"]:
+        assert top[edge["source"]] < top[edge["target"]]
+        assert 0 <= edge["place"][0] <= graph["width"]
+    for i, card in enumerate(graph["cards"]):
+        assert 0 <= card["left"] <= graph["width"] - CARD
+        bottom = card["top"] + card["height"]
+        assert bottom <= graph["height"]
+        for other in graph["cards"][:i]:
+            below = card["top"] >= other["top"] + other["height"] or other["top"] >= bottom
+            assert below or abs(card["left"] - other["left"]) >= CARD
+    (skipping,) = [
+        edge for edge in graph["edges"] if (edge["source"], edge["target"]) == ("a", "d")
+    ]
+    (card,) = [card for card in graph["cards"] if card["name"] == "c"]
+    assert not card["left"] <= skipping["place"][0] <= card["left"] + CARD
+
+
+# -- forecasts and certificates next to what was measured ------------------------------------------
+
+
+def test_the_forecast_stands_next_to_the_measured_start(pursuit):
+    record, learnt, analysis = shown(pursuit.results)
+    (found,) = forecast_sections(analysis, record, learnt)
+    rows = {row.name: row for row in found.record.forecast.rows}
+    assert found.used == {"minimum": ("min",), "mean": ("mean",)}
+    for arm, name in (("min", "minimum"), ("mean", "mean")):
+        measured = pursuit.results[arm]["hunt"].greedy_return[:, 0]
+        assert found.measured[arm] == measured.mean()
+        assert rows[name].start == pytest.approx(measured[:3].mean(), abs=0.5)
+    assert found.other_sources == ()
+    (certificate,) = found.record.certificates
+    assert certificate.arms == ("min", "mean")
+    assert certificate.holds
+    assert found.record.left_out == ()
+
+
+def test_a_forecast_is_not_of_arms_whose_sources_are_trained_otherwise():
+    short = hunt_plan(cr.minimum)
+    long = replace(short, budget={"chase": 6000, "hunt": 8000})
+    record, learnt, analysis = shown({"short": short.train(2), "long": long.train(2)})
+    (found,) = forecast_sections(analysis, record, learnt)
+    assert found.record.arms == ("short", "long")
+    assert (found.same_sources, found.other_sources) == (("short",), ("long",))
+    assert found.used == {"minimum": ("short",)}
+
+
+def test_a_sentence_names_what_is_left_out_and_how_to_get_it(pursuit, monkeypatch):
+    monkeypatch.setattr(analysis_module, "EFFORT", 10)
+    monkeypatch.setattr(analysis_module, "LARGEST_CERTIFIED", 10)
+    words = Reader(page_of(pursuit)).words
+    why = f"because hunt has {729 * 25:,} state-action pairs"
+    assert f"min, mean: The forecast is left out, {why}: curricle.forecast" in words
+    assert "Certificates are left out" in words
+
+
+def test_values_that_were_not_kept_leave_both_out():
+    plan = hunt_plan(cr.minimum)
+    result = plan.train(2)
+    bare = {name: replace(node, values=None) for name, node in result.nodes.items()}
+    record = curricula_record({"min": plan}, {})
+    (found,) = analysed({"min": replace(result, nodes=bare)}, record).sections
+    assert found.forecast is None
+    assert found.certificates == ()
+    assert all("values were not kept" in sentence for sentence in found.left_out)
+
+
+def test_a_potential_that_was_not_kept_is_made_again(pursuit):
+    stored = {arm: replace(one, potentials={}) for arm, one in pursuit.results.items()}
+    kept, again = (shown(results)[2].sections[0] for results in (pursuit.results, stored))
+    assert kept.certificates == again.certificates

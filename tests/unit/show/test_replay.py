@@ -1,0 +1,132 @@
+"""Replays of training: grid views, values over time, episodes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+import curricle as cr
+from curricle.learning.record import Snapshots
+from curricle.planning.greedy import Values
+from curricle.planning.rollouts import greedy_rollout
+from curricle.planning.solution import greedy_policy
+from curricle.show import replay as replay_module
+from curricle.show.replay import LEVELS, greedy_choices, grid_drawing, mark_of, replays
+from curricle.show.views import GridView
+from curricle.study.analysis import before_and_after
+
+from .studies import chain, shown, with_snapshots
+
+
+def replay_of(shot, task):
+    """The replay of a task's snapshots."""
+    result = cr.Curriculum({"task": task}, budget=10).train()
+    ((found,), _) = replays(*shown({"scratch": with_snapshots(result, task=shot)}))
+    return found
+
+
+def test_ties_are_shown_as_ties_of_the_agent_that_is_drawn():
+    task = cr.Pursuit(3, 2)
+    hunt = GridView.for_replay(task)
+    values = np.zeros(25)
+    values[task.actions.encode(predator_1=2, predator_2=0)] = 1  # east, stay
+    assert np.flatnonzero(greedy_choices(hunt, values)).tolist() == [2]
+    assert grid_drawing(hunt)["letters"] == [("P", 1, 1), ("2", 0, 0)]
+    maze = GridView.for_replay(cr.GridWorld(["S.", ".T"]))
+    east = mark_of(maze, greedy_choices(maze, np.array([0.0, 1.0, 0.0, 0.0])))
+    both = mark_of(maze, greedy_choices(maze, np.array([0.0, 1.0, 1.0, 0.0])))
+    assert mark_of(maze, greedy_choices(maze, np.ones(4))) == ""
+    assert east.count("z") == 1
+    assert both.count("z") == 2
+
+
+def test_a_task_without_geometry_is_a_strip_with_words():
+    strip = GridView.for_replay(chain(80))
+    assert not strip.is_map
+    assert len(strip.states) == 60
+    assert strip.words == "cells: states by number, the first 60 of 80"
+    assert mark_of(strip, greedy_choices(strip, np.array([0.0, 1.0]))) == "1"
+    assert strip.markers[0].cells[[0, 59, 60]].tolist() == [0, 59, -1]
+
+
+def test_a_map_of_too_many_cells_is_not_shown():
+    wide = cr.GridWorld(["S" + "." * 59 + "T"] + ["." * 61] * 50)
+    assert GridView.for_replay(wide) is None
+    result = cr.Curriculum({"wide": wide}, budget=10).train()
+    shape = (2, wide.states.size, 4)
+    short = Snapshots(seed=0, steps=np.array([0, 9]), values=np.zeros(shape, np.float32))
+    assert replays(*shown({"scratch": with_snapshots(result, wide=short)})) == ((), ("wide",))
+
+
+def test_walls_and_ends_cover_what_is_no_state(maze):
+    found = grid_drawing(GridView.for_replay(maze.results["2x2"].curriculum.tasks["maze"]))
+    assert found["walls"] == "M2 3h1v1h-1z"
+    assert found["ended"].count("M") == 3  # two pits and the treasure
+    objects = [(letter, ends) for letter, *_, ends in found["objects"]]
+    assert objects == [("T", True), ("P", True), ("P", True), ("F", False)]
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 1e4))
+def test_a_replay_keeps_values_to_a_sixty_five_thousandth(seed, size):
+    maze = cr.GridWorld(["S..", "..T"])
+    values = np.random.default_rng(seed).normal(0, size, (4, 6, 4)).astype(np.float32)
+    shot = Snapshots(seed=0, steps=np.arange(4) * 10, values=values)
+    found = replay_of(shot, maze)
+    read = found.low + (found.high - found.low) * found.levels / (LEVELS - 1)
+    best = values[:, :5].max(axis=-1)
+    assert np.abs(read - best).max() <= 0.6 * (found.high - found.low) / (LEVELS - 1)
+    policy = greedy_policy(values[2, :5]) > 0
+    for number, row in zip(found.choices[2], policy, strict=True):
+        assert found.marks[number] == mark_of(found.view, row)
+
+
+def test_moments_are_thinned_and_a_page_holds_a_number_of_cells(maze, monkeypatch):
+    hall = cr.GridWorld("S.T")
+    shot = Snapshots(seed=0, steps=np.arange(200), values=np.zeros((200, 3, 4), np.float32))
+    monkeypatch.setattr(replay_module, "MOST_MOMENTS", 7)
+    found = replay_of(shot, hall)
+    assert len(found.steps) == 7
+    assert found.steps[[0, -1]].tolist() == [0, 199]  # the ends are kept, and targets come first
+    monkeypatch.setattr(replay_module, "MOST_CELLS", 3 * 15)  # three arms in the target
+    found, left_out = replays(*shown(maze.results))
+    assert {replay.task for replay in found} == {"maze"}
+    assert left_out == ("corner",)
+
+
+def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
+    found, left_out = replays(*shown(pursuit.results))
+    assert [(replay.task, replay.arms) for replay in found] == [
+        ("hunt", ("scratch",)),
+        ("hunt", ("min",)),
+        ("hunt", ("mean",)),
+        ("chase", ("min", "mean")),
+    ]
+    assert left_out == ()
+    found, _ = replays(*shown(maze.results))
+    assert [replay.arms for replay in found if replay.task == "corner"] == [("3x3",), ("2x2",)]
+
+
+def test_both_episodes_start_alike_and_sum_the_rewards(pursuit):
+    hunt = pursuit.results["min"].curriculum.tasks["hunt"]
+    shot = pursuit.results["min"]["hunt"].snapshots
+    pair = before_and_after(shot, hunt, GridView.for_replay(hunt), discounted=True)
+    before, after = pair.before, pair.after
+    assert (before.cells[0] == after.cells[0]).all()
+    followed = greedy_rollout(hunt, Values(shot.values[-1].astype(np.float64)), seed=0)
+    assert after.returns[-1] == pytest.approx(followed.discounted_return(0.9))
+    decoded = hunt.states.decode(followed.states)
+    assert (after.cells[:, 1] == decoded["predator_1"]).all()
+    assert after.terminated == followed.terminated
+
+
+def test_tasks_without_tables_and_states_off_the_strip_have_no_episodes(pursuit, monkeypatch):
+    values = np.zeros((2, 80, 2), np.float32)
+    values[:, :, 1] = 1
+    far = replace(chain(80), start=np.eye(80)[70])
+    shot = Snapshots(seed=0, steps=np.array([0, 9]), values=values)
+    assert before_and_after(shot, far, GridView.for_replay(far), discounted=True) is None
+    hunt = pursuit.results["min"].curriculum.tasks["hunt"]
+    monkeypatch.setattr("curricle.study.analysis.LARGEST_TABLE", 10)
+    shot = pursuit.results["min"]["hunt"].snapshots
+    assert before_and_after(shot, hunt, GridView.for_replay(hunt), discounted=True) is None

@@ -1,0 +1,152 @@
+"""Pictures of tasks and their text, and environments whose states have a row and a column."""
+
+from itertools import combinations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+import curricle as cr
+from curricle import Pursuit
+from curricle.errors import SettingError
+from curricle.interop.gymnasium import to_gymnasium
+from curricle.show.scenes import AGENT, FIGURES, PREY, painted, predator, scene_of
+from curricle.show.views import GridView
+from curricle.tasks import (
+    BlockDude,
+    CliffWalking,
+    DeepSea,
+    FourRooms,
+    FrozenLake,
+    KeyLockPit,
+    RiverSwim,
+    Taxi,
+)
+from curricle.tasks.grid_layout import layout_of
+from tests.unit.interop.environments import TASKS, WALLED
+
+GRIDS = {
+    "four rooms": FourRooms(size=7),
+    "key, lock, pit": KeyLockPit.room(5),
+    "Block Dude": BlockDude(1).crop(columns=(0, 12), agent=10),
+    "a river": RiverSwim(),
+    "a sea": DeepSea(size=4),
+    "a lake": FrozenLake(),
+    "a cliff": CliffWalking(),
+    "a taxi": Taxi(size=3, stands=2),
+}
+
+
+@pytest.mark.parametrize("task", [*TASKS.values(), *GRIDS.values()], ids=[*TASKS, *GRIDS])
+def test_pictures_and_texts_of_all_states_have_one_size_and_differ(task):
+    scene = scene_of(task)
+    states = range(0, task.states.size, 1 + task.states.size // 40)
+    pictures = [scene.image(state) for state in states]  # of terminal states too
+    assert {(picture.shape, picture.dtype) for picture in pictures} == {
+        (pictures[0].shape, np.dtype(np.uint8))
+    }
+    assert all(side % 2 == 0 for side in pictures[0].shape[:2])  # as video formats want it
+    texts = [scene.text(state) for state in states]
+    assert len({picture.tobytes() for picture in pictures}) == len(set(texts)) == len(states)
+    if (layout := layout_of(task)) is not None:
+        for state, text in zip(states, texts, strict=True):
+            lines, (row, column) = text.splitlines(), layout.cells[state] - layout.origin
+            assert lines[row][column] == "@"
+            assert "".join(lines[: layout.shape[0]]).count("@") == 1
+
+
+def test_figures_differ_without_their_colours():
+    figures = [AGENT, PREY, predator(1), predator(2), predator(3), *set(FIGURES.values())]
+
+    def in_grey(figure):
+        colours, through = painted(figure, 32)
+        return (colours + 247 * through).mean(axis=2)
+
+    for first, second in combinations(map(in_grey, figures), 2):
+        assert abs(first - second).max() > 100
+
+
+def test_text_shows_who_is_where():
+    environment = to_gymnasium(WALLED, render_mode="ansi")
+    environment.reset(options={"state": {"row": 0, "column": 1}})
+    assert environment.render() == "S@#T\nFP.."
+    hunt = Pursuit(3, 2)
+    environment = to_gymnasium(hunt, render_mode="ansi")
+    environment.reset(options={"state": {"prey": 0, "predator_1": 0, "predator_2": 8}})
+    assert environment.render() == "P1 .  .\n.  .  .\n.  .  2"
+    first = int(GRIDS["Block Dude"].mdp.start_states[0])
+    assert "1" in scene_of(GRIDS["Block Dude"]).text(first)
+
+
+def test_rendering_needs_a_mode():
+    environment = to_gymnasium(WALLED)
+    environment.reset()
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert environment.render() is None
+
+
+# -- environments without a layout of their own ----------------------------------------------------
+
+MOVES = ("up", "right", "down", "left")
+
+
+class Tank(gym.Env):
+    """Rows 1 and 2, columns 0 to 2: down and right is the end; each move takes one of `full`."""
+
+    def __init__(self, full=4):
+        self.full = full
+        self.observation_space = spaces.MultiDiscrete([2, 3, full + 1], start=[1, 0, 0])
+        self.action_space = spaces.Discrete(4)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.row, self.column, self.fuel = 1, 0, self.full
+        return self._seen(), {}
+
+    def step(self, action):
+        down, right = ((-1, 0), (0, 1), (1, 0), (0, -1))[action]
+        self.row = min(max(self.row + down, 1), 2)
+        self.column = min(max(self.column + right, 0), 2)
+        self.fuel -= 1
+        home = (self.row, self.column) == (2, 2)
+        return self._seen(), float(home), home or self.fuel == 0, False, {}
+
+    def _seen(self):
+        return np.array([self.row, self.column, self.fuel])
+
+
+NAMES = ["row", "column", "fuel"]
+LIVE = cr.from_gymnasium(Tank, discount=0.9, names=NAMES, actions=MOVES, time_limit=9)
+
+
+def test_the_grid_is_of_the_row_and_the_column_as_an_episode_starts():
+    view = GridView.of(LIVE)
+    assert (view.shape, view.origin, view.words) == ((2, 3), (1, 0), "fuel 4")
+    assert view.directions == (1, 2, 3, 4)
+    assert LIVE.states.decode(view.states)["fuel"].tolist() == [4] * 6
+    assert view.walls.size == 0
+    low = GridView.of(LIVE, {"fuel": 0})
+    assert LIVE.states.decode(low.states)["fuel"].tolist() == [0] * 6
+
+
+def test_other_names_of_rows_and_columns_make_a_grid_and_other_components_none():
+    for names in (["row", "col", "fuel"], ["y", "x", "fuel"]):
+        task = cr.from_gymnasium(Tank, discount=0.9, names=names, time_limit=9)
+        assert layout_of(task).components == tuple(names[:2])
+        assert GridView.of(task).directions is None  # actions without labels
+    task = cr.from_gymnasium(Tank, discount=0.9, names=["a", "b", "c"], time_limit=9)
+    assert layout_of(task) is None
+    assert not GridView.for_replay(task).is_map
+    with pytest.raises(SettingError, match="at must fix all other components of a, b, c"):
+        GridView.of(task)
+    assert GridView.of(task, {"c": 4}).shape == (2, 3)
+
+
+def test_cells_of_states_with_other_components_are_no_walls():
+    tabled = cr.tabulate(Tank, discount=0.9, actions=MOVES)
+    view = GridView.of(tabled)
+    assert view.words == "fuel 4"
+    assert view.cells.tolist() == [[1, 0]]  # with a full tank only the start
+    assert view.walls.size == 0
+    assert GridView.of(tabled, {"fuel": 3}).cells.tolist() == [[1, 0], [1, 1], [2, 0]]
