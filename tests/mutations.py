@@ -355,13 +355,13 @@ MUTATIONS = [
     Mutation(
         "candidates that are one task count as two",
         "design/candidates.py",
-        "mine, others = refined(",
-        "return False\n    mine, others = refined(",
+        "partitions = refined(",
+        "return False\n    partitions = refined(",
         ("tests/unit/test_source_candidates.py",),
     ),
     Mutation(
         "shortest paths that are not counted",
-        "design/bottlenecks.py",
+        "design/kinds.py",
         "(1 + delta) / safe",
         "1 + delta",
         ("tests/property/test_source_candidates.py",),

@@ -10,8 +10,8 @@ import pytest
 import curricle as cr
 from curricle import Component, FiniteMDP, GridWorld, Pursuit, Space, same_position
 from curricle.design import SourceCandidate, mappings_between, source_candidates
-from curricle.design.bottlenecks import betweenness
 from curricle.design.candidates import KINDS
+from curricle.design.kinds import betweenness
 from curricle.errors import CurriculumError, TaskError
 from curricle.paper.settings import maze as paper_maze
 from curricle.tasks import (
