@@ -1,20 +1,18 @@
 """What holds for every learning curve."""
 
 import numpy as np
-from hypothesis import assume, given, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from curricle.statistics import (
     Curve,
     asymptotic_performance,
     jumpstart,
-    mean_interval,
     mean_return,
     steps_saved,
     time_to_threshold,
 )
 from curricle.statistics.curves import charge_source, smooth
-from curricle.statistics.intervals import interquartile_interval, interquartile_mean
 from curricle.statistics.thresholds import fraction_of_optimum, midpoint
 
 RETURNS = st.floats(-1e4, 1e4).map(lambda value: round(value, 6))
@@ -164,33 +162,3 @@ def test_a_fraction_of_the_optimum_lies_between(one, other, fraction):
     threshold = fraction_of_optimum(optimum, worst, fraction)
     assert worst - 1e-9 <= threshold <= optimum
     assert fraction_of_optimum(optimum, worst, 1) == optimum
-
-
-@given(hnp.arrays(np.float64, SHAPES, elements=RETURNS), st.randoms(use_true_random=False))
-def test_interquartile_mean_ignores_the_order_of_seeds(values, random):
-    order = list(range(values.shape[0]))
-    random.shuffle(order)
-    np.testing.assert_allclose(
-        interquartile_mean(values[order]), interquartile_mean(values), rtol=1e-9, atol=1e-9
-    )
-
-
-@given(hnp.arrays(np.float64, SHAPES, elements=RETURNS), st.floats(0.05, 0.95))
-def test_bounds_are_around_the_estimate(values, confidence):
-    assume(values.shape[0] > 1)
-    for interval_of in (mean_interval, interquartile_interval):
-        interval = interval_of(values, confidence=confidence)
-        unknown = np.isnan(interval.low)
-        assert np.all(unknown | (interval.low < interval.high))
-        np.testing.assert_allclose(
-            (interval.low + interval.high)[~unknown] / 2, interval.estimate[~unknown], rtol=1e-6
-        )
-
-
-@given(hnp.arrays(np.float64, SHAPES, elements=RETURNS))
-def test_more_confidence_gives_a_wider_interval(values):
-    assume(values.shape[0] > 1)
-    narrow, wide = (mean_interval(values, confidence=each) for each in (0.5, 0.9))
-    unknown = np.isnan(narrow.low)
-    assert np.all(unknown | (wide.low < narrow.low))
-    assert np.all(unknown | (wide.high > narrow.high))

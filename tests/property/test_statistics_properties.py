@@ -87,15 +87,6 @@ def test_holm_rejects_what_its_rule_says(p_values, alpha):
     assert set(np.flatnonzero(adjusted <= alpha)) == step_down(p_values, alpha)
 
 
-@given(P_VALUES)
-def test_holm_only_raises_and_keeps_the_order(p_values):
-    adjusted = holm(p_values)
-    assert np.all(adjusted >= p_values)
-    assert np.all(adjusted <= np.minimum(1.0, len(p_values) * np.array(p_values)))
-    assert np.all(np.diff(adjusted[np.argsort(p_values)]) >= 0)
-    assert np.array_equal(holm(p_values[::-1]), adjusted[::-1])
-
-
 # Times
 
 

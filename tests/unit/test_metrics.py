@@ -61,20 +61,7 @@ def test_curve_refuses(steps, values, source, message):
         Curve(np.array(steps), np.array(values, dtype=float), np.array(source))
 
 
-def test_filled_puts_the_first_measured_value_in_leading_nan():
-    made = curve([NAN, NAN, 3, 4, 5], [1, 2, 3, 4, 5])
-    assert made.filled().tolist() == [[3, 3, 3, 4, 5], [1, 2, 3, 4, 5]]
-
-
 # smooth
-
-
-def test_smooth_is_a_trailing_mean_over_what_is_measured():
-    values = np.array([[3.0, 5.0, 10.0, 0.0], [1.0, 1.0, 1.0, 1.0]])
-    np.testing.assert_allclose(smooth(values, 3), [[3, 4, 6, 5], [1, 1, 1, 1]])
-    assert smooth(values, 1).tolist() == values.tolist()
-    assert smooth(np.array([[NAN, NAN, 4.0, 6.0, 8.0]]), 2).tolist()[0][2:] == [4, 5, 7]
-    assert np.isnan(smooth(np.array([[NAN, NAN, 4.0]]), 3)).tolist() == [[True, True, False]]
 
 
 # Thresholds
@@ -115,12 +102,6 @@ def test_a_seed_that_never_reaches_is_censored_at_the_last_checkpoint():
     strong = time_to_threshold(HELPED, 4.0, strong=True)
     assert strong.steps.tolist() == [350, 600]
     assert strong.reached.tolist() == [True, False]
-
-
-def test_restricted_mean_keeps_the_censored():
-    assert (
-        Times(np.array([200.0, 400.0]), np.array([True, False])).restricted_mean().estimate == 300.0
-    )
 
 
 def test_steps_saved_is_paired_by_seed():

@@ -112,19 +112,6 @@ def test_values_are_zero_where_the_target_ends():
     assert found.learning.values[0].any()
 
 
-def test_what_was_drawn_adds_up():
-    found = teach(BOTH, TSCL(), target="far", budget=3000, seeds=[4, 9], eval_freq=100)
-    assert found.learning.seeds == (4, 9)
-    np.testing.assert_array_equal(found.steps_per_task.sum(axis=1), 3000)
-    for k in range(2):
-        counts = np.bincount(found.drawn[k], minlength=2)
-        assert (found.counts[k, -1] <= counts).all()
-        assert counts.sum() - found.counts[k, -1].sum() <= 1  # begun at the last checkpoint
-        assert (np.diff(found.counts[k], axis=0) >= 0).all()
-    np.testing.assert_array_equal(found.counts[:, 0], 0)
-    np.testing.assert_array_equal(found.curve.values, found.learning.greedy_return)
-
-
 def test_probabilities_are_those_of_the_episode_in_progress():
     found = teach(BOTH, Recorder(), target="far", budget=400, eval_freq=1)
     for step in range(400):

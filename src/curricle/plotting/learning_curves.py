@@ -25,10 +25,9 @@ from curricle.plotting.styles import (
     new_figure,
     write_columns,
 )
-from curricle.statistics.curves import SCRATCH, Curve, smooth
+from curricle.statistics.curves import SCRATCH, Curve, asymptotic_performance, smooth
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.intervals import CONFIDENCE, mean_interval, seed_line
-from curricle.statistics.metrics import asymptotic_performance
 
 ALL = 10**9
 """More checkpoints than a curve has."""
