@@ -98,7 +98,7 @@ def test_a_stopped_run_writes_nothing_and_an_earlier_one_is_replaced(tmp_path, f
 
 def test_a_folder_with_other_files_is_refused_untouched(tmp_path):
     (tmp_path / "thesis.txt").write_text("chapter 1")
-    with pytest.raises(StoreError, match=r"new or empty folder, or one of an earlier run: .* other"):
+    with pytest.raises(StoreError, match="the paper needs a new or empty folder, or one of an"):
         reproduce(tmp_path, figures=["1"], seeds=SEEDS)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
