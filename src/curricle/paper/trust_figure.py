@@ -4,7 +4,7 @@ The claims answer the paper's questions, each with a control.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,55 +67,8 @@ MAZE_STEPS = 150_000
 """Target steps in the maze."""
 EXAMINED = 20_000
 """Steps after which the greedy choices in the maze are examined."""
-
-
-@dataclass(frozen=True)
-class TrustRuns:
-    """The results of all runs."""
-
-    forecast: Forecast  # of 5x5 pursuit
-    compared: Comparison  # 5x5: each aggregate uncalibrated, min and mean also calibrated
-    controls: Comparison  # 5x5: mean, calibrated, with all controls
-    # (size, arm) -> training; arms "min" and "mean", each also ", calibrated" or " x c".
-    hunts: Mapping[tuple[int, str], LearningResult]
-    # The maze from scratch, from the 3x3 corner, and from there with a guard.
-    maze: Mapping[str, LearningResult]
-    scratch: mazes.Scratch  # with the paper's budget; sets the threshold
-    # (S,) of the maze: the share of seeds whose greedy choice is wrong with the 3x3 corner, less
-    # that without.
-    added_wrong: FloatArray
-    refused: Mapping[int, float]  # size of a maze source -> share of seeds with no calibration
-
-
-def _run(seeds: int, workers: int | None, progress: Progress) -> TrustRuns:
-    """Return the results of all runs."""
-    plans = {name: hunt(5, name) for name in AGGREGATES}
-    predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, trial=False, workers=workers)
-    progress("pursuit 5x5, forecast")
-    plans |= {f"{name}, calibrated": hunt(5, name, calibrate=FITTED) for name in ("min", "mean")}
-    how: Any = {"seeds": seeds, "workers": workers}
-    compared = compare(plans, progress=lambda words: progress(f"5x5: {words}"), **how)
-    controls = compare(
-        {"mean, calibrated": plans["mean, calibrated"]},
-        controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
-        progress=lambda words: progress(f"5x5, controls: {words}"),
-        **how,
-    )
-    hunts = dict[tuple[int, str], LearningResult]()
-    for size in HUNTS:
-        hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
-        progress(f"pursuit {size}x{size}, uncalibrated and calibrated")
-    scratch = mazes.from_scratch(maze(-5), seeds, workers)
-    guarded, added_wrong = _mazes(seeds, workers)
-    progress("maze, guarded")
-    refused = {}
-    for size in range(3, 11):
-        plan = corner_plan(size)
-        sources = plan.train(seeds, only=["corner"], workers=workers).sources
-        potentials = plan.potentials("target", sources)
-        refused[size] = sum(map(_is_refused, potentials, range(seeds))) / seeds
-    progress("maze, calibration")
-    return TrustRuns(predicted, compared, controls, hunts, guarded, scratch, added_wrong, refused)
+Hunts = dict[tuple[int, str], LearningResult]
+"""Size and arm, "min" or "mean", also ", calibrated" or " x c" -> training."""
 
 
 def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
@@ -137,7 +90,7 @@ def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
     )
 
 
-def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], LearningResult]:
+def _hunts(size: int, seeds: int, workers: int | None) -> Hunts:
     """Return min and mean, uncalibrated and calibrated; on 5x5 also scaled by hand."""
     plans = dict[str, Curriculum]()
     for name in ("min", "mean"):
@@ -159,6 +112,10 @@ def corner_plan(size: int) -> Curriculum:
 
 
 def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], FloatArray]:
+    """Return the maze from scratch and from its 3x3 corner, without and with a guard.
+
+    And the share of seeds whose greedy choice is wrong with the corner, less that without, (S,).
+    """
     plan = corner_plan(3)
     sources = plan.train(seeds, only=["corner"], workers=workers).sources
     arms = {
@@ -208,12 +165,37 @@ SHOWN = 60_000
 
 def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return the trust figure."""
-    runs = _run(seeds, workers, progress)
+    plans = {name: hunt(5, name) for name in AGGREGATES}
+    predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, trial=False, workers=workers)
+    progress("pursuit 5x5, forecast")
+    plans |= {f"{name}, calibrated": hunt(5, name, calibrate=FITTED) for name in ("min", "mean")}
+    how: Any = {"seeds": seeds, "workers": workers}
+    compared = compare(plans, progress=lambda words: progress(f"5x5: {words}"), **how)
+    controls = compare(
+        {"mean, calibrated": plans["mean, calibrated"]},
+        controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
+        progress=lambda words: progress(f"5x5, controls: {words}"),
+        **how,
+    )
+    hunts = Hunts()
+    for size in HUNTS:
+        hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
+        progress(f"pursuit {size}x{size}, uncalibrated and calibrated")
+    scratch = mazes.from_scratch(maze(-5), seeds, workers)
+    guarded, added = _mazes(seeds, workers)
+    progress("maze, guarded")
+    refused = {}
+    for size in range(3, 11):
+        plan = corner_plan(size)
+        sources = plan.train(seeds, only=["corner"], workers=workers).sources
+        potentials = plan.potentials("target", sources)
+        refused[size] = sum(map(_is_refused, potentials, range(seeds))) / seeds
+    progress("maze, calibration")
     figure, axes = new_figure(2, 3, width=13.5, height=7.6)
-    _draw_forecast(axes[0, 0], runs.forecast)
+    _draw_forecast(axes[0, 0], predicted)
     for panel, size in zip(axes[0, 1:], HUNTS, strict=True):
         for name, (colour, dashes) in STYLES.items():
-            result = runs.hunts[size, name]
+            result = hunts[size, name]
             curve = Curve(result.steps[1:], result.training_return[:, 1:])
             draw_curve(panel, curve, label=name, colour=colour, dashes=dashes)
         in_thousands(panel)
@@ -221,13 +203,12 @@ def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         ylabel = "training return (sum of rewards)"
         panel.set(xlabel="target steps (thousands)", ylabel=ylabel, title=title)
         panel.legend(loc="center right")
-    _draw_controls(axes[1, 0], runs)
-    _draw_guard(axes[1, 1], runs)
+    _draw_controls(axes[1, 0], compared, controls)
+    _draw_guard(axes[1, 1], guarded, scratch.threshold)
     title = f"the 3x3 corner left out, after {EXAMINED:,} steps"
     unit = "wrong choices added by the source (% of seeds)"
-    arena, added = runs.scratch.maze, runs.added_wrong
-    draw_potential(axes[1, 2], arena, 100 * added, label=title, unit=unit, difference=True)
-    frame_cells(axes[1, 2], arena, added >= MOSTLY)
+    draw_potential(axes[1, 2], scratch.maze, 100 * added, label=title, unit=unit, difference=True)
+    frame_cells(axes[1, 2], scratch.maze, added >= MOSTLY)
     table = stacked(
         {
             "size": size,
@@ -236,7 +217,7 @@ def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
             "steps": result.steps[1:],
             "training_return": result.training_return[:, 1:],
         }
-        for (size, arm), result in runs.hunts.items()
+        for (size, arm), result in hunts.items()
     )
     return FigureResult(
         name="trust",
@@ -252,10 +233,10 @@ def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         figure=figure,
         tables={"trust": table},
         claims=[
-            *_forecast_claims(runs),
-            *_calibration_claims(runs),
-            *_control_claims(runs),
-            *_maze_claims(runs),
+            *_forecast_claims(predicted, compared, hunts),
+            *_calibration_claims(hunts),
+            *_control_claims(controls),
+            *_maze_claims(scratch, guarded, added, refused),
         ],
         settings={
             "pursuit": "both must catch; discount 0.95, truncated at 100 steps (7x7: 200)",
@@ -284,9 +265,9 @@ def _draw_forecast(panel: Any, forecast: Forecast) -> None:
     panel.set(xlabel="greedy return at step 0", title=title)
 
 
-def _draw_controls(panel: Any, runs: TrustRuns) -> None:
+def _draw_controls(panel: Any, compared: Comparison, controls: Comparison) -> None:
     shown = ("min", "min, calibrated", "mean", "max")
-    contrasts = {name: runs.compared.contrasts[name] for name in shown} | runs.controls.contrasts
+    contrasts = {name: compared.contrasts[name] for name in shown} | controls.contrasts
     names = list(contrasts)[::-1]
     for y, name in enumerate(names):
         gain, control = contrasts[name].strong_gain, name.startswith("mean, calibrated,")
@@ -298,13 +279,13 @@ def _draw_controls(panel: Any, runs: TrustRuns) -> None:
     panel.set(xlabel="gain over scratch (mean return, strong transfer)")
 
 
-def _draw_guard(panel: Any, runs: TrustRuns) -> None:
+def _draw_guard(panel: Any, guarded: Mapping[str, LearningResult], threshold: float) -> None:
     for name, colour in MAZES.items():
-        result = runs.maze[name]
+        result = guarded[name]
         keep = result.steps <= SHOWN
         curve = Curve(result.steps[keep], result.greedy_return[:, keep])
         draw_curve(panel, curve, label=name, colour=colour, window=mazes.WINDOW)
-    draw_level(panel, runs.scratch.threshold, ls=":")
+    draw_level(panel, threshold, ls=":")
     in_thousands(panel)
     ylabel, title = "greedy return (sum of rewards)", "a harmful source, with and without a guard"
     panel.set(xlabel="target steps (thousands)", ylabel=ylabel, ylim=(-1700, 150), title=title)
@@ -328,9 +309,9 @@ def _change(result: LearningResult) -> Interval:
     return paired_difference(parts[:, -1], parts[:, 0])
 
 
-def _forecast_claims(runs: TrustRuns) -> Iterator[Claim]:
+def _forecast_claims(predicted: Forecast, compared: Comparison, hunts: Hunts) -> Iterator[Claim]:
     """Yield the claims about what can be said before training."""
-    fitted = runs.forecast["mean"].calibrations[0].potential
+    fitted = predicted["mean"].calibrations[0].potential
     safe, hint = certify(fitted.task, QInitialisation(fitted)), mazes.nearness()
     bonus, control = (certify(mazes.GRID, shaping(hint)) for shaping in (RewardBonus, StateShaping))
     yield Claim(
@@ -345,8 +326,8 @@ def _forecast_claims(runs: TrustRuns) -> Iterator[Claim]:
             "as a potential": str(control),
         },
     )
-    rows = {name: runs.forecast[name].mean("start") for name in runs.forecast.ranking}
-    first = {name: over_seeds(runs.compared[name].curve.values[:, 0]) for name in AGGREGATES}
+    rows = {name: predicted[name].mean("start") for name in predicted.ranking}
+    first = {name: over_seeds(compared[name].curve.values[:, 0]) for name in AGGREGATES}
     order = [float(interval.estimate) for interval in first.values()]
     seen = rows["minimum"] > rows["mean"] > rows["maximum"]
     yield Claim(
@@ -357,8 +338,8 @@ def _forecast_claims(runs: TrustRuns) -> Iterator[Claim]:
         answer(seen and order == sorted(order, reverse=True)),
         _predicted(rows, first),
     )
-    words = {name: runs.forecast[name].verdict for name in ("minimum", "mean")}
-    change = {name: _change(runs.hunts[5, name]) for name in ("min", "mean")}
+    words = {name: predicted[name].verdict for name in ("minimum", "mean")}
+    change = {name: _change(hunts[5, name]) for name in ("min", "mean")}
     right = "expect a fall" in words["mean"] and "no fall" in words["minimum"]
     yield Claim(
         "trust.collapse-foretold",
@@ -376,15 +357,15 @@ def _predicted(predicted: Mapping[str, Any], measured: Mapping[str, Any]) -> dic
     }
 
 
-def _calibration_claims(runs: TrustRuns) -> Iterator[Claim]:
+def _calibration_claims(hunts: Hunts) -> Iterator[Claim]:
     """Yield the claims about fitted scales in pursuit, and where they are refused."""
     numbers: dict[str, Any] = {}
     near = rising = True
     for name in ("min", "mean"):
-        ends = {c: float(_end(runs.hunts[5, f"{name} x {c:g}"]).mean()) for c in SWEEP}
-        ends[1.0] = float(_end(runs.hunts[5, name]).mean())
+        ends = {c: float(_end(hunts[5, f"{name} x {c:g}"]).mean()) for c in SWEEP}
+        ends[1.0] = float(_end(hunts[5, name]).mean())
         best = max(ends, key=ends.__getitem__)
-        fitted = runs.hunts[5, f"{name}, calibrated"]
+        fitted = hunts[5, f"{name}, calibrated"]
         numbers[f"{name}, calibrated, last tenth"] = over_seeds(_end(fitted))
         numbers[f"{name}, best scale by hand"] = best
         numbers[f"{name}, last tenth at that scale"] = ends[best]
@@ -400,7 +381,7 @@ def _calibration_claims(runs: TrustRuns) -> Iterator[Claim]:
         answer(near and rising),
         numbers,
     )
-    last = {name: over_seeds(_end(runs.hunts[7, name])) for name in STYLES}
+    last = {name: over_seeds(_end(hunts[7, name])) for name in STYLES}
     halved = all(
         last[f"{name}, calibrated"].estimate > last[name].estimate / 2 for name in ("min", "mean")
     )
@@ -414,9 +395,9 @@ def _calibration_claims(runs: TrustRuns) -> Iterator[Claim]:
     )
 
 
-def _control_claims(runs: TrustRuns) -> Iterator[Claim]:
+def _control_claims(controls: Comparison) -> Iterator[Claim]:
     """Yield the claims about what the gain is not due to."""
-    gains = {name: contrast.strong_gain for name, contrast in runs.controls.contrasts.items()}
+    gains = {name: contrast.strong_gain for name, contrast in controls.contrasts.items()}
     main = gains["mean, calibrated"]
     setting = f"{WHERE}; mean return above scratch, source steps counted"
     placebo, negated, start, longer = (
@@ -441,19 +422,24 @@ def _control_claims(runs: TrustRuns) -> Iterator[Claim]:
     )
 
 
-def _maze_claims(runs: TrustRuns) -> Iterator[Claim]:
+def _maze_claims(
+    scratch: mazes.Scratch,
+    guarded: Mapping[str, LearningResult],
+    added_wrong: FloatArray,
+    refused: Mapping[int, float],
+) -> Iterator[Claim]:
     """Yield the claims about the maze and its sources."""
     yield Claim(
         "trust.scale-is-the-wrong-model",
         "Where rewards have both signs a scale is the wrong model, and calibration refuses to "
         "fit one",
         "10x10 maze, step reward -5, sources of 3x3 to 10x10 cells",
-        answer(float(np.mean(list(runs.refused.values()))) > 0.95),
-        {f"size {size}, share of seeds refused": share for size, share in runs.refused.items()},
+        answer(float(np.mean(list(refused.values()))) > 0.95),
+        {f"size {size}, share of seeds refused": share for size, share in refused.items()},
     )
-    threshold = runs.scratch.threshold
+    threshold = scratch.threshold
     steps = {
-        name: mazes.times(Curve.of(result), threshold).steps for name, result in runs.maze.items()
+        name: mazes.times(Curve.of(result), threshold).steps for name, result in guarded.items()
     }
     alone = steps.pop("scratch")
     saved = {name: over_seeds(alone - reached) for name, reached in steps.items()}
@@ -469,7 +455,7 @@ def _maze_claims(runs: TrustRuns) -> Iterator[Claim]:
     )
     added = {
         f"row {row}, column {column}": float(share)
-        for (row, column), share in zip(runs.scratch.maze.cells, runs.added_wrong, strict=True)
+        for (row, column), share in zip(scratch.maze.cells, added_wrong, strict=True)
         if (row, column) in {(2, 8), (2, 9)}  # where the optimal path leaves the corner
     }
     yield Claim(
