@@ -301,14 +301,14 @@ class Curriculum:
             tasks.append((name, _task_in_words(task), learner, steps))
         transfers = [
             (
-                one.source,
-                one.target,
-                brief_value(one.mapping),
-                one.scale,
-                one.shift,
-                "yes" if one.calibrate else "no",
+                edge.source,
+                edge.target,
+                brief_value(edge.mapping),
+                edge.scale,
+                edge.shift,
+                "yes" if edge.calibrate else "no",
             )
-            for one in self.transfers
+            for edge in self.transfers
         ]
         head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
         return block(

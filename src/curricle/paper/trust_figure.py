@@ -74,11 +74,11 @@ Hunts = dict[tuple[int, str], LearningResult]
 def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
     """Return the curriculum from a single predator to two, which both have to catch."""
     limit, steps = HUNTS[size]
-    two, one = (Pursuit(size, n, discount=0.95, time_limit=limit) for n in (2, 1))
+    two, single = (Pursuit(size, n, discount=0.95, time_limit=limit) for n in (2, 1))
     return Curriculum(
-        tasks={"chase": one, "hunt": two},
+        tasks={"chase": single, "hunt": two},
         transfers=[
-            Transfer("chase", "hunt", project(two, one, predator=name), **transfer)
+            Transfer("chase", "hunt", project(two, single, predator=name), **transfer)
             for name in two.predator_names
         ],
         aggregate=AGGREGATES[aggregate],
