@@ -90,7 +90,7 @@ def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
     )
 
 
-def _hunts(size: int, seeds: int, workers: int | None) -> Hunts:
+def hunts_of(size: int, seeds: int, workers: int | None) -> Hunts:
     """Return min and mean, uncalibrated and calibrated; on 5x5 also scaled by hand."""
     plans = dict[str, Curriculum]()
     for name in ("min", "mean"):
@@ -179,7 +179,7 @@ def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     )
     hunts = Hunts()
     for size in HUNTS:
-        hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
+        hunts |= hunts_of(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
         progress(f"pursuit {size}x{size}, uncalibrated and calibrated")
     scratch = mazes.from_scratch(maze(-5), seeds, workers)
     guarded, added = _mazes(seeds, workers)
