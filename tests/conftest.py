@@ -14,8 +14,8 @@ from curricle.tasks.models import table_model
 
 os.environ["CURRICLE_ALLOW"] = "tests"  # for study files whose functions are in the suite
 
-# A first example may compile a kernel, hence no deadline. The fast tests always try the same
-# examples; `make slow` tries others (--hypothesis-profile explore).
+# A first example may compile a kernel, hence no deadline. Every run of the fast tests tries the
+# same examples; `make slow` tries others (--hypothesis-profile explore).
 settings.register_profile("same", deadline=None, max_examples=50, derandomize=True, print_blob=True)
 settings.register_profile("explore", deadline=None, max_examples=200, print_blob=True)
 settings.load_profile("same")

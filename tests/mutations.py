@@ -158,8 +158,8 @@ MUTATIONS = [
         "window) >= threshold",
         "window) > threshold",
         (
-            "tests/unit/test_metrics.py",
-            "tests/unit/test_times.py",
+            "tests/unit/test_curves.py",
+            "tests/unit/test_curves.py",
         ),
     ),
     Mutation(
@@ -181,7 +181,7 @@ MUTATIONS = [
         "statistics/curves.py",
         "transfer.source_steps[:, np.newaxis]\n    training",
         "transfer.source_steps[:, np.newaxis] + 1\n    training",
-        ("tests/unit/test_metrics.py",),
+        ("tests/unit/test_curves.py",),
     ),
     Mutation(
         "a source that teaches nothing is paid",
@@ -189,7 +189,7 @@ MUTATIONS = [
         "if gift > 0:",
         "if gift > 0 and False:",
         (
-            "tests/property/test_metrics_properties.py::test_a_source_that_teaches_nothing_never_gains",
+            "tests/property/test_statistics_properties.py::test_a_source_that_teaches_nothing_never_gains",
         ),
     ),
     Mutation(
@@ -326,7 +326,7 @@ MUTATIONS = [
         "statistics/hypothesis_tests.py",
         "np.maximum.accumulate(scaled)",
         "scaled",
-        ("tests/unit/test_hypothesis_tests.py",),
+        ("tests/unit/test_intervals.py",),
     ),
     Mutation(
         "a forecast of another aggregate",
@@ -355,13 +355,13 @@ MUTATIONS = [
     Mutation(
         "candidates that are one task count as two",
         "design/candidates.py",
-        "mine, others = refined(",
-        "return False\n    mine, others = refined(",
+        "partitions = refined(",
+        "return False\n    partitions = refined(",
         ("tests/unit/test_source_candidates.py",),
     ),
     Mutation(
         "shortest paths that are not counted",
-        "design/bottlenecks.py",
+        "design/kinds.py",
         "(1 + delta) / safe",
         "1 + delta",
         ("tests/property/test_source_candidates.py",),

@@ -31,18 +31,18 @@ def sealed(value: Mapping[str, Any]) -> bytes:
 
 
 def unsealed(content: bytes) -> dict[str, Any] | None:
-    """Return what ``sealed`` was called on; None if the content has changed since."""
+    """Return the value that ``sealed`` wrote; None if the content has changed since."""
     try:
-        found = json.loads(content)
-        digest = found.pop("digest")
-        whole = digest == digest_of(as_json(found))
+        value = json.loads(content)
+        digest = value.pop("digest")
+        whole = digest == digest_of(as_json(value))
     except (ValueError, AttributeError, TypeError, KeyError, IndexError, RecursionError):
         return None
-    return dict(found) if whole else None
+    return dict(value) if whole else None
 
 
 def parsed_json(content: bytes) -> Any:
-    """Return the value of JSON; ValueError if it is none, or nested deeply."""
+    """Return the value of JSON; ValueError if it is no JSON, or deeply nested."""
     try:
         return json.loads(content)
     except RecursionError:
@@ -52,10 +52,10 @@ def parsed_json(content: bytes) -> Any:
 
 
 def as_json(value: Any) -> bytes:
-    """Return indented JSON, numbers of a list in one line."""
+    """Return indented JSON, with lists of numbers on one line."""
     text = json.dumps(value, indent=1)
     # Within a string there is no line break.
-    text = re.sub(r"\[\n[-+.\deE,\s]+\]", lambda found: " ".join(found[0].split()), text)
+    text = re.sub(r"\[\n[-+.\deE,\s]+\]", lambda match: " ".join(match[0].split()), text)
     return f"{text}\n".encode()
 
 
@@ -68,13 +68,13 @@ DIGEST = len(digest_of(b""))
 SEAL = 2 * DIGEST
 """Bytes of a checksum, and of both."""
 ENCRYPTED = 1
-"""The flag of such a member."""
+"""The flag of a member that is encrypted."""
 QUICK = 1
 """Level of compression: a third of the time of the default for a tenth more bytes."""
 KINDS = "biufU"
-"""Of the types of arrays: truth, numbers, text."""
+"""Types of arrays: booleans, numbers, text."""
 HELD = 256
-"""Bytes that a byte on disk may stand for: a file of holes would fill the memory."""
+"""Bytes of memory that a byte on disk may take: a file of holes would fill the memory."""
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError)
 
 
@@ -87,7 +87,7 @@ def archive_content(
     others: Mapping[str, bytes],
     compressed: Collection[str] = (),
 ) -> bytes:
-    """Return an archive of arrays, then other members; equal ones in one order have equal bytes."""
+    """Return an archive of arrays, then other members; equal arguments give equal bytes."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, array in arrays.items():
@@ -106,27 +106,21 @@ def archive_content(
 
 
 def sealed_archive(content: bytes, directory: int) -> bytes:
-    """Return an archive with its checksums; its directory begins at a byte."""
+    """Return an archive with its checksums; `directory` is the first byte of its directory."""
     content += digest_of(content[directory:]).encode()
     return content + digest_of(content).encode()
 
 
-def _has_its_directory(archive: zipfile.ZipFile, file: IO[bytes]) -> bool:
-    file.seek(archive.start_dir)
-    directory = file.read()
-    return digest_of(directory[:-SEAL]).encode() == directory[-SEAL:-DIGEST]
-
-
 class ArrayArchive:
-    """An archive that is open, of a file of so many bytes, which are to hold at most `held`."""
+    """An open archive of `size` bytes, of which at most `held` may be read into memory."""
 
     def __init__(self, archive: zipfile.ZipFile, size: int, held: int):
         self.archive, self.held = archive, held
-        self.members = {one.filename: one for one in archive.infolist()}
-        stored = [one for one in self.members.values() if not one.compress_type]
-        if len(self.members) < len(archive.infolist()) or sum(o.file_size for o in stored) > size:
+        self.members = {member.filename: member for member in archive.infolist()}
+        stored = sum(m.file_size for m in self.members.values() if not m.compress_type)
+        if len(self.members) < len(archive.infolist()) or stored > size:
             raise ValueError("its members must differ, and have their own bytes of it")
-        if any(one.flag_bits & ENCRYPTED for one in self.members.values()):
+        if any(member.flag_bits & ENCRYPTED for member in self.members.values()):
             raise ValueError("its members must not be encrypted")
 
     @property
@@ -138,28 +132,28 @@ class ArrayArchive:
     def read(
         self, *names: str, compressed: Collection[str] = (), most: int | None = None
     ) -> dict[str, npt.NDArray[Any]]:
-        """Return those of some arrays that are there, without pickles.
+        """Return the arrays with these names, where there are any, without pickles.
 
-        The `compressed` ones may be so, and unpack to `most` bytes; ValueError otherwise.
+        Those in `compressed` may be compressed, and unpack to at most `most` bytes in all;
+        ValueError otherwise.
         """
         files = {name: f"{name}.npy" for name in names}
         wanted = {name: self.members[file] for name, file in files.items() if file in self.members}
-        packed = [name for name, one in wanted.items() if one.compress_type]
+        packed = {name: member for name, member in wanted.items() if member.compress_type}
         if not set(packed) <= {*compressed}:
             raise ValueError("its arrays must not be compressed, but for snapshots")
-        if most is not None and sum(wanted[name].file_size for name in packed) > most:
+        unpacked = sum(member.file_size for member in packed.values())
+        if most is not None and unpacked > most:
             raise ValueError(f"its snapshots must have at most {most:,} bytes")
-        check_held(
-            sum(one.file_size for one in wanted.values() if not one.compress_type), self.held
-        )
-        found = dict[str, npt.NDArray[Any]]()
-        for name, one in wanted.items():
-            with self.archive.open(one) as file:
-                found[name] = read_npy(file, one.file_size)
-        return found
+        check_held(sum(member.file_size for member in wanted.values()) - unpacked, self.held)
+        arrays = dict[str, npt.NDArray[Any]]()
+        for name, member in wanted.items():
+            with self.archive.open(member) as file:
+                arrays[name] = read_npy(file, member.file_size)
+        return arrays
 
     def content(self, name: str, most: int) -> bytes:
-        """Return a member as it is; ValueError if it is missing, compressed or too large."""
+        """Return the bytes of a member; ValueError if it is missing, compressed or too large."""
         member = self.members.get(name)
         if member is None or member.compress_type or member.file_size > most:
             raise ValueError(f"it must have {name}, uncompressed, of at most {most:,} bytes")
@@ -167,7 +161,7 @@ class ArrayArchive:
 
 
 def check_held(size: int, held: int) -> None:
-    """Raise ValueError where so many bytes are to be read of a file that is mostly holes."""
+    """Raise ValueError if `size` bytes are more than a file can hold that is no file of holes."""
     if size > max(held, READ_AT_ONCE):
         raise ValueError(
             f"it says that it has {size:,} bytes, and most of them are not on the disk"
@@ -176,9 +170,9 @@ def check_held(size: int, held: int) -> None:
 
 @contextmanager
 def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive]:
-    """Open an archive to read some of it, or the `whole`, which is then in memory at once.
+    """Yield an archive, open to read some arrays or the `whole`, which is then in memory at once.
 
-    Damaged, also while it is read; ValueError when it is not as Curricle writes it; OSError.
+    Damaged, also while it is read; ValueError where Curricle did not write it; OSError.
     """
     with opened_regular(path) as (file, size):
         source: IO[bytes] = file
@@ -191,7 +185,9 @@ def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive
             source = io.BytesIO(content)
         try:
             with zipfile.ZipFile(source) as archive:
-                if not _has_its_directory(archive, source):
+                source.seek(archive.start_dir)
+                directory = source.read()
+                if digest_of(directory[:-SEAL]).encode() != directory[-SEAL:-DIGEST]:
                     raise Damaged
                 yield ArrayArchive(archive, size, held)
         except BROKEN:
@@ -199,10 +195,7 @@ def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive
 
 
 def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
-    """Return an array of as many bytes as its file has left after the header, without pickles.
-
-    ValueError where the header says something else.
-    """
+    """Return the array of a file of `size` bytes without pickles; ValueError if it is malformed."""
     version = np.lib.format.read_magic(file)
     if version != (1, 0):
         raise ValueError(f"its arrays must be of format 1.0: got {version}")
@@ -225,7 +218,7 @@ LARGEST_ABOUT = 2**24
 
 
 class SavedFile(NamedTuple):
-    """What a file holds."""
+    """The content of a file that ``save`` wrote."""
 
     path: Path
     arrays: dict[str, npt.NDArray[Any]]
@@ -235,9 +228,9 @@ class SavedFile(NamedTuple):
 def write_saved(
     path: str | Path, kind: str, arrays: Mapping[str, npt.NDArray[Any]], about: Mapping[str, Any]
 ) -> Path:
-    """Write a file in one move, folders made if need be, and return its path, an ``.npz``.
+    """Write a whole ``.npz`` file, make its folders, and return its path; StoreError.
 
-    `kind` is the class whose ``load`` reads it. StoreError when it cannot be written, as at a URL.
+    `kind` is the class whose ``load`` reads it.
     """
     file = saved_path(path)
     others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
@@ -251,7 +244,7 @@ def write_saved(
 
 
 def read_saved(path: str | Path, kind: str) -> SavedFile:
-    """Return what a file holds, arrays and JSON alone; StoreError unless `save` wrote it."""
+    """Return the arrays and the JSON of a file; StoreError unless `save` wrote it."""
     file = saved_path(path)
     try:
         with opened_archive(file, whole=True) as archive:
@@ -278,6 +271,6 @@ def read_saved(path: str | Path, kind: str) -> SavedFile:
 
 
 def saved_path(path: str | Path) -> Path:
-    """Return the path of a file that is saved, with its ending."""
+    """Return the path of a saved file with its ending."""
     file = local_file(path)
     return file if file.suffix == ENDING else file.with_name(f"{file.name}{ENDING}")

@@ -1,4 +1,4 @@
-"""Checks of single arguments: each returns the value made plain, or says rule, value and place."""
+"""Checks of single arguments: a check returns the plain value, or states rule, value and place."""
 
 import math
 import os
@@ -16,14 +16,12 @@ BEYOND_64_BITS = 2**63
 LONGEST_NAME = 100
 """Characters of a name: more do not fit into tables, pictures and names of files."""
 LONGEST_VALUE = 200
-"""Characters of a value in an error."""
+"""Characters of a value in an error message."""
 
 
 def whole_number(name: str, value: Any, least: int, error: type[CurricleError]) -> int:
-    """Return `value` as an int, or raise `error` unless it is a whole number of at least `least`.
-
-    Compiled loops count in 64 bits, so that larger numbers are refused too.
-    """
+    """Return `value` as an int, or raise `error` unless it is a whole number >= `least`."""
+    # Compiled loops count in 64 bits.
     if _is_real(value) and not -BEYOND_64_BITS < value < BEYOND_64_BITS and value == value:
         raise error(f"{name} must be a whole number below 2^63: got {_shown(value)}")
     if not _is_real(value) or value != value // 1 or value < least:
@@ -41,7 +39,11 @@ def number(
     """Return `value` as a float, or raise `error` unless it is finite and in [low, high]."""
     if not _is_real(value):
         raise error(f"{name} must be a number: got {value!r}")
-    if not _is_finite(value):
+    try:
+        finite = math.isfinite(value)
+    except OverflowError:  # an integer beyond every float
+        finite = False
+    if not finite:
         raise error(f"{name} must be finite: got {_shown(value)}")
     if not low <= float(value) <= high:
         limits = f"lie in [{low:g}, {high:g}]" if high < math.inf else f"be at least {low:g}"
@@ -62,12 +64,12 @@ def numbers(name: str, values: Any, error: type[CurricleError]) -> FloatArray:
 def indices(name: str, values: Any, size: int, error: type[CurricleError]) -> IntArray:
     """Return `values` as an array of whole numbers in 0..size-1, or raise `error`."""
     try:
-        given = np.asarray(values)
+        array = np.asarray(values)
     except ValueError:
-        given = np.array(None)
-    if given.dtype.kind not in "iu" or (given.size and not 0 <= given.min() <= given.max() < size):
+        array = np.array(None)
+    if array.dtype.kind not in "iu" or (array.size and not 0 <= array.min() <= array.max() < size):
         raise error(f"{name} must be whole numbers in 0..{size - 1}: got {brief(values)}")
-    return given.astype(np.int64)
+    return array.astype(np.int64)
 
 
 def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleError]) -> None:
@@ -78,7 +80,7 @@ def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleErro
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names one after the other, separated by semicolons where they contain commas."""
+    """Return names as a list, separated by semicolons where a name contains a comma."""
     names = tuple(names)
     return ("; " if any("," in name for name in names) else ", ").join(names)
 
@@ -91,14 +93,11 @@ def fit_name(what: str, value: Any, error: type[CurricleError]) -> None:
 
 
 def unfit_name(text: str) -> str:
-    """Return why a text cannot be a name, as the end of a sentence; nothing if it can.
-
-    Control and format characters are not seen, or change how the text around them is seen: some
-    reverse it. :meth:`str.isprintable` knows them.
-    """
+    """Return why a text cannot be a name, as the end of a sentence; empty if it can."""
     if not 0 < len(text) <= LONGEST_NAME:
-        much = f"{len(text)} of them, " if text else ""
-        return f"must have 1 to {LONGEST_NAME} characters: got {much}{text[:20]!r}"
+        count = f"{len(text)} of them, " if text else ""
+        return f"must have 1 to {LONGEST_NAME} characters: got {count}{text[:20]!r}"
+    # Control and format characters are invisible, and some reverse the text around them.
     return "" if text.isprintable() else f"must be printable: got {text!r}"
 
 
@@ -110,7 +109,7 @@ def instance(name: str, value: Any, kind: type, error: type[CurricleError]) -> N
 
 
 def text(name: str, value: Any, error: type[CurricleError]) -> None:
-    """Raise `error` unless `value` is text with something in it."""
+    """Raise `error` unless `value` is text that is not empty."""
     if not isinstance(value, str) or not value:
         raise error(f"{name} must be text, not empty: got {value!r}")
 
@@ -118,10 +117,10 @@ def text(name: str, value: Any, error: type[CurricleError]) -> None:
 def brief(value: Any) -> str:
     """Return a value as an error shows it: on one line, and cut where it is long."""
     try:
-        words = " ".join(repr(value).split())
+        line = " ".join(repr(value).split())
     except ValueError:  # an integer of thousands of digits has no text
         return f"a {type(value).__name__}"
-    return words if len(words) <= LONGEST_VALUE else f"{words[: LONGEST_VALUE - 6]} [...]"
+    return line if len(line) <= LONGEST_VALUE else f"{line[: LONGEST_VALUE - 6]} [...]"
 
 
 def physical_memory() -> int:
@@ -133,10 +132,8 @@ def physical_memory() -> int:
 
 
 def check_memory(name: str, needed: int, error: type[CurricleError]) -> None:
-    """Raise `error` unless `needed` bytes are at most half of the machine's memory.
-
-    Without it an allocation fails with an exception of NumPy's, or succeeds and ends the process.
-    """
+    """Raise `error` unless `needed` bytes are at most half of the machine's memory."""
+    # Otherwise an allocation fails with an exception of NumPy's, or succeeds and ends the process.
     limit = physical_memory() // 2
     if needed > limit:
         size = f"{needed / 1e9:.3g} GB" if needed < 2**64 else "more than 2^64 bytes"
@@ -147,13 +144,6 @@ def check_memory(name: str, needed: int, error: type[CurricleError]) -> None:
 
 def _is_real(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def _is_finite(value: Any) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # an integer beyond every float
-        return False
 
 
 def _shown(value: Any) -> str:

@@ -1,7 +1,7 @@
-"""Results as HTML for a notebook, and in a few words: tables, sentences, curves.
+"""Results as HTML for a notebook, and as a short ``repr``: tables, sentences, curves.
 
-Names are the user's own text and are escaped; a part made here is :class:`markupsafe.Markup`, which
-is not escaped again. Nothing refers to anything outside of the notebook.
+Names are a user's text and are escaped; parts made here are :class:`markupsafe.Markup`, which is
+not escaped again. The HTML loads nothing from outside the notebook.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,11 +29,9 @@ OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
 MOST_POINTS, MOST_ROWS = 60, 30
 """Points of a line and rows of a table that are shown, at most."""
 LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5
-"""Characters of a result and of one value in it, and elements of an array, in a few words."""
-WIDTH, HEIGHT = 460, 190
-"""Of the picture of some curves; it is made smaller where there is less room."""
-LEFT, RIGHT, TOP, BOTTOM = 58, 8, 10, 30
-"""Room around the curves."""
+"""Characters of a ``repr`` and of a value in it, and elements of an array that it shows."""
+WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 460, 190, 58, 8, 10, 30
+"""Of the picture of curves, and the margins around them."""
 STYLE = Markup(
     "<style>.curricle{font-size:13px;line-height:1.45}"
     ".curricle>*{margin:.4em 0}.curricle>div:not(.wide):not(.row){max-width:62em}"
@@ -57,7 +55,7 @@ STYLE = Markup(
 
 @dataclass(frozen=True)
 class Line:
-    """A line of some curves: T steps and heights, and a band around them."""
+    """A learning curve to draw: T steps and heights, and a band around them."""
 
     name: str
     steps: Any
@@ -69,15 +67,18 @@ class Line:
 
 
 def block(title: str, *parts: Any) -> str:
-    """Return the HTML of a result: its title, and its parts below each other.
+    """Return the HTML of a result: its title, and below it its parts that are not empty.
 
-    Texts among the parts are paragraphs, escaped; empty ones are left out.
+    Parts that are text become paragraphs, escaped.
     """
     shown = [part if isinstance(part, Markup) else _paragraph(part) for part in parts if part]
     head = Markup("<div><strong>{}</strong></div>").format(title)
-    return str(
-        STYLE + Markup('<div class="curricle">{}</div>').format(Markup("").join([head, *shown]))
-    )
+    return str(STYLE + _element('<div class="curricle">{}</div>', [head, *shown]))
+
+
+def _element(form: str, parts: Iterable[Markup]) -> Markup:
+    """Return an element with parts in it."""
+    return Markup(form).format(Markup("").join(parts))
 
 
 def _paragraph(text: Any) -> Markup:
@@ -86,44 +87,39 @@ def _paragraph(text: Any) -> Markup:
 
 def beside(parts: Mapping[str, Markup]) -> Markup:
     """Return parts with their names above them, beside each other where there is room."""
-    one = Markup("<div><div>{}</div>{}</div>")
-    each = [one.format(name, part) for name, part in parts.items()]
-    return Markup('<div class="row">{}</div>').format(Markup("").join(each))
+    form = Markup("<div><div>{}</div>{}</div>")
+    return _element('<div class="row">{}</div>', [form.format(*item) for item in parts.items()])
 
 
 def printed(result: Any) -> str:
-    """Return what a result prints as HTML, line by line; to be a class's ``_repr_html_``."""
+    """Return the printed lines of a result as HTML; serves a class as ``_repr_html_``."""
     return block(type(result).__name__, Markup("<pre>{}</pre>").format(str(result)))
 
 
 def table(
     head: Sequence[str], rows: Iterable[Sequence[Any]], *, wide: Sequence[str] = ()
 ) -> Markup:
-    """Return a table; cells that are numbers are to the right, columns in `wide` wrap."""
+    """Return a table; numbers are aligned to the right, columns in `wide` wrap."""
     rows = [*rows]
     shown, left = rows[:MOST_ROWS], len(rows) - MOST_ROWS
-    right = [
-        name not in wide and bool(shown) and all(_is_number(row[i]) for row in shown)
-        for i, name in enumerate(head)
-    ]
-    kinds = [
-        "n" if is_right else "w" * (name in wide)
-        for name, is_right in zip(head, right, strict=True)
-    ]
+    classes = []
+    for column, name in enumerate(head):
+        numeric = bool(shown) and all(_is_number(row[column]) for row in shown)
+        classes.append(' class="w"' if name in wide else ' class="n"' if numeric else "")
 
-    def line(cell: str, values: Sequence[Any]) -> Markup:
-        cells = [
-            Markup("<{0}{1}>{2}</{0}>").format(
-                Markup(cell), Markup(f' class="{kind}"' if kind else ""), value
-            )
-            for kind, value in zip(kinds, map(_cell, values), strict=True)
-        ]
-        return Markup("<tr>{}</tr>").format(Markup("").join(cells))
+    def line(tag: str, values: Sequence[Any]) -> Markup:
+        return _element(
+            "<tr>{}</tr>",
+            [
+                Markup(f"<{tag}{kind}>{{}}</{tag}>").format(_cell(value))
+                for kind, value in zip(classes, values, strict=True)
+            ],
+        )
 
     body = Markup("").join([line("td", row) for row in shown])
-    made = Markup('<div class="wide"><table><thead>{}</thead><tbody>{}</tbody></table></div>')
+    form = Markup('<div class="wide"><table><thead>{}</thead><tbody>{}</tbody></table></div>')
     more = _paragraph(f"and {left:,} more") if left > 0 else Markup()
-    return made.format(line("th", head), body) + more
+    return form.format(line("th", head), body) + more
 
 
 def _is_number(value: Any) -> bool:
@@ -143,11 +139,18 @@ def _cell(value: Any) -> str:
 
 
 def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
-    """Return lines with their bands over steps, and the names of the lines below if several."""
+    """Return an SVG picture of curves with their bands, and a key below it if they are several."""
     lines = [line for line in map(_thinned, lines) if len(line.steps)]
     if not lines:
         return Markup()
-    low, high = _range(lines)
+    # Bands of few seeds may be many times as high as the curves: they take at most a third.
+    least = min(float(np.min(line.values)) for line in lines)
+    most = max(float(np.max(line.values)) for line in lines)
+    room = (most - least) / 4 or max(abs(most), 1.0) / 2
+    low = max(least - room, min(float(np.min(line.low)) for line in lines))
+    high = min(most + room, max(float(np.max(line.high)) for line in lines))
+    if not high > low:
+        low, high = low - room, high + room
     last = max(float(line.steps[-1]) for line in lines) or 1.0
 
     def x(steps: Any) -> Any:
@@ -157,25 +160,21 @@ def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
         inside = np.clip(values, low, high)
         return TOP + (high - inside) / (high - low) * (HEIGHT - TOP - BOTTOM)
 
-    drawn = [_drawn(line, x, y) for line in lines]
+    axes = Markup('<path d="M{0} {1}V{2}H{3}" fill="none" stroke="currentColor" opacity=".5"/>')
+    text = Markup('<text x="{:.0f}" y="{:.0f}" text-anchor="{}">{}</text>')
     texts = [
         *[(LEFT - 5, float(y(v)) + 4, "end", _cell(v)) for v in (low, high)],
         (LEFT, HEIGHT - BOTTOM + 14, "middle", "0"),
         (WIDTH - RIGHT, HEIGHT - BOTTOM + 14, "end", _cell(last)),
         ((LEFT + WIDTH) / 2, HEIGHT - 4, "middle", across),
     ]
-    written = [
-        Markup('<text x="{:.0f}" y="{:.0f}" text-anchor="{}">{}</text>').format(*text)
-        for text in texts
-    ]
-    axes = Markup('<path d="M{0} {1}V{2}H{3}" fill="none" stroke="currentColor" opacity=".5"/>')
     up_text = Markup(
         '<text transform="translate(11 {:.0f}) rotate(-90)" text-anchor="middle">{}</text>'
     )
     parts = [
         axes.format(LEFT, TOP, HEIGHT - BOTTOM, WIDTH - RIGHT),
-        *drawn,
-        *written,
+        *[_drawn(line, x, y) for line in lines],
+        *[text.format(*where) for where in texts],
         up_text.format((HEIGHT - BOTTOM + TOP) / 2, up),
     ]
     picture = Markup(
@@ -183,20 +182,6 @@ def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
         "{}</svg>"
     ).format(WIDTH, HEIGHT, f"{up} over {across}", Markup("").join(parts))
     return picture + (_key(lines) if len(lines) > 1 else Markup())
-
-
-def _range(lines: Sequence[Line]) -> tuple[float, float]:
-    """Return the lowest and the highest return that is drawn.
-
-    Bands of few seeds may be many times as high as all lines, so they are cut off where they would
-    take more than a third of the picture.
-    """
-    least = min(float(np.min(line.values)) for line in lines)
-    most = max(float(np.max(line.values)) for line in lines)
-    room = (most - least) / 4 or max(abs(most), 1.0) / 2
-    low = max(least - room, min(float(np.min(line.low)) for line in lines))
-    high = min(most + room, max(float(np.max(line.high)) for line in lines))
-    return (low, high) if high > low else (low - room, high + room)
 
 
 def _thinned(line: Line) -> Line:
@@ -230,24 +215,21 @@ def _drawn(line: Line, x: Any, y: Any) -> Markup:
 
 
 def _key(lines: Sequence[Line]) -> Markup:
-    one = Markup(
+    form = Markup(
         '<span><svg viewBox="0 0 22 8" style="display:inline-block;width:22px;height:8px">'
         '<path d="M0 4H22" stroke="{}" stroke-width="2"{}/></svg> {}</span> '
     )
     dashes = Markup(' stroke-dasharray="4 3"')
-    each = [
-        one.format(line.colour, dashes if line.dashed else Markup(), line.name) for line in lines
-    ]
-    return Markup('<div class="key">{}</div>').format(Markup("").join(each))
+    return _element(
+        '<div class="key">{}</div>',
+        [form.format(line.colour, line.dashed * dashes, line.name) for line in lines],
+    )
 
 
 def brief_repr(result: Any) -> str:
-    """Return a dataclass in a few words: arrays by their shape, long values by their type.
-
-    To be a class's ``__repr__``.
-    """
-    shown = [one for one in fields(result) if one.repr]
-    parts = [f"{one.name}={brief_value(getattr(result, one.name))}" for one in shown]
+    """Return a short ``repr`` of a dataclass: arrays by their shape, long values by their type."""
+    names = [field.name for field in fields(result) if field.repr]
+    parts = [f"{name}={brief_value(getattr(result, name))}" for name in names]
     return shortened(f"{type(result).__name__}({', '.join(parts)})")
 
 
@@ -259,8 +241,8 @@ def brief_value(value: Any) -> str:
     text = " ".join(repr(value).split())
     if len(text) <= LONGEST_VALUE:
         return text
-    own: Any = type(value).__str__
-    if own not in (object.__str__, str.__str__) and "\n" not in str(value):
+    printing: Any = type(value).__str__
+    if printing not in (object.__str__, str.__str__) and "\n" not in str(value):
         text = str(value)
         return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
     if isinstance(value, Mapping):
@@ -268,11 +250,8 @@ def brief_value(value: Any) -> str:
         return f"{{{names}}}" if len(names) <= LONGEST_VALUE else f"dict of {len(value)}"
     if isinstance(value, tuple | list | set | frozenset):
         return f"{type(value).__name__} of {len(value)}"
-    return (
-        f"'{text[1:LONGEST_VALUE]}...'"
-        if isinstance(value, str)
-        else f"{type(value).__name__}(...)"
-    )
+    is_text = isinstance(value, str)
+    return f"'{text[1:LONGEST_VALUE]}...'" if is_text else f"{type(value).__name__}(...)"
 
 
 def shortened(text: str) -> str:

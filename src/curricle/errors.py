@@ -3,7 +3,7 @@
 ::
 
     CurricleError
-    ├── TaskError        a task that is not a valid MDP, map or game     (also ValueError)
+    ├── TaskError        a task that is no valid MDP, map or game        (also ValueError)
     ├── SettingError     a learner, budget or metric asked for nonsense  (also ValueError)
     ├── PotentialError   a potential of the wrong shape or not finite    (also ValueError)
     ├── MappingError     a mapping between tasks that does not fit them  (also ValueError)
@@ -27,21 +27,22 @@ LONGEST, SHOWN_END = 1500, 400
 MOST_LINES = 100
 """Mistakes in a study file that are listed."""
 PASSWORD = re.compile(r"(?<=:)/+[^/\s@]+@")
-"""What comes before a URL's host."""
+"""User and password, which stand before a URL's host."""
 
 
 def _sentence(text: str) -> str:
     """Return a text on one line, cut in the middle where it is long, without passwords."""
     line = PASSWORD.sub("//...@", " ".join(text.splitlines()))
-    cut = f"{line[: LONGEST - SHOWN_END - 7]} [...] {line[-SHOWN_END:]}"
-    return line if len(line) <= LONGEST else cut
+    if len(line) <= LONGEST:
+        return line
+    return f"{line[: LONGEST - SHOWN_END - 7]} [...] {line[-SHOWN_END:]}"
 
 
 class CurricleError(Exception):
     """Base of everything Curricle raises on purpose; its message is one sentence."""
 
     def __init__(self, *args: object):
-        super().__init__(*(_sentence(one) if isinstance(one, str) else one for one in args))
+        super().__init__(*(_sentence(arg) if isinstance(arg, str) else arg for arg in args))
 
 
 class TaskError(CurricleError, ValueError):
@@ -87,27 +88,24 @@ class LostStoreError(StoreError):
 
 
 class StudyError(CurricleError):
-    """A unit of a study failed; its cause is the exception that the study's own code raised.
-
-    It is a ForeignError where another process raised one that cannot be sent.
-    """
+    """A unit of a study failed; its cause is the exception, or a ForeignError that describes it."""
 
 
 class EngineError(StudyError, BrokenExecutor):
-    """A cluster that trains a study's units was lost, or a worker of it has other versions."""
+    """A cluster that trains a study's units was lost, or a worker has other versions."""
 
 
 class ForeignError(RuntimeError):
-    """What a study's own code raised in another process, in words; a note has the traceback."""
+    """An error of a study's own code in another process, in words; a note has the traceback."""
 
 
 def reason(error: OSError) -> str:
-    """Return why a file cannot be used, in a line."""
+    """Return why a file cannot be used, on one line."""
     return error.strerror or " ".join(str(error).split())
 
 
 def in_words(error: BaseException) -> str:
-    """Return an error as words, with its type unless it is the library's own."""
+    """Return an error's message, after its type unless it is an error of the library."""
     if isinstance(error, CurricleError | ForeignError):
         return str(error)
     return f"{type(error).__name__}: {error}"

@@ -23,38 +23,37 @@ if TYPE_CHECKING:
 
 
 SECRETS = re.compile(r"access_key|secret|token|password|credential", re.IGNORECASE)
-"""Options of a URL that would be stored, shown and sent with it."""
+"""Options of a URL that must not be stored, shown and sent with it."""
 FINAL = re.compile("ACCESS_DENIED|NO_SUCH_|NETWORK_CONNECTION|SIGNATURE|INVALID")
-"""Errors of a server that it gives again to the same request, or that took long already."""
+"""Errors of a server that the same request meets again, or that took long already."""
 PAUSES = (0.1, 0.5, 2.0)
 """Seconds until a request is made again; pyarrow repeats most itself, but no short reads."""
 READ_AT_ONCE = 2**24
-"""Bytes of a file that is read by one request."""
+"""Bytes of a file up to which one request reads it."""
 Result = TypeVar("Result")
 PLAIN = "/=+@,:;~!$&'()*"
-"""Signs that a path in a URL may have as they are, beside letters, digits and -._."""
+"""Signs that need no escape in the path of a URL, beside letters, digits and -._."""
 
 
 class RemotePath:
     """A file or a folder of a file system that pyarrow opens, such as S3 or Google Cloud Storage.
 
-    A file is written in one request or sealed by its content: there is no move of a whole file, and
-    no lock.
+    A file is written in one request: there is no move of a whole file, and no lock.
     """
 
     def __init__(self, system: "FileSystem", key: str, root: str, options: str = ""):
         self.system, self.key = system, PurePosixPath(key)
-        self._root, self._options = root, options  # what is shown before the key; of the URL
+        self._root, self._options = root, options  # the URL before the key, and after `?`
 
     @classmethod
     def of(cls, url: str) -> "RemotePath":
-        """Return the folder at a URL; StoreError if it has a password, or no file system opens it.
+        """Return the folder at a URL; StoreError if it has a password or pyarrow does not open it.
 
         Options are those of ``pyarrow.fs.FileSystem.from_uri``.
         """
         parts = urlsplit(url)
         options = parse_qsl(parts.query)
-        secret = next((key for key, one in options if SECRETS.search(key) or "@" in one), None)
+        secret = next((key for key, value in options if SECRETS.search(key) or "@" in value), None)
         if "@" in parts.netloc or secret:
             raise StoreError(
                 "a URL must have no password, key or token, since it is shown and stored: give "
@@ -76,7 +75,7 @@ class RemotePath:
         return f"{self._root}{quote(str(self.key), safe=PLAIN)}"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how it is made again from its URL, as on another machine, by the means there."""
+        """Return the URL to open on another machine, with the credentials there."""
         return RemotePath.of, (f"{self}?{self._options}" if self._options else str(self),)
 
     def __repr__(self) -> str:
@@ -99,33 +98,33 @@ class RemotePath:
 
     @property
     def parent(self) -> "RemotePath":
-        """The folder that it is in."""
+        """As :attr:`pathlib.Path.parent`."""
         return self._at(str(self.key.parent))
 
     @property
     def bucket(self) -> "RemotePath":
-        """The first part: of a server for objects, the bucket."""
+        """The first part: on a server for objects, the bucket."""
         return self._at(self.key.parts[0])
 
     @property
     def name(self) -> str:
-        """The last part."""
+        """As :attr:`pathlib.Path.name`."""
         return self.key.name
 
     @property
     def stem(self) -> str:
-        """The last part without its ending."""
+        """As :attr:`pathlib.Path.stem`."""
         return self.key.stem
 
     @property
     def suffix(self) -> str:
-        """The ending of the last part."""
+        """As :attr:`pathlib.Path.suffix`."""
         return self.key.suffix
 
     @property
     def _kind(self) -> str:
         """NotFound, File or Directory."""
-        return str(self._tried(lambda: self.system.get_file_info(str(self.key))).type.name)
+        return str(self._retried(lambda: self.system.get_file_info(str(self.key))).type.name)
 
     def exists(self) -> bool:
         """Return whether a file or a folder is there."""
@@ -136,53 +135,59 @@ class RemotePath:
         return self._kind == "Directory"
 
     def glob(self, pattern: str) -> Iterator["RemotePath"]:
-        """Yield the files below whose path from here is as in a pattern, by one listing."""
+        """Yield the files that match a pattern below here, by one listing."""
         before = pattern.partition("*")[0].rpartition("/")[0]
         for info in self._listed(str(self.key / before), recursive=True):
             if info.is_file and PurePosixPath(info.path).match(pattern):
                 yield self._at(info.path)
 
     def iterdir(self) -> Iterator["RemotePath"]:
-        """Yield what is in the folder."""
+        """Yield the files and folders in the folder."""
         for info in self._listed(str(self.key), recursive=False):
             yield self._at(info.path)
 
     def _listed(self, key: str, *, recursive: bool) -> "list[FileInfo]":
-        from pyarrow.fs import FileSelector
+        from pyarrow.fs import FileSelector  # a local folder does not need it
 
         selector = FileSelector(key, allow_not_found=True, recursive=recursive)
-        found: list[FileInfo] = self._tried(lambda: self.system.get_file_info(selector))
-        return found
+        infos: list[FileInfo] = self._retried(lambda: self.system.get_file_info(selector))
+        return infos
 
     def unlink(self, missing_ok: bool = False) -> None:
         """Delete the file."""
         if not missing_ok or self.exists():
-            self._tried(lambda: self.system.delete_file(str(self.key)))
+            self._retried(lambda: self.system.delete_file(str(self.key)))
 
     @contextmanager
     def opened(self) -> Iterator[tuple[IO[bytes], int]]:
-        """Open the file to read it, and tell its bytes; all but a large one is read at once."""
-        content = self._tried(self._content)
+        """Yield the file, open to read, and its size; one request reads a small file."""
+
+        def content_of_small() -> bytes | None:
+            with self.system.open_input_file(str(self.key)) as file:
+                return bytes(file.read()) if file.size() <= READ_AT_ONCE else None
+
+        content = self._retried(content_of_small)
         if content is not None:
             yield io.BytesIO(content), len(content)
             return
         with self.system.open_input_file(str(self.key)) as file:
             yield file, file.size()
 
-    def _content(self) -> bytes | None:
-        with self.system.open_input_file(str(self.key)) as file:
-            return bytes(file.read()) if file.size() <= READ_AT_ONCE else None
-
     def write(self, content: bytes) -> None:
-        """Write the file, its folders made where the file system has any."""
+        """Write the file, and make its folders where the file system has any."""
+
+        def put() -> None:
+            with self.system.open_output_stream(str(self.key)) as file:
+                file.write(content)
+
         try:
-            self._tried(lambda: self._write(content))
+            self._retried(put)
         except FileNotFoundError:
             self.system.create_dir(str(self.key.parent), recursive=True)
-            self._write(content)
+            put()
 
-    def _tried(self, action: Callable[[], Result]) -> Result:
-        """Return what an action returns, tried again where a server is busy for a moment."""
+    def _retried(self, action: Callable[[], Result]) -> Result:
+        """Return the result of an action, tried again where a server is busy for a moment."""
         for pause in PAUSES if self.system.type_name != "local" else ():
             try:
                 return action()
@@ -194,17 +199,12 @@ class RemotePath:
             sleep(pause)
         return action()
 
-    def _write(self, content: bytes) -> None:
-        with self.system.open_output_stream(str(self.key)) as file:
-            file.write(content)
-
 
 Place = Path | RemotePath
-"""Where files are."""
 
 
 def place_at(path: Any) -> Place:
-    """Return a folder of this machine, or the one at a URL; StoreError where it is neither."""
+    """Return the folder at a path of this machine or at a URL; StoreError where it is neither."""
     if isinstance(path, RemotePath):
         return path
     if not isinstance(path, str | PathLike):
@@ -215,14 +215,11 @@ def place_at(path: Any) -> Place:
 LONGEST_NAME = 100
 """Characters of a file's name before its checksum; file systems allow 255 bytes in all."""
 PART = ".part"
-"""Ending of a file being written; a killed run may leave one, which means nothing."""
+"""Ending of a file while it is written; a killed run may leave such a file, which means nothing."""
 
 
 def file_name(text: str) -> str:
-    """Return a file name that no other text has, whatever characters there are in it.
-
-    A long text is cut, and told apart from others by its checksum.
-    """
+    """Return a file name for a text, a different one for each; a long one ends with a checksum."""
     name = quote(text, safe=" ").replace(".", "%2E")
     if len(name) <= LONGEST_NAME:
         return name
@@ -230,19 +227,13 @@ def file_name(text: str) -> str:
 
 
 def part_in(folder: Path) -> Path:
-    """Return a new path in a folder for something that is being written.
-
-    What is made there has the user's own permissions (umask), unlike what ``tempfile`` makes.
-    """
+    """Return a new path in a folder for a file while it is written."""
+    # Unlike ``tempfile``, this gives the file the permissions that the user's umask says.
     return folder / f".{token_hex(8)}{PART}"
 
 
 def read_bounded(path: Place, most: int) -> bytes:
-    """Return the content of a regular file of at most `most` bytes.
-
-    A pipe or a device in its place is not waited for. The ``strerror`` of an OSError says what is
-    wrong.
-    """
+    """Return the content of a regular file of at most `most` bytes; OSError as for opening it."""
     with opened_regular(path) as (file, size):
         if size > most:
             raise OSError(errno.EFBIG, f"it has more than {most:,} bytes", str(path))
@@ -250,7 +241,7 @@ def read_bounded(path: Place, most: int) -> bytes:
 
 
 def local_file(path: str | Path) -> Path:
-    """Return the path of a file on this machine; StoreError where it is none."""
+    """Return a path of a file on this machine; StoreError for anything else."""
     if not isinstance(path, str | os.PathLike):
         raise StoreError(f"a file must be a path: got {path!r}")
     if "://" in str(path):
@@ -261,7 +252,7 @@ def local_file(path: str | Path) -> Path:
 
 
 def remove_folder(path: Place) -> None:
-    """Delete a folder and all that is in it, as far as that can be done."""
+    """Delete a folder and its content as far as possible."""
     if isinstance(path, RemotePath):
         with suppress(OSError):
             path.system.delete_dir(str(path.key))
@@ -271,24 +262,24 @@ def remove_folder(path: Place) -> None:
 
 @contextmanager
 def opened_regular(path: Place) -> Iterator[tuple[IO[bytes], int]]:
-    """Open a regular file to read it, and tell its bytes; OSError as :func:`read_bounded`."""
+    """Yield a regular file, open to read, and its size; else an OSError whose strerror says why."""
     if isinstance(path, RemotePath):
-        with path.opened() as found:
-            yield found
+        with path.opened() as file_and_size:
+            yield file_and_size
         return
-    with open(path, "rb", opener=_at_once) as file:
+
+    def without_waiting(path: str, flags: int) -> int:  # for a pipe in the file's place
+        return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+    with open(path, "rb", opener=without_waiting) as file:
         about = os.fstat(file.fileno())
         if not stat.S_ISREG(about.st_mode):
             raise OSError(errno.EINVAL, "it is no regular file", str(path))
         yield file, about.st_size
 
 
-def _at_once(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-
 def write_whole(path: Place, content: bytes) -> None:
-    """Write a file beside its place and move it there when it is complete; at a URL, at once.
+    """Write a file under another name and rename it when it is complete; at a URL, at once.
 
     OSError where a device, a pipe or a folder is in its place: that would be lost.
     """

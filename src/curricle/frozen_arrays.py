@@ -23,10 +23,7 @@ class _ReadOnly:
 
 
 def frozen(array: Array) -> Array:
-    """Return a new array, which nobody else writes to, as one that nobody can write to.
-
-    Nothing is copied.
-    """
+    """Return a new array, of which the caller has the only reference, frozen and not copied."""
     if _for_good(array):
         return array
     array.flags.writeable = False
@@ -36,18 +33,16 @@ def frozen(array: Array) -> Array:
 
 def adopted(values: npt.ArrayLike, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     """Return `values` as a frozen array of this type: itself if it is one, else a copy."""
-    given: Any = values
-    right = type(given) is np.ndarray and given.dtype == dtype and given.flags.c_contiguous
-    if right and _for_good(given):
-        return given  # type: ignore[no-any-return]
+    array: Any = values
+    fits = type(array) is np.ndarray and array.dtype == dtype and array.flags.c_contiguous
+    if fits and _for_good(array):
+        return array  # type: ignore[no-any-return]
     return frozen(np.array(values, dtype=dtype, order="C"))
 
 
 def _for_good(array: npt.NDArray[Any]) -> bool:
-    """Return whether nobody can write to an array.
-
-    Memory of `bytes` does not suffice: NumPy makes such arrays writable if asked to.
-    """
+    """Return whether nobody can write to an array."""
+    # Memory of `bytes` does not suffice: NumPy makes such arrays writable if asked to.
     owner: Any = array
     while type(owner) is np.ndarray:
         owner = owner.base
@@ -55,10 +50,9 @@ def _for_good(array: npt.NDArray[Any]) -> bool:
 
 
 class Frozen:
-    """A frozen dataclass whose copies, pickled ones too, have frozen arrays as it has.
+    """A frozen dataclass whose copies and pickles have frozen arrays, which NumPy's would not.
 
-    NumPy makes the copy of a frozen array writable. Copies have the fields alone; what was computed
-    from them and kept is computed anew.
+    Copies have the fields alone: cached properties are computed anew.
     """
 
     def __getstate__(self) -> dict[str, Any]:

@@ -1,10 +1,8 @@
-"""How far a function is that takes long, and how it is interrupted.
+"""How far a long function is, and how it is interrupted.
 
-It shows bars on a terminal or in a notebook, or calls a function.
-
-Each such function takes ``progress``: True shows bars, a function is called with each part that is
-done, False and None do neither. Where stderr is neither terminal nor notebook, a line is printed
-for each bar that is full.
+Each such function takes ``progress``: True shows bars on a terminal or in a notebook, and elsewhere
+prints a line for each full bar; a function is called with each part of the work when it is done;
+False and None do neither.
 """
 
 import sys
@@ -39,24 +37,24 @@ BETWEEN = 0.2
 """Seconds between two pictures of the bars in a notebook, at least."""
 
 Progress = Union[bool, Callable[[Any], Any], "Bars", None]
-"""What ``progress`` may be. The last is for a function that is called by another which shows it."""
+"""Values of ``progress``; bars are those of the function that calls this one."""
 
 
 class Count(MofNCompleteColumn):
-    """How much of the work is done, and of how much where that is known."""
+    """The column of a bar that counts the work done, and all work where that is known."""
 
     def render(self, task: Task) -> Text:
-        """Return it."""
+        """Return the text of the column."""
         if task.total is None:
             return Text(f"{task.completed:,.0f}" if task.completed else "")
         return super().render(task)
 
 
 class Screen(RichProgress):
-    """Rich's bars, and a line below them if there is one to say.
+    """Rich's bars, and below them the text that `line` returns.
 
-    On a terminal they move by themselves. A notebook shows them in one place, which is written anew
-    and empty in the end; that needs no widgets, and leaves no times in the notebook's file.
+    A notebook shows them in one cell output, which is emptied in the end; so it needs no widgets,
+    and its file holds no times.
     """
 
     def __init__(self, console: Console | None = None, line: Callable[[], str] | None = None):
@@ -74,8 +72,7 @@ class Screen(RichProgress):
         self.in_notebook = console.is_jupyter
         self._place: Any = None
         self._shown = -BETWEEN
-        self._told = dict[TaskID, float | None]()
-        """The size of each bar when it was last told to be full."""
+        self._printed = dict[TaskID, float | None]()  # the size of a bar when it was last full
 
     def get_renderables(self) -> Iterator[RenderableType]:
         """Yield the bars and the line."""
@@ -84,7 +81,7 @@ class Screen(RichProgress):
             yield Text(self.line())
 
     def start(self) -> None:
-        """Begin to show the bars; a notebook does with the first of them."""
+        """Begin to show the bars; a notebook begins with the first bar."""
         if not self.in_notebook:
             super().start()
 
@@ -97,14 +94,13 @@ class Screen(RichProgress):
 
     def changed(self, task: TaskID) -> None:
         """Show that a bar has grown."""
-        row = self.tasks[task]  # none is ever taken away
-        if self.in_notebook:
-            self._show_in_notebook()
-        elif not self.console.is_terminal and row.finished and self._told.get(task) != row.total:
-            self._told[task] = row.total
-            print(f"{row.description}: {row.completed:,.0f} done", file=sys.stderr, flush=True)
-
-    def _show_in_notebook(self) -> None:
+        row = self.tasks[task]  # no bar is ever taken away
+        if not self.in_notebook:
+            full = not self.console.is_terminal and row.finished
+            if full and self._printed.get(task) != row.total:
+                self._printed[task] = row.total
+                print(f"{row.description}: {row.completed:,.0f} done", file=sys.stderr, flush=True)
+            return
         now = monotonic()
         if self._place is None:
             display: Any = import_module("IPython.display")
@@ -121,14 +117,14 @@ class Bars:
     """Where a function shows how far it is: one bar for each part of its work."""
 
     screen: Screen | None = None  # None where nothing shows the bars
-    told: Callable[[Any], Any] | None = None  # the user's own function
-    prefix: str = ""  # what the names of bars begin with
+    call: Callable[[Any], Any] | None = None  # the user's function
+    prefix: str = ""  # of the names of bars
     rows: dict[str, TaskID] = field(default_factory=dict)
 
     def bar(self, name: str, total: int | None = None) -> Callable[[], None]:
-        """Return the function that makes the bar of some work one longer, of `total`.
+        """Return a function that makes the bar `name` longer by 1, of `total` where it is known.
 
-        Work of a name that has a bar already is added to it. Without a total it only moves.
+        A second total of the same name is added to the first.
         """
         screen, label = self.screen, f"{self.prefix}{name}"
         if screen is None:
@@ -148,7 +144,7 @@ class Bars:
         return grow
 
     def at(self, name: str, done: int, total: int | None = None) -> None:
-        """Set the bar of some work whose size changes, or is not known."""
+        """Set the bar of work whose size changes, or is not known."""
         grow = self.bar(name)
         if self.screen is not None:
             task = self.rows[f"{self.prefix}{name}"]
@@ -156,30 +152,26 @@ class Bars:
         grow()
 
     def tell(self, part: Any) -> None:
-        """Call the user's function, if there is one, with a part that is done."""
-        if self.told is not None:
-            self.told(part)
+        """Call the user's function, if there is any, with a part that is done."""
+        if self.call is not None:
+            self.call(part)
 
     def within(self, name: str = "") -> "Bars":
-        """Return what a function that is called in between shows its own bars on.
-
-        Their names begin with `name`, and the user's function is not called with their parts.
-        """
+        """Return bars for an inner function, which begin with `name` and call nothing."""
         prefix = f"{self.prefix}{name}: " if name else self.prefix
         return Bars(self.screen, None, prefix, self.rows)
 
 
 def nothing() -> None:
-    """Show nothing."""
+    """Do nothing, in the place of a bar that nobody sees."""
 
 
 SILENT = Bars()
-"""Where nothing is shown."""
 
 
 @contextmanager
 def shown(progress: Progress, line: Callable[[], str] | None = None) -> Iterator[Bars]:
-    """Yield the bars that ``progress`` asks for, `line` below them; they end with the block."""
+    """Yield the bars that ``progress`` asks for, with `line` below them, until the block ends."""
     check_progress(progress)
     if isinstance(progress, Bars):
         yield progress
@@ -187,11 +179,11 @@ def shown(progress: Progress, line: Callable[[], str] | None = None) -> Iterator
         with Screen(line=line) as screen:
             yield Bars(screen)
     else:
-        yield Bars(told=progress or None)
+        yield Bars(call=progress or None)
 
 
 def check_progress(progress: Any) -> None:
-    """Raise SettingError unless ``progress`` is one of what it may be."""
+    """Raise SettingError unless ``progress`` has one of its types."""
     if not (progress is None or isinstance(progress, bool | Bars) or callable(progress)):
         raise SettingError(
             f"progress must be True, False, None or a function: got {brief(progress)}"
@@ -202,15 +194,13 @@ def check_progress(progress: Any) -> None:
 
 _NEVER = np.zeros(1, np.bool_)
 HALTED: ContextVar[BoolArray] = ContextVar("halted", default=_NEVER)
-"""(1,), true once nobody waits for the results of a thread any more: compiled loops end then."""
+"""(1,), true once nobody waits for a thread any more: its compiled loops then end."""
 
 
 @contextmanager
 def interruptible(threads: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield threads whose compiled loops end when the block is left by an exception.
-
-    Python handles a signal in the main thread, and not while that runs compiled code.
-    """
+    """Yield threads whose compiled loops end when the block is left by an exception."""
+    # Python handles a signal in the main thread, and not while that runs compiled code.
     halted = np.zeros(1, np.bool_)
     pool = ThreadPoolExecutor(threads, initializer=HALTED.set, initargs=(halted,))
     try:

@@ -1,10 +1,19 @@
-"""What holds for the statistics of every comparison."""
+"""What holds for all learning curves and for the statistics of every comparison."""
 
 import numpy as np
 import pytest
 from hypothesis import example, given, strategies as st
 from hypothesis.extra import numpy as hnp
 
+from curricle.statistics import (
+    Curve,
+    asymptotic_performance,
+    jumpstart,
+    mean_return,
+    steps_saved,
+    time_to_threshold,
+)
+from curricle.statistics.curves import charge_source, smooth
 from curricle.statistics.hypothesis_tests import (
     holm,
     performance_profile,
@@ -12,7 +21,156 @@ from curricle.statistics.hypothesis_tests import (
     sign_flip_test,
 )
 from curricle.statistics.sequential import add_seeds
-from curricle.statistics.thresholds import Times
+from curricle.statistics.thresholds import Times, fraction_of_optimum, midpoint
+
+RETURNS = st.floats(-1e4, 1e4).map(lambda value: round(value, 6))
+SHAPES = st.tuples(st.integers(1, 5), st.integers(2, 12))
+WINDOW = 3
+
+
+@st.composite
+def curves(draw, arms=1, leading_nan=True):
+    """`arms` curves over the same seeds and checkpoints; the first has no source steps."""
+    seeds, checkpoints = draw(SHAPES)
+    distances = draw(hnp.arrays(np.int64, checkpoints, elements=st.integers(1, 500)))
+    steps = np.cumsum(distances) - draw(st.sampled_from([0, int(distances[0])]))
+    made = []
+    for arm in range(arms):
+        values = draw(hnp.arrays(np.float64, (seeds, checkpoints), elements=RETURNS))
+        source = draw(hnp.arrays(np.int64, seeds, elements=st.integers(0, 3000)))
+        if leading_nan:
+            blanks = draw(hnp.arrays(np.int64, seeds, elements=st.integers(0, checkpoints - 1)))
+            values[np.arange(checkpoints) < blanks[:, np.newaxis]] = np.nan
+        made.append(Curve(steps, values, source if arm else np.zeros(seeds, dtype=np.int64)))
+    return made[0] if arms == 1 else tuple(made)
+
+
+def without_source(curve):
+    return Curve(curve.steps, curve.values)
+
+
+def window_of(curve):
+    return min(WINDOW, curve.steps.size)
+
+
+@given(curves(), st.data())
+def test_smooth_equals_the_mean_of_each_window(curve, data):
+    window = data.draw(st.integers(1, curve.steps.size))
+    smoothed = smooth(curve.values, window)
+    for (seed, place), value in np.ndenumerate(smoothed):
+        inside = curve.values[seed, max(0, place - window + 1) : place + 1]
+        inside = inside[~np.isnan(inside)]
+        expected = inside.mean() if inside.size else np.nan
+        np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
+
+
+@given(RETURNS, st.integers(1, 30))
+def test_smoothing_keeps_a_constant_exactly(value, window):
+    assert np.all(smooth(np.full((1, 30), value), window) == value)
+
+
+@given(curves(), RETURNS, RETURNS)
+def test_a_higher_threshold_takes_no_less_time(curve, one, other):
+    low, high = sorted([one, other])
+    easy, hard = (time_to_threshold(curve, each, window=window_of(curve)) for each in (low, high))
+    assert np.all(easy.steps <= hard.steps)
+    assert np.all(easy.reached >= hard.reached)
+
+
+@given(curves(), RETURNS)
+def test_every_seed_is_kept_and_the_unreached_are_censored_at_the_end(curve, threshold):
+    times = time_to_threshold(curve, threshold)
+    assert times.steps.shape == times.reached.shape == (curve.values.shape[0],)
+    assert np.all(np.isin(times.steps, curve.steps))
+    assert np.all(times.steps[~times.reached] == curve.steps[-1])
+    ever = np.nanmax(curve.values, axis=1) >= threshold
+    assert np.array_equal(times.reached, ever)
+
+
+@given(curves(arms=2), RETURNS)
+def test_strong_times_add_exactly_the_source_steps(pair, threshold):
+    weak, strong = (time_to_threshold(pair[1], threshold, strong=each) for each in (False, True))
+    assert np.array_equal(strong.steps - weak.steps, pair[1].source_steps)
+    saved = [steps_saved(*pair, threshold, strong=each) for each in (False, True)]
+    assert np.array_equal(saved[0] - saved[1], pair[1].source_steps)
+
+
+@given(curves(arms=2))
+def test_without_source_steps_strong_is_weak(pair):
+    baseline, transfer = pair[0], without_source(pair[1])
+    assert np.array_equal(charge_source(baseline, transfer).values, transfer.filled())
+    weak, strong = (jumpstart(baseline, transfer, strong=each) for each in (False, True))
+    np.testing.assert_array_equal(weak, strong)
+
+
+@given(curves(), RETURNS)
+def test_a_curve_gains_nothing_over_itself(curve, threshold):
+    assert not steps_saved(curve, curve, threshold).any()
+    assert not jumpstart(curve, curve).any()
+
+
+@given(curves(arms=2))
+def test_a_charged_curve_stays_within_what_was_measured(pair):
+    baseline, transfer = Curve(pair[0].steps, np.sort(pair[0].filled(), axis=1)), pair[1]
+    charged = charge_source(baseline, transfer).values
+    seen = np.column_stack([baseline.filled()[:, 0], transfer.filled()])
+    slack = 1e-9 * (1 + np.abs(seen).max())
+    assert np.all(charged >= seen.min(axis=1, keepdims=True) - slack)
+    assert np.all(charged <= seen.max(axis=1, keepdims=True) + slack)
+
+
+@given(curves(arms=2), st.integers(0, 3000))
+def test_charging_more_never_helps_a_curve_that_rises_above_the_baselines_start(pair, extra):
+    baseline, transfer = pair
+    rising = np.sort(np.abs(transfer.filled()), axis=1)
+    floor = Curve(baseline.steps, -np.abs(baseline.filled()))
+    less = charge_source(floor, Curve(baseline.steps, rising, transfer.source_steps))
+    more = charge_source(floor, Curve(baseline.steps, rising, transfer.source_steps + extra))
+    # The start of learning is exact to a checkpoint, between which a curve is interpolated.
+    checkpoint = np.diff(baseline.steps).max(initial=0) / max(1, np.ptp(baseline.steps))
+    slack = 1e-6 + checkpoint * (rising.max() - floor.values.min())
+    assert mean_return(more).mean() <= mean_return(less).mean() + slack
+
+
+@given(curves(arms=2))
+def test_a_source_that_teaches_nothing_never_gains(pair):
+    """Nor does a strong gain exceed the weak one over the steps that the target has left."""
+    baseline, transfer = pair
+    nothing = Curve(baseline.steps, baseline.values, transfer.source_steps)
+    alone = mean_return(baseline).mean()
+    slack = 1e-9 * (1 + np.abs(baseline.filled()).max()) * len(baseline.steps)
+    assert mean_return(charge_source(baseline, nothing)).mean() <= alone + slack
+    late, own = (charge_source(baseline, one).values for one in (nothing, transfer))
+    training = baseline.steps < transfer.source_steps[:, np.newaxis] + baseline.steps[0]
+    weak = mean_return(Curve(baseline.steps, np.where(training, 0.0, own - late)))
+    strong = mean_return(charge_source(baseline, transfer)).mean() - alone
+    assert strong <= weak.mean() + 1e-6
+
+
+@given(curves(), st.floats(0.1, 10), RETURNS)
+def test_averages_follow_a_change_of_unit(curve, scale, shift):
+    moved = Curve(curve.steps, scale * curve.values + shift)
+    for measure in (mean_return, asymptotic_performance):
+        expected = scale * measure(curve) + shift
+        np.testing.assert_allclose(measure(moved), expected, rtol=1e-9, atol=1e-6)
+    expected = scale * midpoint(curve) + shift
+    np.testing.assert_allclose(midpoint(moved), expected, rtol=1e-9, atol=1e-6)
+
+
+@given(curves())
+def test_averages_lie_between_the_lowest_and_the_highest_value(curve):
+    low, high = np.nanmin(curve.values, axis=1), np.nanmax(curve.values, axis=1)
+    for average in (mean_return(curve), asymptotic_performance(curve)):
+        assert np.all((average >= low - 1e-6) & (average <= high + 1e-6))
+
+
+@given(RETURNS, RETURNS, st.floats(0, 1))
+def test_a_fraction_of_the_optimum_lies_between(one, other, fraction):
+    worst, optimum = sorted([one, other])
+    threshold = fraction_of_optimum(optimum, worst, fraction)
+    assert worst - 1e-9 <= threshold <= optimum
+    assert fraction_of_optimum(optimum, worst, 1) == optimum
+
 
 SCORES = st.integers(-8, 8).map(float)  # few different ones, hence ties
 ARMS = hnp.arrays(np.float64, st.integers(1, 9), elements=SCORES)
@@ -85,15 +243,6 @@ def step_down(p_values, alpha):
 def test_holm_rejects_what_its_rule_says(p_values, alpha):
     adjusted = holm(p_values)
     assert set(np.flatnonzero(adjusted <= alpha)) == step_down(p_values, alpha)
-
-
-@given(P_VALUES)
-def test_holm_only_raises_and_keeps_the_order(p_values):
-    adjusted = holm(p_values)
-    assert np.all(adjusted >= p_values)
-    assert np.all(adjusted <= np.minimum(1.0, len(p_values) * np.array(p_values)))
-    assert np.all(np.diff(adjusted[np.argsort(p_values)]) >= 0)
-    assert np.array_equal(holm(p_values[::-1]), adjusted[::-1])
 
 
 # Times

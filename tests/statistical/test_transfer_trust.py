@@ -5,56 +5,18 @@ differences paired by seed, or of means; where one could fail by chance after a 
 stream, its docstring gives the probability.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.paper import mazes as paper
-from curricle.paper.settings import SUMMED, maze
+from curricle.paper import mazes
+from curricle.paper.settings import maze
+from curricle.paper.trust_figure import hunts_of, tenths
 
 pytestmark = pytest.mark.slow
-
-LEARNER = cr.QLearning(learning_rate=0.1, epsilon=0.1)
-SOURCE_STEPS = 400_000
-FITTED = cr.transfer.Calibrate()
-SCALES = (1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0)
-FEW = cr.GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
-
-
-def hunt(size, steps, time_limit, aggregate, **transfer):
-    """Return the curriculum from one predator to two that must both catch, with 10 checkpoints."""
-    rules = {"discount": 0.95, "time_limit": time_limit}
-    both, alone = cr.Pursuit(size, 2, **rules), cr.Pursuit(size, 1, **rules)
-    return cr.Curriculum(
-        tasks={"alone": alone, "both": both},
-        transfers=[
-            cr.Transfer("alone", "both", cr.project(both, alone, predator=name), **transfer)
-            for name in both.predator_names
-        ],
-        aggregate=aggregate,
-        learner=LEARNER,
-        shaping=cr.QInitialisation(),
-        budget={"alone": cr.StoppingRule(SOURCE_STEPS), "both": steps},
-        eval_freq={"alone": SOURCE_STEPS, "both": steps // 10},
-        evaluation=FEW,
-    )
-
-
-def trainer(size, steps, time_limit, seeds):
-    """Return a function from an aggregate (and how it is transferred) to training returns by tenth.
-
-    (K, 10): the mean undiscounted return of the episodes that ended in each tenth. The sources are
-    trained once.
-    """
-    sources = hunt(size, steps, time_limit, cr.mean).train(seeds, only=["alone"]).nodes
-
-    def tenths(aggregate, **transfer):
-        plan = hunt(size, steps, time_limit, aggregate, **transfer)
-        return plan.train(seeds, trained=sources)["both"].training_return[:, 1:]
-
-    return tenths
 
 
 def errors(values):
@@ -62,65 +24,65 @@ def errors(values):
     return values.mean(axis=0) / (values.std(axis=0, ddof=1) / np.sqrt(len(values)))
 
 
-# -- calibration -----------------------------------------------------------------------------------
+# -- calibration: training returns in each tenth of a run, (K, 10), by arm -------------------------
 
 
 @pytest.fixture(scope="module")
 def five():
     """5x5, 400,000 steps, 30 seeds."""
-    return trainer(5, 400_000, 100, 30)
+    return {name: tenths(result) for (_, name), result in hunts_of(5, 30, None).items()}
 
 
 @pytest.fixture(scope="module")
 def seven():
     """7x7, 1,000,000 steps, 8 seeds."""
-    return trainer(7, 1_000_000, 200, 8)
+    return {name: tenths(result) for (_, name), result in hunts_of(7, 8, None).items()}
 
 
 def test_the_uncalibrated_mean_collapses(five):
     """Measured: from -10.2 to -16.1, 18 standard errors of the difference."""
-    raw = five(cr.mean)
+    raw = five["mean"]
     assert errors(raw[:, -1] - raw[:, 0]) < -6
     assert raw[:, -1].mean() < 1.4 * raw[:, 0].mean()
     # A fall in the sense of the next test.
     assert (errors(np.diff(raw, axis=1)) < -3).sum() >= 4
 
 
-@pytest.mark.parametrize("aggregate", [cr.mean, cr.minimum])
+@pytest.mark.parametrize("aggregate", ["mean", "min"])
 def test_calibrated_the_return_rises_from_tenth_to_tenth(five, aggregate):
     """Measured: mean -7.9 to -6.5, minimum -7.0 to -6.2.
 
     The first steps are rises of 31 and 35 standard errors, the last ones level. Were all nine
     level, one of them would be called a fall in 1.2 % of studies.
     """
-    calibrated = five(aggregate, calibrate=FITTED)
+    calibrated = five[f"{aggregate}, calibrated"]
     steps = errors(np.diff(calibrated, axis=1))
     assert (steps > -3).all(), steps
     assert steps[0] > 6
     assert errors(calibrated[:, -1] - calibrated[:, 0]) > 6
 
 
-@pytest.mark.parametrize("aggregate", [cr.mean, cr.minimum])
+@pytest.mark.parametrize("aggregate", ["mean", "min"])
 def test_calibration_does_as_well_as_a_sweep_by_hand(five, aggregate):
     """Measured: 0.8 % behind the best scale for the mean (2), 3.5 % for the minimum (1.2).
 
     The standard error of these differences is 0.3 %; a calibrated minimum that is really 3.5 %
     behind would be found more than 5 % behind once in a million studies.
     """
-    calibrated = five(aggregate, calibrate=FITTED)[:, -1].mean()
-    by_hand = {scale: five(aggregate, scale=scale)[:, -1].mean() for scale in SCALES}
+    calibrated = five[f"{aggregate}, calibrated"][:, -1].mean()
+    by_hand = {k: v[:, -1].mean() for k, v in five.items() if k.startswith(f"{aggregate} x")}
     best = max(by_hand.values())
     assert best - calibrated < 0.05 * abs(best), (calibrated, by_hand)
     assert min(by_hand.values()) < 1.05 * best  # a scale can be missed by more
 
 
-@pytest.mark.parametrize("aggregate", [cr.mean, cr.minimum])
+@pytest.mark.parametrize("aggregate", ["mean", "min"])
 def test_on_a_larger_grid_calibration_halves_the_cost(seven, aggregate):
     """Measured: the mean costs 148 steps raw and 34 calibrated, the minimum 132 and 29.
 
     Half of the raw cost is 49 and 42 standard errors away.
     """
-    raw, calibrated = seven(aggregate), seven(aggregate, calibrate=FITTED)
+    raw, calibrated = seven[aggregate], seven[f"{aggregate}, calibrated"]
     assert errors(raw[:, -1] - raw[:, 0]) < -4  # it collapses
     assert errors(calibrated[:, -1] - calibrated[:, 0]) > 6  # it learns
     assert errors(calibrated[:, -1] - raw[:, -1] / 2) > 6
@@ -132,28 +94,18 @@ def test_on_a_larger_grid_calibration_halves_the_cost(seven, aggregate):
 @pytest.fixture(scope="module")
 def scratch():
     """The paper's maze (step -5) learnt from scratch by 30 seeds, and its threshold."""
-    return paper.from_scratch(maze(-5), 30, None)
+    return mazes.from_scratch(maze(-5), 30, None)
 
 
 def saved(scratch, size, guard, steps):
     """Return the steps saved by a source of this size, (K,), and how many seeds missed it."""
-    source = paper.corner(scratch.maze, size)
-    plan = cr.Curriculum(
-        tasks={"source": source, "target": scratch.maze},
-        transfers=[cr.Transfer("source", "target", cr.same_position(scratch.maze, source))],
-        learner=paper.LEARNER,
-        budget={"source": paper.SOURCE_BUDGET, "target": steps},
-        eval_freq={"source": 100 * paper.EVERY, "target": paper.EVERY},
-        shaping={"target": cr.QInitialisation(guard=guard)},
-        evaluation=SUMMED,
-    )
-    result = plan.train(30)["target"]
-    times = cr.statistics.time_to_threshold(
-        cr.statistics.Curve.of(result), scratch.threshold, window=paper.WINDOW
-    )
-    found = scratch.times.steps - times.steps
+    plan = mazes.plan(scratch.maze, mazes.corner(scratch.maze, size), steps, "source")
+    result = replace(plan, shaping=cr.QInitialisation(guard=guard)).train(30)["target"]
+    times = mazes.times(cr.statistics.Curve.of(result), scratch.threshold)
     return SimpleNamespace(
-        steps=found, missed=int((~times.reached).sum()), guard_share=result.guard_share
+        steps=scratch.steps - times.steps,
+        missed=int((~times.reached).sum()),
+        guard_share=result.guard_share,
     )
 
 

@@ -105,13 +105,6 @@ def test_probability_of_crossing_is_that_of_the_multivariate_normal():
     assert inside == pytest.approx(0.9, abs=2e-5)
 
 
-@pytest.mark.parametrize("p", [0.0, 1e-300, 1e-20, 1e-9, 0.01, 0.3, 1.0])
-def test_adjusted_p_is_bonferronis(p):
-    planned = Looks.doubling(5, 100)
-    assert planned.adjusted_p(p) == min(1.0, 6 * p)
-    assert Looks((5,)).adjusted_p(p) == p
-
-
 def test_a_goal_met_at_the_last_look_counts():
     result = add_seeds(noisy(), first=20, most=20, precision=5.0)
     assert (result.stopped_by, result.looks) == ("precision", 1)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import Component, FiniteMDP, GridWorld, Pursuit, Space, same_position
+from curricle import FiniteMDP, GridWorld, Pursuit, same_position
 from curricle.design import SourceCandidate, mappings_between, source_candidates
-from curricle.design.bottlenecks import betweenness
 from curricle.design.candidates import KINDS
+from curricle.design.kinds import betweenness
 from curricle.errors import CurriculumError, TaskError
 from curricle.paper.settings import maze as paper_maze
 from curricle.tasks import (
@@ -207,22 +207,6 @@ def test_entering_a_bottleneck_pays_what_the_goal_pays_and_ends():
     assert (mdp.reward[mdp.next_state == state] == 199).all()
     assert (one.mapping.index[state] == UNMAPPED).all()
     assert (one.mapping.index != ENDED).sum() == 4 * (len(mdp.terminal) - 1)
-
-
-def test_betweenness_of_a_line_by_hand():
-    # a - b - c - d, the last one ends. Of 9 pairs, b is between 3 (ac, ad, ca) and c 2 (ad, bd).
-    assert betweenness(GridWorld("S..T")) * 9 == pytest.approx([0, 3, 2, 0])
-
-
-def test_a_coarser_river_goes_on_as_its_states_do_on_average():
-    target = RiverSwim(size=6)
-    (one,) = only("coarser", target)
-    assert one.task.states == Space([Component("position", 3)], [[0], [1], [2]])
-    right = one.task.outcome_row[1, 1]
-    chances = dict(zip(one.task.next_state[right], one.task.probability[right], strict=True))
-    # From 2 and 3 to the right: back with .1 each, but from 3 to 2 stays; forward .3 from 3.
-    assert chances == pytest.approx({0: 0.05, 1: 0.8, 2: 0.15})
-    assert (one.mapping.index[:, 0] == [0, 0, 2, 2, 4, 4]).all()
 
 
 def test_an_end_is_never_merged_with_what_goes_on():

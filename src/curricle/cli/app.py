@@ -431,8 +431,8 @@ def paper(
 ) -> None:
     """Reproduce the paper: figures, data, and a verdict on each of its claims.
 
-    Writes index.html, claims.json, each figure as PNG and SVG and its data as Parquet. An
-    interrupted run goes on where it was; a folder with results of other settings is refused.
+    Writes index.html, claims.json, each figure as PNG and SVG and its data as Parquet, all of it
+    in the end, in the place of those of an earlier run.
     """
     from curricle.cli.progress_bars import bars_with_words
     from curricle.cli.tables import print_text

@@ -209,7 +209,7 @@ def bars_with_words() -> Iterator[Bars]:
         words = part
 
     with shown(True, and_compilation(lambda: words)) as bars:
-        yield replace(bars, told=say)
+        yield replace(bars, call=say)
 
 
 def and_compilation(line: Callable[[], str]) -> Callable[[], str]:

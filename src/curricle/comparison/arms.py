@@ -12,8 +12,7 @@ from curricle.comparison.verdicts import difference
 from curricle.display import brief_repr
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
-from curricle.statistics.curves import SCRATCH, Curve, charge_source
-from curricle.statistics.metrics import mean_return
+from curricle.statistics.curves import SCRATCH, Curve, charge_source, mean_return
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,14 @@ from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
 from curricle.comparison.verdicts import ONE_LOOK, Reason, Verdict, not_asked, verdicts_of
 from curricle.display import COLOURS, OWN_COLOURS, block, brief_repr, curves, shortened, table
 from curricle.errors import CurriculumError, in_words
-from curricle.statistics.curves import ROUNDING, SCRATCH, Curve
+from curricle.statistics.curves import (
+    ROUNDING,
+    SCRATCH,
+    Curve,
+    asymptotic_performance,
+    jumpstart,
+    mean_return,
+)
 from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
@@ -23,7 +30,6 @@ from curricle.statistics.intervals import (
     paired_difference,
     seed_line,
 )
-from curricle.statistics.metrics import asymptotic_performance, jumpstart, mean_return
 from curricle.statistics.sequential import Looks
 from curricle.statistics.thresholds import Times, steps_saved, time_to_threshold
 from curricle.text_tables import UNBOUNDED, counted, folded, or_dash, text_table

@@ -1,4 +1,4 @@
-"""Curricula: tasks as nodes, transfers as edges, trained from the sources to the targets."""
+"""A curriculum: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,9 +13,9 @@ from curricle.checks import fit_name, instance, one_of
 from curricle.curriculum.defaults import (
     DEFAULT_STEPS,
     SETTINGS,
+    SOURCES_SHARE,
     capped,
     default_shaping,
-    source_budget,
 )
 from curricle.curriculum.node import Node
 from curricle.curriculum.result import CurriculumResult
@@ -53,8 +53,8 @@ from curricle.transfer.task_pair import search_steps
 class Curriculum:
     """A directed acyclic graph of tasks whose edges carry potentials.
 
-    Every setting below may be one value for all tasks or a dict from task name to value; tasks
-    that a dict leaves out get the default.
+    A setting below is a value for all tasks, or a dict from task name to value; tasks that a dict
+    leaves out get the default.
 
     Parameters
     ----------
@@ -63,19 +63,19 @@ class Curriculum:
         Several may share source and target (one source through several mappings).
     aggregate : callable or dict
         (N, S, A) -> (S, A), applied to the potentials of all transfers into a task; default
-        :func:`mean`. NaN, of sources whose mapping leaves a pair unmapped, is skipped.
+        :func:`mean`, which skips the NaN of sources whose mapping leaves a pair unmapped.
     unknown_value : float or dict
         The potential of pairs that all mappings leave unmapped; default 0.
     learner : Learner or dict
         Default ``QLearning()``.
     budget : int, Episodes, StoppingRule or dict
-        Steps, episodes, or a rule. Default 100,000 steps. A source ends when its return has
-        settled: a number of steps is its cap, and all sources that are given none take at most a
-        tenth of the target's steps together. ``StoppingRule(5_000)`` is 5,000 steps exactly.
+        Steps, episodes, or a rule; default 100,000 steps. A source ends when its return has
+        settled: a number of steps is a cap, and all sources without a budget take at most a tenth
+        of the target's steps together. ``StoppingRule(5_000)`` is 5,000 steps exactly.
     shaping : Shaping or dict
-        How potentials, which sources give, enter learning. Default :class:`QInitialisation`, with a
+        How the potentials of sources enter learning. Default :class:`QInitialisation`, with a
         :class:`Guard` where the learner has dense tables and no bonus, up to 10 million pairs; for
-        an actor-critic whose one source is distilled from :func:`miniatures` as they are,
+        an actor-critic whose only source is distilled from :func:`miniatures` and read unchanged,
         ``WeightTransfer(kl=0.1)``.
     eval_freq : int or dict, optional
         Steps between checkpoints.
@@ -86,7 +86,7 @@ class Curriculum:
     ------
     CurriculumError
         On a cycle (naming it), an unknown task, a mapping between other tasks than its edge, or a
-        shaping whose values cannot be handed on in a task that others build on.
+        source whose shaping changes its values for good, so that no target can read them.
 
     Examples
     --------
@@ -118,18 +118,23 @@ class Curriculum:
     def __post_init__(self) -> None:
         self._check_graph()
         for setting in SETTINGS:
-            given = getattr(self, setting)
-            for name in given if isinstance(given, Mapping) else ():
+            value = getattr(self, setting)
+            for name in value if isinstance(value, Mapping) else ():
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
         for name in self.tasks:
             node = self.node(name)
             self.calibration(name)  # transfers that disagree on it are refused
             if self.in_edges(name):
                 node.shaping.check(node.learner)
-                self._check_handing_on(node)
+                targets = [edge.target for edge in self.transfers if edge.source == name]
+                if targets and not node.shaping.own_rewards:
+                    raise CurriculumError(
+                        "values that are handed on must be in the task's own rewards: "
+                        f"{node.shaping.name} changes those of {name!r}, which {targets[0]!r} reads"
+                    )
 
     def _check_graph(self) -> None:
-        """Find the mappings left open; CurriculumError unless tasks and transfers are a graph."""
+        """Find missing mappings; CurriculumError unless tasks and transfers are a graph."""
         instance("tasks", self.tasks, Mapping, CurriculumError)
         instance("transfers", self.transfers, Sequence, CurriculumError)
         object.__setattr__(self, "tasks", dict(self.tasks))
@@ -144,16 +149,16 @@ class Curriculum:
             instance("each of transfers", transfer, Transfer, CurriculumError)
             for role in ("source", "target"):
                 one_of(f"a transfer's {role}", getattr(transfer, role), self.tasks, CurriculumError)
-        found = (
+        mapped = (
             with_mapping(
-                one,
-                self.tasks[one.target],
-                self.tasks[one.source],
-                fit_unmapped=self.unmapped_is_free(one.target),
+                transfer,
+                self.tasks[transfer.target],
+                self.tasks[transfer.source],
+                fit_unmapped=self.unmapped_is_free(transfer.target),
             )
-            for one in self.transfers
+            for transfer in self.transfers
         )
-        object.__setattr__(self, "transfers", tuple(found))
+        object.__setattr__(self, "transfers", tuple(mapped))
         for transfer in self.transfers:
             for role in ("source", "target"):
                 name = getattr(transfer, role)
@@ -164,26 +169,14 @@ class Curriculum:
                     )
         _ = self.order
 
-    def _check_handing_on(self, node: Node) -> None:
-        """Raise CurriculumError if a task hands on values that shaping has changed for good."""
-        targets = [edge.target for edge in self.transfers if edge.source == node.name]
-        if targets and not node.shaping.own_rewards:
-            raise CurriculumError(
-                "values that are handed on must be in the task's own rewards: "
-                f"{node.shaping.name} changes those of {node.name!r}, which {targets[0]!r} reads"
-            )
-
     def unmapped_is_free(self, name: str) -> bool:
-        """Return whether a mapping that is found may state a value where it knows nothing.
-
-        Not where several transfers lead into a task, of which each is to be skipped where it knows
-        nothing, nor where `unknown_value` is given, be it the default.
-        """
+        """Return whether a mapping that is searched may state a value for unmapped pairs."""
+        # Of several transfers each is skipped where it leaves a pair unmapped.
         return len(self.in_edges(name)) == 1 and self._stated("unknown_value", name) is None
 
     @property
     def target(self) -> str:
-        """The task that all others lead to; CurriculumError unless there is exactly one."""
+        """The task that all others lead to; CurriculumError unless it is the only such task."""
         last = self.last_tasks
         if len(last) != 1:
             raise CurriculumError(
@@ -198,7 +191,7 @@ class Curriculum:
         return tuple(name for name in self.tasks if name not in sources)
 
     def __repr__(self) -> str:
-        edges = [f"{one.source} -> {one.target}" for one in self.transfers]
+        edges = [f"{edge.source} -> {edge.target}" for edge in self.transfers]
         parts = [", ".join(self.order), *([", ".join(edges)] if edges else [])]
         return shortened(f"{type(self).__name__}({'; '.join(parts)})")
 
@@ -220,7 +213,7 @@ class Curriculum:
         return tuple(t for t in self.transfers if t.target == name)
 
     def calibration(self, name: str) -> Calibrate | None:
-        """Return how the potential of a task is calibrated; None if it is not."""
+        """Return the calibration of a task's potential; None without it."""
         settings = {transfer.calibration for transfer in self.in_edges(name)}
         if len(settings) > 1:
             raise CurriculumError(
@@ -238,64 +231,60 @@ class Curriculum:
     def ancestors(self, name: str) -> tuple[str, ...]:
         """Return the tasks that have to be trained before `name`, in training order."""
         one_of("a task", name, self.tasks, CurriculumError)
-        wanted = {name}
-        for node in reversed(self.order):
-            if node in wanted:
-                wanted.update(t.source for t in self.in_edges(node))
-        return tuple(node for node in self.order if node in wanted and node != name)
+        needed = {name}
+        for task in reversed(self.order):
+            if task in needed:
+                needed.update(edge.source for edge in self.in_edges(task))
+        return tuple(task for task in self.order if task in needed and task != name)
 
     def setting(self, which: str, name: str) -> Any:
-        """Return what a setting, such as ``"learner"``, is for one task."""
+        """Return the value of a setting, such as ``"learner"``, for a task."""
         value = self._stated(which, name)
         if which == "budget":
             return self._budget(name, value)
-        if which == "learner" and value == SETTINGS["learner"]:
-            return self._default_learner(name)
+        if which == "learner" and value == SETTINGS["learner"]:  # miniatures have their target's
+            targets = [edge.target for edge in self.transfers if edge.source == name]
+            distilled = targets and isinstance(self.tasks[name], Miniatures)
+            return self.setting("learner", targets[0]) if distilled else value
         if value is not None:
             return value
         if which == "shaping":
-            others = (self.setting(one, name) for one in ("learner", "storage"))
+            others = (self.setting(other, name) for other in ("learner", "storage"))
             distilled = self._source_is_distilled(name)
             budget = self.setting("budget", name) if distilled else None
             return default_shaping(self.tasks[name], *others, distilled=distilled, budget=budget)
         return SETTINGS[which] if which == "unknown_value" else None
 
     def _stated(self, which: str, name: str) -> Any:
-        """Return a setting of one task as given; None for an `unknown_value` that was not."""
-        given = getattr(self, which)
-        if not isinstance(given, Mapping):
-            return given
-        return given.get(name, None if which == "unknown_value" else SETTINGS[which])
+        """Return a setting of a task as stated; None for an `unknown_value` that is not."""
+        stated = getattr(self, which)
+        if not isinstance(stated, Mapping):
+            return stated
+        return stated.get(name, None if which == "unknown_value" else SETTINGS[which])
 
     def _source_is_distilled(self, name: str) -> bool:
-        """Return whether a task's one source is a network like its own, from miniatures."""
+        """Return whether a task's only source is a network like its own, from miniatures."""
         edges = self.in_edges(name)
         if len(edges) != 1 or not isinstance(self.tasks[edges[0].source], Miniatures):
             return False
-        own, source = (self.setting("learner", one) for one in (name, edges[0].source))
-        return bool(own == source and edges[0].mapping.is_identity)
-
-    def _default_learner(self, name: str) -> Any:
-        """Return the default learner of a task; miniatures have that of their target."""
-        targets = [edge.target for edge in self.transfers if edge.source == name]
-        if targets and isinstance(self.tasks[name], Miniatures):
-            return self.setting("learner", targets[0])
-        return SETTINGS["learner"]
+        learner, source_learner = (self.setting("learner", n) for n in (name, edges[0].source))
+        return bool(learner == source_learner and edges[0].mapping.is_identity)
 
     def _budget(self, name: str, stated: Budget | None) -> Budget:
-        """Return the budget of a task: of a source, it ends when the return has settled."""
+        """Return the budget of a task: a source ends when its return has settled."""
         if name in self.last_tasks:
             return DEFAULT_STEPS if stated is None else stated
         if stated is not None:
             return capped(stated)
-        given = self.budget if isinstance(self.budget, Mapping) else {}
+        budgets = self.budget if isinstance(self.budget, Mapping) else {}
         shares = []
         for target in self.last_tasks:
             sources = self.ancestors(target)
             if name in sources:
-                stepping = [one for one in sources if not isinstance(self.tasks[one], Miniatures)]
-                unstated = max(1, sum(given.get(source) is None for source in stepping))
-                shares.append(source_budget(self.node(target).most_steps, unstated))
+                stepping = [s for s in sources if not isinstance(self.tasks[s], Miniatures)]
+                unstated = max(1, sum(budgets.get(source) is None for source in stepping))
+                steps = int(SOURCES_SHARE * self.node(target).most_steps)
+                shares.append(capped(max(1, steps // unstated)))
         return max(shares, key=limits)
 
     def node(self, name: str) -> Node:
@@ -312,14 +301,14 @@ class Curriculum:
             tasks.append((name, _task_in_words(task), learner, steps))
         transfers = [
             (
-                one.source,
-                one.target,
-                brief_value(one.mapping),
-                one.scale,
-                one.shift,
-                "yes" if one.calibrate else "no",
+                edge.source,
+                edge.target,
+                brief_value(edge.mapping),
+                edge.scale,
+                edge.shift,
+                "yes" if edge.calibrate else "no",
             )
-            for one in self.transfers
+            for edge in self.transfers
         ]
         head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
         return block(
@@ -329,12 +318,12 @@ class Curriculum:
         )
 
     def replace(self, name: str, **settings: Any) -> "Curriculum":
-        """Return the same curriculum with other settings, such as ``budget=``, for one task."""
-        each: dict[str, Any] = {
+        """Return the same curriculum with other settings, such as ``budget=``, for a task."""
+        changes: dict[str, Any] = {
             which: {**{n: self.setting(which, n) for n in self.tasks}, name: value}
             for which, value in settings.items()
         }
-        return replace(self, **each)
+        return replace(self, **changes)
 
     def train(
         self,
@@ -348,28 +337,28 @@ class Curriculum:
         saves: str | Place | None = None,
         progress: Progress = None,
     ) -> CurriculumResult:
-        """Return every task learnt, in order, each once; K seeds are K independent curricula.
+        """Return the results of all tasks, learnt in order; K seeds are K independent curricula.
 
         Parameters
         ----------
         seeds : int or sequence of int
             As in :func:`learn`. The k-th seed of a target builds on the k-th seed of its sources.
-            A task's random stream is named after it, so that a result does not depend on which
-            other tasks are there. Where a seed cannot be calibrated, its potential enters as it is,
-            with a warning; ``calibrations`` of the result says why.
+            A task's random stream is named after it, so that a result does not depend on the other
+            tasks. Where a seed cannot be calibrated, its potential enters unscaled, with a warning;
+            ``calibrations`` of the result says why.
         only : str or sequence of str, optional
-            What to train, with all that it builds on; every task by default.
+            Tasks to train, with all that they build on; every task by default.
         trained : dict of str to LearningResult or SourceValues, optional
-            Tasks learnt before, for the same seeds; they are taken as they are.
+            Tasks learnt before, for the same seeds.
         charge : bool
             Whether the budget of :attr:`target` pays for its sources too, seed by seed.
         snapshots : int
-            Tables of the first seed to keep on the way, in each task (:class:`Snapshots`).
+            Tables of the first seed to keep during training, in each task (:class:`Snapshots`).
         workers : int, optional
             Threads over seeds.
         saves : path, optional
-            A folder or a URL for checkpoints of the tasks that networks learn: a killed run
-            called again goes on where it was (:func:`learn_deep`).
+            A folder or a URL for checkpoints of networks: a killed run that is called again
+            continues from them (:func:`learn_deep`).
         progress : bool or callable, optional
             True shows a bar for each task; a function is called with the name of each task when it
             is learnt.
@@ -393,7 +382,7 @@ class Curriculum:
         for name in wanted - set(sources):
             self.node(name).check_network(shaped=bool(self.in_edges(name)))
         with shown(progress) as bars:
-            for name in [one for one in self.order if one in wanted and one not in given]:
+            for name in (name for name in self.order if name in wanted and name not in given):
                 potentials[name] = self.potentials(name, sources)
                 spent = self._spent(name, sources) if name == paying else None
                 node = self.node(name)
@@ -402,11 +391,11 @@ class Curriculum:
                     fitted = calibrated(node, potentials[name], settings, numbers, spent)
                     warn_of_refusals(name, fitted)
                     calibrations[name] = fitted
-                    potentials[name] = [one.potential for one in fitted]
+                    potentials[name] = [calibration.potential for calibration in fitted]
                 results[name] = node.train(
                     numbers,
                     potentials[name],
-                    warm_ups=[one.warm_up for one in fitted],
+                    warm_ups=[calibration.warm_up for calibration in fitted],
                     charged=spent,
                     snapshots=snapshots,
                     workers=workers,
@@ -418,14 +407,11 @@ class Curriculum:
         return CurriculumResult(self, results, potentials, calibrations, given)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
-        """Return the steps each seed spent on all tasks before `name`, each once, (K,) int64.
-
-        With those that searches for the mappings on the way took.
-        """
+        """Return the steps of each seed in all tasks before `name` and in mapping searches."""
         ancestors = self.ancestors(name)
         spent = [sources[source].steps_used for source in ancestors]
-        on_the_way = (t for t in self.transfers if t.target in (name, *ancestors))
-        searched = np.full(len(spent[0]) if spent else 0, search_steps(on_the_way))
+        edges = (edge for edge in self.transfers if edge.target in (name, *ancestors))
+        searched = np.full(len(spent[0]) if spent else 0, search_steps(edges))
         return np.sum([*spent, searched], axis=0, dtype=np.int64) if spent else None
 
     def potentials(
@@ -435,10 +421,10 @@ class Curriculum:
         *,
         transfers: Sequence[Transfer] | None = None,
     ) -> list[AnyPotential]:
-        """Return the potential that each seed's sources give a task; none without sources.
+        """Return the potential of a task for each seed, from its sources; none without sources.
 
         `transfers` are read, by default all into the task. CurriculumError when a source's values
-        were not kept, or not in a dense table.
+        are not kept, or not in a dense table.
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
         aggregate = self.setting("aggregate", name)
@@ -449,7 +435,7 @@ class Curriculum:
     def _given(
         self, trained: Mapping[str, Learnt], seeds: tuple[int, ...]
     ) -> dict[str, SourceValues]:
-        """Return what was learnt before, checked."""
+        """Return the values of tasks that were learnt before, checked."""
         instance("trained", trained, Mapping, CurriculumError)
         for name, result in trained.items():
             if name not in self.tasks or not same_task(result.task, self.tasks[name]):
@@ -465,6 +451,7 @@ class Curriculum:
 
 
 def _task_in_words(task: Any) -> str:
+    """Return the class of a task and its size."""
     if is_observation_task(task):
         return brief_value(task)
     model = generative_model(task)

@@ -1,4 +1,4 @@
-"""What the tasks of a curriculum are learnt with where nothing is said of it."""
+"""The settings of a curriculum's tasks, and their defaults."""
 
 from typing import Any
 
@@ -24,15 +24,14 @@ SETTINGS: dict[str, Any] = {
     "evaluation": GreedyEvaluation(),
     "storage": Storage(),
 }
-"""What may be one value for all tasks or a dict from task to value, and its default."""
+"""Settings that are a value for all tasks or a dict from task to value, and their defaults."""
 OF_TARGETS = ("aggregate", "unknown_value", "shaping")
 """Settings that do not apply to a task without sources."""
 DEFAULT_STEPS = 100_000
 """The budget of a task that no other builds on."""
 SOURCES_SHARE = 0.1
-"""Of the target's steps, for all sources that are given no budget. Fitted on the development
-families of benchmarks/pairs: more gains more on average, and loses more than a tenth more often."""
-
+"""Of the target's steps, for all sources without a budget. Fitted on the development families of
+benchmarks/pairs: more gains more on average, and loses more than a tenth more often."""
 PULL = 0.1
 """Weight of the pull that keeps an actor-critic near a network distilled from miniatures. The
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
@@ -50,11 +49,6 @@ def capped(budget: Budget) -> Budget:
     return StoppingRule(limits(budget)[0], settled=SETTLED)
 
 
-def source_budget(target_steps: int, sources: int) -> Budget:
-    """Return the budget of each of so many sources of a target, if they are given none."""
-    return capped(max(1, int(SOURCES_SHARE * target_steps) // sources))
-
-
 def default_shaping(
     task: Any,
     learner: Any,
@@ -63,14 +57,14 @@ def default_shaping(
     distilled: bool = False,
     budget: Budget | None = None,
 ) -> Shaping:
-    """Return how potentials enter learning: as the start of Q, guarded where that is possible.
+    """Return the start of Q as the way of potentials, guarded where that is possible.
 
-    An actor-critic whose one source is `distilled` from miniatures starts as that network and is
-    kept near it, unless its budget is in episodes, of which no half is known. A guard needs dense
-    tables, whatever the machine's memory, and a learner without a bonus.
+    An actor-critic whose only source is `distilled` from miniatures starts as that network and is
+    kept near it, unless its budget is in episodes, of which no half is known.
     """
     if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
         return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)
+    # A guard needs a learner without a bonus, and dense tables, whatever the machine's memory.
     possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
     if possible and storage.kind != "sparse":
         generative = generative_model(task)

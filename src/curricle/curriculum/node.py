@@ -1,4 +1,4 @@
-"""A node of a curriculum: a task with all that its training needs, except potentials."""
+"""A node of a curriculum: a task and all settings of its training, without potentials."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -43,7 +43,7 @@ from curricle.transfer.observation_rollouts import target_of
 class Node:
     """A task of a curriculum and how it is trained; made by :meth:`Curriculum.node`."""
 
-    name: str  # of the random stream too: a result does not depend on which other tasks are there
+    name: str  # of the random stream too: a result does not depend on the other tasks
     task: Any
     aggregate: Aggregate
     unknown_value: float
@@ -110,10 +110,7 @@ class Node:
         return isinstance(self.task, Miniatures)
 
     def check_network(self, *, shaped: bool) -> None:
-        """Raise SettingError unless a network's algorithm takes its settings and the shaping.
-
-        ImportError without Stable-Baselines3. Of tables nothing is checked.
-        """
+        """Raise SettingError if a network refuses its settings, ImportError without SB3."""
         if not self.deep:
             return
         self.learner.algorithm_class()
@@ -141,16 +138,10 @@ class Node:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
 
-            return learn_miniatures(
-                self.task,
-                self.learner,
-                seeds,
-                potentials,
-                eval_freq=self.eval_freq,
-                progress=progress,
-            )
-        each = [self.shaping.with_potential(phi) for phi in potentials]
+            how: Any = {"eval_freq": self.eval_freq, "progress": progress}
+            return learn_miniatures(self.task, self.learner, seeds, potentials, **how)
         common: dict[str, Any] = {
+            "shaping": [self.shaping.with_potential(phi) for phi in potentials] or None,
             "seeds": seeds,
             "eval_freq": self.eval_freq,
             "evaluation": self.evaluation,
@@ -160,38 +151,28 @@ class Node:
             "progress": progress,
         }
         if self.deep:
-            found = learn_deep(
-                self.task, self.learner, self.budget, shaping=each or None, saves=saves, **common
-            )
-            return found if self.storage.save_values else replace(found, values=None)
-        return learn(
-            self.task,
-            self.learner,
-            self.budget,
-            shaping=each or None,
-            storage=self.storage,
-            snapshots=snapshots,
-            workers=workers,
-            **common,
-        )
+            result = learn_deep(self.task, self.learner, self.budget, saves=saves, **common)
+            return result if self.storage.save_values else replace(result, values=None)
+        common |= {"storage": self.storage, "snapshots": snapshots, "workers": workers}
+        return learn(self.task, self.learner, self.budget, **common)
 
     def unlearnt(self, result: LearningResult) -> BoolArray:
-        """Return which seeds ended with a return too low to have settled, (K,); none without it."""
+        """Return the seeds whose last return is too low to have settled, (K,)."""
         if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
             return np.zeros(len(result.seeds), np.bool_)
         _, floor = levels(self.budget, self.task, self.evaluation, target_of)
         last = (result.steps_used // self.eval_freq).tolist()
-        recent = [recent_return(*each) for each in zip(result.greedy_return, last, strict=True)]
+        recent = list(map(recent_return, result.greedy_return, last))
         return np.array(recent) <= floor
 
     def decisions(self, result: LearningResult) -> Decisions:
-        """Return what the stopping rule decided at each checkpoint of each seed; [] without one."""
+        """Return the decisions of the stopping rule at the checkpoints of each seed, if any."""
         if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
             return Decisions([[] for _ in result.seeds], result.seeds)
         level, floor = levels(self.budget, self.task, self.evaluation, target_of)
         totals = result.steps_used.tolist(), result.evaluation_steps.tolist()
-        found = list[list[Decision]]()
-        for greedy, used, read in zip(result.greedy_return, *totals, strict=True):
-            each = self.budget.decisions(result.steps, greedy, level=level, floor=floor, used=used)
-            found.append([*each[:-1], replace(each[-1], evaluation_steps=read)])
-        return Decisions(found, result.seeds)
+        of_seeds, judge = list[list[Decision]](), self.budget.decisions
+        for greedy, used, spent in zip(result.greedy_return, *totals, strict=True):
+            *rest, last = judge(result.steps, greedy, level=level, floor=floor, used=used)
+            of_seeds.append([*rest, replace(last, evaluation_steps=spent)])
+        return Decisions(of_seeds, result.seeds)

@@ -1,4 +1,4 @@
-"""What sources hand on, and the potentials made of it."""
+"""The values that sources learnt, and the potentials that they give."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ from curricle.transfer.potentials import ObservationPotential, combined_potentia
 
 @dataclass(frozen=True, eq=False)
 class SourceValues:
-    """What K seeds learnt in a task: all that the tasks after it need of it.
+    """The values that K seeds learnt in a task: all that later tasks need of it.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class SourceValues:
     values : (K, S, A) float array or K ValueSource
         None if they were not kept.
     steps_used : (K,) int64
-        Steps that each seed spent on the task.
+        Steps of each seed in the task.
     own_rewards : bool
         Whether the values are in the task's own rewards (:class:`LearningResult`).
 
@@ -56,12 +56,12 @@ class SourceValues:
 
     @classmethod
     def of(cls, result: "Learnt") -> Self:
-        """Return what a result hands on."""
+        """Return the values of a result."""
         own_rewards = bool(np.all(result.own_rewards))
         return cls(result.task, result.seeds, result.values, result.steps_used, own_rewards)
 
     def first(self, n: int) -> "SourceValues":
-        """Return those of the first n seeds."""
+        """Return the values of the first n seeds."""
         values = None if self.values is None else self.values[:n]
         return replace(self, seeds=self.seeds[:n], values=values, steps_used=self.steps_used[:n])
 
@@ -88,28 +88,26 @@ def source_potentials(
 ) -> list[AnyPotential]:
     """Return the potential of a task for each of K seeds; none without edges.
 
-    `values` are those of each source, as in :class:`SourceValues`; CurriculumError where they were
-    not kept, or not in a form that the task can read.
+    `values` has those of a source by its name, as in :class:`SourceValues`; CurriculumError where
+    they were not kept, or not in a form that the task can read.
     """
     if not edges:
         return []
-    observed = is_observation_task(task)
-    each = [_readable(edge, values[edge.source], observed=observed) for edge in edges]
+    observed, read = is_observation_task(task), []
+    for edge in edges:
+        learnt = values[edge.source]
+        if isinstance(learnt, np.ndarray):
+            read.append([TableValues(table) for table in learnt] if observed else [*learnt])
+        elif observed and learnt is not None and all(isinstance(x, ValueSource) for x in learnt):
+            read.append([*learnt])
+        else:
+            raise CurriculumError(
+                f"a source's values must be kept, in dense tables{' or networks' * observed}: "
+                f"those of {edge.source!r}, which {edge.target!r} reads, are not; see Storage"
+            )
     make: Any = ObservationPotential if observed else combined_potential
     join = partial(make, task, edges, function=aggregate, unknown_value=unknown_value)
-    return [join(of_seed) for of_seed in zip(*each, strict=True)]
-
-
-def _readable(edge: Transfer, values: Any, *, observed: bool) -> list[Any]:
-    """Return the values of a source for each seed, in the form that its target reads."""
-    if isinstance(values, np.ndarray):
-        return [TableValues(table) for table in values] if observed else [*values]
-    if observed and values is not None and all(isinstance(one, ValueSource) for one in values):
-        return [*values]
-    raise CurriculumError(
-        f"a source's values must be kept, in dense tables{' or networks' * observed}: those of "
-        f"{edge.source!r}, which {edge.target!r} reads, are not; see Storage"
-    )
+    return [join(of_seed) for of_seed in zip(*read, strict=True)]
 
 
 def calibrated(
@@ -119,10 +117,7 @@ def calibrated(
     seeds: Sequence[int],
     charged: IntArray | None = None,
 ) -> list[Calibration]:
-    """Return the calibration of each seed's potential of a task, within the task's budget.
-
-    `charged`, (K,), are the steps that other tasks took of it.
-    """
+    """Return the calibrations of a task's potentials within its budget, less (K,) charged steps."""
     steps, episodes = limits(node.budget)
     left = [steps] * len(seeds) if charged is None else (steps - charged).tolist()
     return [
@@ -134,8 +129,8 @@ def calibrated(
 
 
 def warn_of_refusals(name: str, calibrations: Sequence[Calibration]) -> None:
-    """Warn where seeds could not be calibrated and take their potential as it is."""
-    refused = [one.refusal for one in calibrations if one.refusal]
+    """Warn of seeds that could not be calibrated."""
+    refused = [calibration.refusal for calibration in calibrations if calibration.refusal]
     if refused:
         warnings.warn(
             f"{len(refused)} of {counted(len(calibrations), 'seed')} of {name!r} take their "
@@ -145,25 +140,19 @@ def warn_of_refusals(name: str, calibrations: Sequence[Calibration]) -> None:
 
 
 class StoredValues(NamedTuple):
-    """What K seeds learnt in a task, as plain data."""
+    """The values that K seeds learnt in a task, as plain data."""
 
-    values: Any
-    """(K, S, A) float array, or K dicts of a network's parameters; None where they are not read."""
-    steps_used: IntArray
-    """(K,) in the task."""
-    scales: Sequence[float] = ()
-    """Of each seed's potential; empty unless its transfers are calibrated."""
+    values: Any  # (K, S, A) float array, or K dicts of a network's parameters; None if not read
+    steps_used: IntArray  # (K,) in the task
+    scales: Sequence[float] = ()  # of each seed's potential, if it is calibrated
 
 
 def sources_read(curriculum: Any, name: str) -> set[str]:
-    """Return the tasks whose values are needed to train a task.
-
-    They are its sources. A network that learnt on top of a potential needs that potential, so its
-    own sources are read too.
-    """
+    """Return the tasks whose values are needed to train a task: its sources, and theirs if deep."""
     read, waiting = set[str](), [name]
     while waiting:
         for edge in curriculum.in_edges(waiting.pop()):
+            # A network that learnt on top of a potential needs that potential.
             if edge.source not in read and curriculum.node(edge.source).deep:
                 waiting.append(edge.source)
             read.add(edge.source)
@@ -173,37 +162,32 @@ def sources_read(curriculum: Any, name: str) -> set[str]:
 def source_values(
     curriculum: Any, seeds: tuple[int, ...], sources: Mapping[str, StoredValues]
 ) -> dict[str, SourceValues]:
-    """Return what sources learnt as :meth:`Curriculum.train` takes it; networks are rebuilt.
+    """Return stored values as :meth:`Curriculum.train` takes them; networks are rebuilt.
 
-    `sources` has the values of all tasks that :func:`sources_read` names for a network. Rebuilding
-    one needs Stable-Baselines3, or raises ImportError.
+    `sources` has the values of all tasks that :func:`sources_read` names for a network. ImportError
+    where networks are to be rebuilt without Stable-Baselines3.
     """
-    found: dict[str, SourceValues] = {}
-    for name in curriculum.order:
-        if name in sources:
-            node, stored = curriculum.node(name), sources[name]
-            values, steps_used, scales = stored
-            if node.deep and values is not None:
-                potentials: list[Any] = curriculum.potentials(name, found)
-                if scales:
-                    pairs = zip(potentials, scales, strict=True)
-                    potentials = [phi.rescaled(scale) for phi, scale in pairs]
-                values = _networks(node, potentials or [None] * len(seeds), values)
-            found[name] = SourceValues(node.task, seeds, values, steps_used)
-    return found
+    learnt: dict[str, SourceValues] = {}
+    for name in (name for name in curriculum.order if name in sources):
+        node, (values, steps_used, scales) = curriculum.node(name), sources[name]
+        if node.deep and values is not None:
+            potentials: list[Any] = curriculum.potentials(name, learnt)
+            if scales:
+                pairs = zip(potentials, scales, strict=True)
+                potentials = [phi.rescaled(scale) for phi, scale in pairs]
+            values = _networks(node, potentials or [None] * len(seeds), values)
+        learnt[name] = SourceValues(node.task, seeds, values, steps_used)
+    return learnt
 
 
-def _networks(node: Node, potentials: Sequence[Any], each: Sequence[Any]) -> tuple[Any, ...]:
+def _networks(node: Node, potentials: Sequence[Any], parameters: Sequence[Any]) -> tuple[Any, ...]:
     """Return the values of each seed's network, from its parameters."""
-    node.learner.algorithm_class()  # raises ImportError that names what to install
-    from curricle.deep.models import network_values
+    node.learner.algorithm_class()  # raises an ImportError that names what to install
+    from curricle.deep.models import network_values  # needs PyTorch
 
-    # A network that was distilled computes its values alone, whatever its task's own sources are.
-    shapings = [
-        None if node.takes_no_steps else node.shaping.with_potential(potential)
-        for potential in potentials
-    ]
-    return tuple(
-        network_values(node.task, node.learner, shaping, parameters)
-        for shaping, parameters in zip(shapings, each, strict=True)
-    )
+    def values_of(potential: Any, of_seed: Any) -> Any:
+        # A distilled network computes its values alone, whatever its task's sources are.
+        shaping = None if node.takes_no_steps else node.shaping.with_potential(potential)
+        return network_values(node.task, node.learner, shaping, of_seed)
+
+    return tuple(map(values_of, potentials, parameters))

@@ -1,8 +1,9 @@
-"""Candidates for the sources of one target: proposed by kind, judged, and none of them twice."""
+"""Candidates for the sources of a target: proposed by kind, judged, and none of them twice."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
@@ -10,18 +11,23 @@ import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray
 from curricle.checks import one_of, whole_number
-from curricle.design.bottlenecks import bottlenecks
-from curricle.design.parts import crops, family_members, start_rings
+from curricle.design.kinds import (
+    bottlenecks,
+    coarser_tables,
+    crops,
+    family_members,
+    likeliest_outcomes,
+    removals,
+    start_rings,
+)
 from curricle.design.proposals import (
     PROPOSED,
     DesignTarget,
     Draft,
-    Made,
     SourceCandidate,
     aims,
     design_target,
 )
-from curricle.design.simpler_models import coarser_tables, likeliest_outcomes, removals
 from curricle.display import block, brief_repr, table
 from curricle.errors import CurricleError, CurriculumError
 from curricle.planning.solution import evaluate, solve
@@ -39,16 +45,16 @@ MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "coarser": coarser_tables,
 }
 KINDS = tuple(MAKERS)
-"""What candidates are made by, in the order of their turns."""
+"""In the order of their turns."""
 MOST = 20
-"""Candidates, unless told otherwise."""
+"""Candidates by default."""
 LARGEST = 20_000_000
 """State-action pairs up to which a task is judged, as they are refined together."""
 ROUNDING = 1e-9
 """Difference of returns, in units of the larger, that counts as none."""
 FINGERPRINT = 1e-6
-"""The same of fingerprints: far more than equal tasks can differ by."""
-# Why a task is no candidate; the same words for all that are dropped for one reason.
+"""Difference of fingerprints, in units of the larger, that equal tasks never have."""
+# Why a task is no candidate.
 NOT_MADE = "cannot be made"
 TOO_LARGE = "too large to be judged"
 NO_SOLUTION = "no exact solution"
@@ -61,14 +67,12 @@ Propose = Callable[[Any], Iterable[SourceCandidate]]
 
 
 class DroppedCandidate(NamedTuple):
-    """What was proposed and is no candidate."""
+    """A draft that is no candidate, and why."""
 
     name: str
     kind: str
     reason: str
-    """The same words for all that were dropped for one reason."""
-    detail: str = ""
-    """The sentence of the error, or the name of the candidate that is the same task."""
+    detail: str = ""  # the sentence of the error, or the name of the candidate that is the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +85,9 @@ class SourceCandidates:
     candidates : tuple of SourceCandidate
         They take turns by kind, so that the first few are of all kinds.
     dropped : tuple of DroppedCandidate
-        What was proposed before the last of them, and why it is none.
+        The drafts before the last candidate that are no candidates.
     cut : bool
-        Whether `most` ended the list while there was more to look at.
+        Whether `most` ended the list before all drafts were judged.
     """
 
     target: Any
@@ -100,26 +104,29 @@ class SourceCandidates:
         return iter(self.candidates)
 
     def __getitem__(self, name: str) -> SourceCandidate:
-        by_name = {one.name: one for one in self.candidates}
+        by_name = {candidate.name: candidate for candidate in self.candidates}
         one_of("a candidate", name, by_name, CurriculumError)
         return by_name[name]
 
     @property
     def _reasons(self) -> str:
-        """How many were dropped for each reason, the most frequent first, in words."""
-        counts = Counter(one.reason for one in self.dropped).most_common()
+        """Why candidates were dropped and how many, the most frequent reason first."""
+        counts = Counter(dropped.reason for dropped in self.dropped).most_common()
         return "; ".join(f"{n} {reason}" for reason, n in counts)
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (one.name, one.kind, one.task.states.size, one.optimum, one.random_return)
-            for one in self.candidates
+    @property
+    def _rows(self) -> list[tuple[str, str, int, float, float]]:
+        return [
+            (c.name, c.kind, c.task.states.size, c.optimum, c.random_return)
+            for c in self.candidates
         ]
+
+    def _repr_html_(self) -> str:
         head = ["source", "kind", "states", "optimum", "random policy"]
-        return block("Candidates for sources", table(head, rows), *self._left_out())
+        return block("Candidates for sources", table(head, self._rows), *self._left_out())
 
     def _left_out(self) -> list[str]:
-        """Return what was dropped or not looked at, in words."""
+        """Return sentences about candidates that were dropped or not looked at."""
         lines = list[str]()
         if self.dropped:
             looked_at = len(self.candidates) + len(self.dropped)
@@ -129,19 +136,17 @@ class SourceCandidates:
         return lines
 
     def __str__(self) -> str:
-        width = max(len(one.name) for one in self.candidates)
+        width = max(len(candidate.name) for candidate in self.candidates)
         lines = [f"{'':{width}}  {'kind':<13}{'states':>9}{'optimum':>10}{'random':>10}"]
-        lines += [
-            f"{one.name:{width}}  {one.kind:<13}{one.task.states.size:>9,}{one.optimum:>10.4g}"
-            f"{one.random_return:>10.4g}"
-            for one in self.candidates
-        ]
+        for name, kind, states, *returns in self._rows:
+            numbers = "".join(f"{value:>10.4g}" for value in returns)
+            lines.append(f"{name:{width}}  {kind:<13}{states:>9,}{numbers}")
         return "\n".join([*lines, *self._left_out()])
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What is known of a task: its returns, and its fingerprint."""
+    """A task with its returns, and values by which most tasks differ."""
 
     mdp: FiniteMDP
     refusal: str  # why it can be no candidate; empty if it can
@@ -166,7 +171,7 @@ def source_candidates(
     Parameters
     ----------
     target : Task or FamilyMember
-        With tables of at most 20 million pairs; a larger one is designed for on smaller members.
+        With tables of at most 20 million pairs.
     kinds : sequence of str
         By default all of these, which take turns in this order:
 
@@ -180,8 +185,8 @@ def source_candidates(
     most : int
         Candidates at most.
     propose : callable, optional
-        A function of the target task that returns further :class:`SourceCandidate` of a user's own;
-        they come first.
+        A function of the target task that returns further :class:`SourceCandidate`, which come
+        first.
 
     Raises
     ------
@@ -193,32 +198,34 @@ def source_candidates(
     Examples
     --------
     >>> from curricle import GridWorld
-    >>> found = source_candidates(GridWorld(["S..P", ".#..", "...T"]), most=3)
-    >>> [one.name for one in found]
+    >>> candidates = source_candidates(GridWorld(["S..P", ".#..", "...T"]), most=3)
+    >>> [candidate.name for candidate in candidates]
     ['rows 1..2, columns 2..3', 'no pit at (0, 3)', 'starts 1..2 from the goal']
     """
     most = whole_number("the number of candidates", most, 1, CurriculumError)
     wanted = _checked_kinds(kinds, propose)
-    found = design_target(target)
-    if found.mdp.outcome_row.size > LARGEST:
+    target = design_target(target)
+    if target.mdp.outcome_row.size > LARGEST:
         raise CurriculumError(
             f"candidates are made for targets of up to {LARGEST:,} state-action pairs: this one "
-            f"has {found.mdp.outcome_row.size:,}"
+            f"has {target.mdp.outcome_row.size:,}"
         )
-    drafts = [list(_own(found.task, propose))] if propose is not None else []
-    drafts += [list(MAKERS[kind](found)) for kind in KINDS if kind in wanted]
+    drafts = [list(_proposed(target.task, propose))] if propose is not None else []
+    drafts += [list(MAKERS[kind](target)) for kind in KINDS if kind in wanted]
     if not any(drafts):
-        raise CurriculumError(_nothing_proposed(found, wanted))
-    in_turns = (one for turn in zip_longest(*drafts) for one in turn if one is not None)
-    return _judged_drafts(found, in_turns, most)
-
-
-def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> SourceCandidates:
-    """Return the drafts that are built, can be learnt and are new, in order; and the others."""
+        if target.member is not None and wanted == ("member",):
+            raise CurriculumError(
+                "a family needs a member that is easier than the target: "
+                f"{target.member} is the only one, or the easiest"
+            )
+        raise CurriculumError(
+            f"the target has no candidates of the kinds {', '.join(wanted)}: give others, or "
+            "propose"
+        )
     known = {AS_TARGET: judged(target.mdp)}
     kept, dropped = list[SourceCandidate](), list[DroppedCandidate]()
     cut = False
-    for draft in drafts:
+    for draft in (draft for turn in zip_longest(*drafts) for draft in turn if draft is not None):
         if len(kept) == most:
             cut = True
             break
@@ -227,16 +234,21 @@ def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> 
             task, mappings = draft.build()
             of_draft = draft.kind, draft.words, draft.share, draft.member
             candidate = SourceCandidate(name, task, mappings, *of_draft)
-            found = judged(tables(task), _goal_of(target, candidate))
+            judgement = judged(tables(task), _goal_of(target, candidate))
         except CurricleError as error:
             dropped.append(DroppedCandidate(name, draft.kind, NOT_MADE, str(error)))
             continue
-        reason, detail = _refusal(found, known)
+        reason, detail = judgement.refusal, ""
+        if not reason:
+            same = (key for key in known if same_up_to_homomorphism(judgement, known[key]))
+            if (key := next(same, None)) is not None:
+                reason, detail = (key, "") if key == AS_TARGET else (AS_ANOTHER, key)
         if reason:
             dropped.append(DroppedCandidate(name, draft.kind, reason, detail))
             continue
-        known[name] = found
-        kept.append(replace(candidate, optimum=found.optimum, random_return=found.random_return))
+        known[name] = judgement
+        returns: Any = {"optimum": judgement.optimum, "random_return": judgement.random_return}
+        kept.append(replace(candidate, **returns))
     candidates = SourceCandidates(target.task, tuple(kept), tuple(dropped), cut)
     if not kept:
         raise CurriculumError(
@@ -246,27 +258,15 @@ def _judged_drafts(target: DesignTarget, drafts: Iterable[Draft], most: int) -> 
 
 
 def _goal_of(target: DesignTarget, candidate: SourceCandidate) -> BoolArray | None:
-    """Return the goal of a candidate, if only the target can tell; else its own rewards do.
-
-    Where nothing ends either task, and chance was removed, the largest rewards may be elsewhere.
-    """
+    """Return the states that the target's goal reads, if nothing ends either task; else None."""
+    # Where chance was removed from such a task, its largest rewards may be elsewhere.
     mdp = tables(candidate.task)
     if mdp.terminal.any() or target.mdp.terminal.any():
         return None
-    read = np.concatenate([one.index[target.goal].ravel() for one in candidate.mappings])
-    found = np.zeros(len(mdp.terminal), bool)
-    found[read[read >= 0] // mdp.outcome_row.shape[1]] = True
-    return found if found.any() else None
-
-
-def _refusal(found: Judged, known: dict[str, Judged]) -> tuple[str, str]:
-    """Return why a task is no candidate, and the candidate that it repeats; empty if it is one."""
-    if found.refusal:
-        return found.refusal, ""
-    for name, one in known.items():
-        if same_up_to_homomorphism(found, one):
-            return (AS_TARGET, "") if name == AS_TARGET else (AS_ANOTHER, name)
-    return "", ""
+    read = np.concatenate([m.index[target.goal].ravel() for m in candidate.mappings])
+    goal = np.zeros(len(mdp.terminal), bool)
+    goal[read[read >= 0] // mdp.outcome_row.shape[1]] = True
+    return goal if goal.any() else None
 
 
 def _checked_kinds(kinds: Sequence[str], propose: Propose | None) -> tuple[str, ...]:
@@ -281,48 +281,34 @@ def _checked_kinds(kinds: Sequence[str], propose: Propose | None) -> tuple[str, 
     return tuple(kinds)
 
 
-def _nothing_proposed(target: DesignTarget, kinds: tuple[str, ...]) -> str:
-    if target.member is not None and kinds == ("member",):
-        return (
-            "a family needs a member that is easier than the target: "
-            f"{target.member} is the only one, or the easiest"
-        )
-    return f"the target has no candidates of the kinds {', '.join(kinds)}: give others, or propose"
-
-
-def _own(target: Any, propose: Propose) -> Iterator[Draft]:
-    """Yield what a user's function proposes, checked."""
-    given = propose(target)
-    if isinstance(given, SourceCandidate | str) or not isinstance(given, Iterable):
-        raise CurriculumError(f"propose must return SourceCandidates, in a list: got {given!r}")
+def _proposed(target: Any, propose: Propose) -> Iterator[Draft]:
+    """Yield the candidates that a user's function proposes, checked."""
+    proposed = propose(target)
+    if isinstance(proposed, SourceCandidate | str) or not isinstance(proposed, Iterable):
+        raise CurriculumError(f"propose must return SourceCandidates, in a list: got {proposed!r}")
     names = set[str]()
-    for one in given:
-        if not isinstance(one, SourceCandidate):
-            raise CurriculumError(f"propose must return SourceCandidates: got {one!r}")
-        if one.name in names:
-            raise CurriculumError(f"candidates need different names: {one.name!r} is given twice")
-        if not all(same_task(mapping.target, target) for mapping in one.mappings):
+    for candidate in proposed:
+        if not isinstance(candidate, SourceCandidate):
+            raise CurriculumError(f"propose must return SourceCandidates: got {candidate!r}")
+        name = candidate.name
+        if name in names:
+            raise CurriculumError(f"candidates need different names: {name!r} is given twice")
+        if not all(same_task(mapping.target, target) for mapping in candidate.mappings):
             raise CurriculumError(
                 "the mappings of a candidate must be from the target: one of "
-                f"{one.name!r} is from another task"
+                f"{name!r} is from another task"
             )
-        names.add(one.name)
-        generative_model(one.task)
-        yield Draft(PROPOSED, one.name, one.words, _as_it_is(one))
-
-
-def _as_it_is(one: SourceCandidate) -> Callable[[], Made]:
-    return lambda: (one.task, one.mappings)
+        names.add(name)
+        generative_model(candidate.task)
+        build = partial(tuple, (candidate.task, candidate.mappings))
+        yield Draft(PROPOSED, name, candidate.words, build)
 
 
 # -- whether a task can be learnt, and whether two are the same ----------------------------------
 
 
 def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
-    """Return what is known of a task, and why it can be no candidate if it cannot.
-
-    `goal`, (S,), is where it wants to get; by default what its rewards say (:func:`aims`).
-    """
+    """Return the returns of a task with a goal (S,), by default :func:`aims`, or its refusal."""
     n_states, n_actions = mdp.outcome_row.shape
     if mdp.outcome_row.size > LARGEST:
         return Judged(mdp, TOO_LARGE)
@@ -349,8 +335,7 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
 def _missed(mdp: FiniteMDP, goal: BoolArray, optimal: BoolArray) -> str:
     """Return why an episode misses the goal; empty if an optimal policy can reach it in time."""
     if mdp.terminal.any() and not mdp.terminal[goal].any():
-        # It has ends, and none can be entered: its largest rewards are no goal.
-        return NEVER_REACHED
+        return NEVER_REACHED  # no end can be entered: the largest rewards are no goal
     far = goal_distance(mdp, goal)[mdp.start_states]
     far = far[far >= 0]
     if not far.size or (mdp.time_limit is not None and int(far.min()) > mdp.time_limit):
@@ -358,26 +343,26 @@ def _missed(mdp: FiniteMDP, goal: BoolArray, optimal: BoolArray) -> str:
     return "" if (reachable_states(mdp, optimal) & goal).any() else AVOIDED
 
 
-def same_up_to_homomorphism(one: Judged, other: Judged) -> bool:
-    """Return whether two tasks are one, up to an exact homomorphism of both onto the same task.
+def same_up_to_homomorphism(task: Judged, other: Judged) -> bool:
+    """Return whether both tasks are mapped onto the same task by exact homomorphisms.
 
-    Their states and actions may be numbered in any way, and one may have several states for one of
-    the other. Discount, time limit, and the chance to start in each block are equal. Tasks whose
-    fingerprints differ, the optimal values that homomorphisms keep, are not refined.
+    Their states and actions may be numbered in any way, and several states of a task may stand for
+    a single state of the other. Discount, time limit, and the chance to start in each block are
+    equal. Tasks whose fingerprints differ are not refined.
     """
-    first, second = one.mdp, other.mdp
+    first, second = task.mdp, other.mdp
     if (first.discount, first.time_limit) != (second.discount, second.time_limit):
         return False
-    if one.fingerprint is None or other.fingerprint is None:
+    if task.fingerprint is None or other.fingerprint is None:
         return False
-    if not np.allclose(one.fingerprint, other.fingerprint, rtol=FINGERPRINT, atol=FINGERPRINT):
+    if not np.allclose(task.fingerprint, other.fingerprint, rtol=FINGERPRINT, atol=FINGERPRINT):
         return False
     if first.outcome_row.size + second.outcome_row.size > LARGEST:
         return first is second
-    mine, others = refined([model_for_refinement(first), model_for_refinement(second)])
-    blocks = int(max(mine.states.max(), others.states.max())) + 1
+    partitions = refined([model_for_refinement(first), model_for_refinement(second)])
+    blocks = int(max(partition.states.max() for partition in partitions)) + 1
     start, other_start = (
-        np.bincount(found.states, mdp.start, blocks)
-        for found, mdp in ((mine, first), (others, second))
+        np.bincount(partition.states, mdp.start, blocks)
+        for partition, mdp in zip(partitions, (first, second), strict=True)
     )
     return bool(np.allclose(start, other_start, rtol=0, atol=ROUNDING))

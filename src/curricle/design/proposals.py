@@ -1,4 +1,4 @@
-"""A candidate for a source, how it reads another one, and the draft that it is made from."""
+"""A candidate for a source, how it reads another candidate, and the draft that it is made from."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ Item = TypeVar("Item")
 PROPOSED = "proposed"
 MAPPINGS = (StateActionMapping, ObservationMapping)
 AGREES = 0.99
-"""Share of the target's pairs for which a mapping through it must be one and the same."""
+"""Share of the target's pairs that must read the same pair through the target."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,29 +38,29 @@ class SourceCandidate(Frozen):
     Parameters
     ----------
     name : str
-        What a curriculum can call it; different for each candidate of a target.
+        For a curriculum; every candidate of a target has a different one.
     task : Task
         With tables.
     mappings : StateActionMapping, ObservationMapping or sequence of them
         From the target to the task; several where the target reads it in several ways, as each of
-        two predators reads the only one of a smaller hunt.
+        two predators reads the single predator of a smaller hunt.
     kind : str
-        What it was made by, as in :func:`source_candidates`; "proposed" for a user's own.
+        One of the kinds of :func:`source_candidates`; "proposed" for a user's candidate.
     words : str
-        What it is, for a person.
+        A description for a person.
     share : float, optional
-        Of the target, where candidates of its kind differ by size or distance: of the side of a
-        crop, of the way that starts or a bottleneck lie from the goal.
+        Size or distance as a share of the target's: the side of a crop, the way from starts or a
+        bottleneck to the goal.
     member : FamilyMember, optional
         Its address, if it is a member of the target's family.
     optimum, random_return : float
         Expected discounted return from its start, of an optimal policy and of the uniformly random
-        one; NaN before it was judged.
+        policy; NaN before it is judged.
 
     Raises
     ------
     CurriculumError
-        When the name is unfit, or a mapping is none or leads elsewhere.
+        When the name is unfit, or `mappings` holds something else or leads to another task.
 
     Examples
     --------
@@ -86,11 +86,11 @@ class SourceCandidate(Frozen):
         text(f"the kind of {self.name!r}", self.kind, CurriculumError)
         several = isinstance(self.mappings, Sequence)
         mappings = tuple(self.mappings) if several else (self.mappings,)
-        if not mappings or not all(isinstance(one, MAPPINGS) for one in mappings):
+        if not mappings or not all(isinstance(mapping, MAPPINGS) for mapping in mappings):
             raise CurriculumError(
                 f"a candidate needs mappings from the target: {self.name!r} has {self.mappings!r}"
             )
-        if any(one.source is not self.task for one in mappings):
+        if any(mapping.source is not self.task for mapping in mappings):
             raise CurriculumError(
                 f"the mappings of a candidate must lead to its task: one of {self.name!r} does not"
             )
@@ -109,12 +109,12 @@ class SourceCandidate(Frozen):
 def mappings_between(
     target: Any, after: SourceCandidate, before: SourceCandidate
 ) -> tuple[Any, ...]:
-    """Return how a source reads an earlier one: f(s', a') for the later source's pairs.
+    """Return how a source reads an earlier source: f(s', a') for the later source's pairs.
 
-    Members of one family map onto each other as it declares. Other sources read each other through
-    the target: a pair of the later one reads the pair of the earlier one that most of those target
-    pairs read which read itself. Of several mappings those are taken by which the target's pairs
-    agree, or the one by which they agree the most.
+    Members of a family map onto each other as the family declares. Other sources read each other
+    through the target: of all target pairs that read a pair of the later source, most read the same
+    pair of the earlier source, and that is its value. Of several mappings those are returned for
+    which nearly all target pairs agree, or the mapping for which most agree.
 
     Parameters
     ----------
@@ -138,26 +138,26 @@ def mappings_between(
     >>> print(mapping.coverage())
     20.0% of 60 target pairs mapped, 0.0% at the source's end, 80.0% unmapped; ...
     """
-    own, other = after.member, before.member
-    if own is not None and other is not None and own.family.factory is other.family.factory:
-        return member_mappings(own, other, after.task, before.task)
+    later, earlier = after.member, before.member
+    if later and earlier and later.family.factory is earlier.family.factory:
+        return member_mappings(later, earlier, after.task, before.task)
     if not all(has_tables(task) for task in (target, after.task, before.task)):
         raise CurriculumError(
             "sources that build on each other must be members of one family, or have tables as "
             f"the target has: {after.name!r} and {before.name!r} do not"
         )
     reader = after.mappings[0].index
-    found = [_through(reader, one.index, after.task, before.task) for one in before.mappings]
-    best = max(agreement for agreement, _ in found)
+    read = [_through(reader, mapping.index, after.task, before.task) for mapping in before.mappings]
+    best = max(agreement for agreement, _ in read)
     return tuple(
         StateActionMapping(after.task, before.task, index)
-        for agreement, index in found
+        for agreement, index in read
         if agreement >= min(best, AGREES)
     )
 
 
 def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple[float, IntArray]:
-    """Return the most frequent pair that is read, (S', A'), and in how many it is that one."""
+    """Return the pair that most target pairs read, (S', A'), and the share of pairs that do."""
     shape = after.states.size, generative_model(after).actions.size
     known = (reader >= 0) & (read != UNMAPPED)
     index = np.full(shape[0] * shape[1], UNMAPPED, np.int64)
@@ -166,10 +166,10 @@ def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple
     size = before.states.size * generative_model(before).actions.size - ENDED
     both = reader[known].astype(np.int64) * size + (read[known] - ENDED)
     pairs, counts = np.unique(both, return_counts=True)
-    own, other = np.divmod(pairs, size)
-    order = np.lexsort((other, -counts, own))  # of equal counts the first pair
-    first = order[np.unique(own[order], return_index=True)[1]]
-    index[own[first]] = other[first] + ENDED
+    later, earlier = np.divmod(pairs, size)
+    order = np.lexsort((earlier, -counts, later))  # of equal counts the first pair
+    first = order[np.unique(later[order], return_index=True)[1]]
+    index[later[first]] = earlier[first] + ENDED
     index = index.reshape(shape)
     index[terminal_states(after)] = ENDED
     return float(counts[first].sum() / counts.sum()), index
@@ -179,7 +179,7 @@ def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple
 
 
 class DesignTarget(NamedTuple):
-    """The target of a design, and what the kinds of candidates read of it."""
+    """A target, its tables and its goal, from which drafts are made."""
 
     task: Any
     member: FamilyMember | None  # its address, if it is a member of a family
@@ -196,16 +196,26 @@ class Draft(NamedTuple):
     kind: str
     name: str
     words: str
-    build: Callable[[], Made]
-    """Returns the task and its mappings; raises a CurricleError where there is no such task."""
+    build: Callable[[], Made]  # the task and its mappings; CurricleError if there is no such task
     share: float | None = None
-    """Of the target, where candidates of a kind differ by size or distance."""
     member: FamilyMember | None = None
-    """Its address, if it is a member of the target's family."""
+
+
+def paired(target: Any, make: Callable[[], Any], reads: Any = None) -> Callable[[], Made]:
+    """Return the `build` of a task that `make` returns; `reads(target, source)` is the mapping.
+
+    By default a pair of the target reads the pair of the same number.
+    """
+
+    def build() -> Made:
+        source = make()
+        return source, (reads or by_number)(target, source)
+
+    return build
 
 
 def design_target(target: Any) -> DesignTarget:
-    """Return what kinds read of a target, a task or a member of a family; TaskError if neither."""
+    """Return a target, a task or a member of a family, with its tables; TaskError for others."""
     member = target if isinstance(target, FamilyMember) else None
     task = target if member is None else member.task
     mdp = tables(task)
@@ -213,10 +223,9 @@ def design_target(target: Any) -> DesignTarget:
 
 
 def aims(mdp: FiniteMDP) -> BoolArray:
-    """Return the states that an agent wants to get to, (S,) bool.
+    """Return the goal of a task, (S,) bool: the ends that are entered with the largest reward.
 
-    The ends that are entered with the largest reward; where nothing ends the task, the states in
-    which some action has the largest expected reward of all.
+    Where nothing ends the task, the states in which some action has the largest expected reward.
     """
     try:
         return goal_states(mdp)
@@ -227,18 +236,18 @@ def aims(mdp: FiniteMDP) -> BoolArray:
 
 
 def by_number(target: Any, source: Any) -> StateActionMapping:
-    """Return the mapping of each state and action to that of the same number."""
+    """Return the mapping by which a pair reads the pair of the same number."""
     states, actions = np.arange(target.states.size), np.arange(target.actions.size)
     return pair_mapping(target, source, states[:, None], actions)
 
 
 def spread(items: Iterable[Item]) -> list[Item]:
-    """Return items so that those first in the list are spread over all: the middle one first."""
-    listed = list(items)
-    found, parts = list[Item](), [(0, len(listed))]
+    """Return items in an order of which the first few are spread over all: the middle first."""
+    items = list(items)
+    order, parts = list[Item](), [(0, len(items))]
     for low, high in parts:  # grows while it is read
         if low < high:
             middle = (low + high - 1) // 2
-            found.append(listed[middle])
+            order.append(items[middle])
             parts += [(low, middle), (middle + 1, high)]
-    return found
+    return order

@@ -1,11 +1,10 @@
-"""F4: pursuit. Two predators learn from one, as published and as stated."""
+"""Figure 4, pursuit: two predators learn from a single one, as published and as stated."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle import (
     Curriculum,
@@ -71,7 +70,7 @@ ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=100, discounted=False)
 
 @dataclass(frozen=True)
 class Setting:
-    """One way of running the experiment."""
+    """A way of running the experiment."""
 
     title: str
     hunt: Pursuit  # two predators, the target
@@ -121,16 +120,15 @@ def mappings(setting: Setting) -> Sequence[StateActionMapping]:
     """Return f_1 and f_2 (paper E7), without the shared cells where the setting excludes them."""
     hunt = setting.hunt
     chase = Pursuit(hunt.size, 1, discount=hunt.discount, time_limit=hunt.time_limit)
-    found = [project(hunt, chase, predator=name) for name in hunt.predator_names]
+    everywhere = [project(hunt, chase, predator=name) for name in hunt.predator_names]
     if setting.colocated:
-        return found
+        return everywhere
     where = hunt.states.decode()
-    shared = where["predator_1"] == where["predator_2"]
+    shared = (where["predator_1"] == where["predator_2"])[:, None]
     # In the published runs an unmapped pair was a vote for 0, in every aggregate.
-    kept = [np.where(shared[:, None], UNMAPPED, f.index) for f in found]
     return [
-        StateActionMapping(hunt, f.source, index, unmapped_value=0.0)
-        for f, index in zip(found, kept, strict=True)
+        StateActionMapping(hunt, chase, np.where(shared, UNMAPPED, f.index), unmapped_value=0.0)
+        for f in everywhere
     ]
 
 
@@ -148,7 +146,7 @@ def _run(setting: Setting, seeds: int, workers: int | None, progress: Progress) 
     for name, aggregate, scale in plans:
         curriculum = Curriculum(
             tasks={"chase": f[0].source, "hunt": hunt},
-            transfers=[Transfer("chase", "hunt", one, scale=scale) for one in f],
+            transfers=[Transfer("chase", "hunt", mapping, scale=scale) for mapping in f],
             aggregate=aggregate,
             learner=setting.learner,
             shaping=QInitialisation(),
@@ -173,9 +171,22 @@ def figure4(seeds: int, workers: int | None, progress: Progress) -> FigureResult
     figure, axes = new_figure(len(SETTINGS), 2, width=11, height=3.4 * len(SETTINGS))
     for row, (name, arms) in zip(axes, results.items(), strict=True):
         for panel, count in zip(row, (few, seeds), strict=True):
-            _draw(panel, arms, count, name)
+            _draw(panel, arms, count, training=name == "epsilon-greedy")
             panel.set_title(f"{SETTINGS[name].title} ({counted(count, 'seed')})")
         row[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    table = stacked(
+        {
+            "setting": setting,
+            "arm": arm,
+            "seed": np.array(result.seeds)[:, None],
+            "steps": result.steps,
+            "source_steps": (arm not in ("scratch", "source")) * arms["source"].steps_used[:, None],
+            "training_return": result.training_return,
+            "greedy_return": result.greedy_return,
+        }
+        for setting, arms in results.items()
+        for arm, result in arms.items()
+    )
     return FigureResult(
         name="figure4",
         title="Figure 4: pursuit, two predators learning from one",
@@ -185,8 +196,15 @@ def figure4(seeds: int, workers: int | None, progress: Progress) -> FigureResult
         "return of the training episodes on 5x5. Source steps are not counted here; the data and "
         "the evidence hold them. Returns below -10 are drawn on a logarithmic scale.",
         figure=figure,
-        tables={"figure4": _table(results)},
-        claims=[*_claims(results)],
+        tables={"figure4": table},
+        claims=[
+            _exact_values(),
+            *_as_published(results["as published"], results["as published, all mapped"]),
+            *_as_stated(results["as stated"]),
+            *_collapse(results["epsilon-greedy"]),
+            _why_max(),
+            _mapping_found(),
+        ],
         settings={
             "learner": f"Q-learning, learning rate {LEARNING_RATE}, softmax with inverse "
             f"temperature {INVERSE_TEMPERATURE} (row 4: epsilon-greedy, {EPSILON})",
@@ -197,8 +215,7 @@ def figure4(seeds: int, workers: int | None, progress: Progress) -> FigureResult
     )
 
 
-def _draw(panel: Any, arms: Arms, count: int, setting: str) -> None:
-    training = setting == "epsilon-greedy"
+def _draw(panel: Any, arms: Arms, count: int, *, training: bool) -> None:
     for name, result in arms.items():
         if training and name == "source":
             continue
@@ -216,22 +233,6 @@ def _draw(panel: Any, arms: Arms, count: int, setting: str) -> None:
     panel.set(xlabel="steps (thousands)", ylabel="training return" if training else "greedy return")
 
 
-def _table(results: Mapping[str, Arms]) -> dict[str, npt.NDArray[Any]]:
-    return stacked(
-        {
-            "setting": setting,
-            "arm": arm,
-            "seed": np.array(result.seeds)[:, None],
-            "steps": result.steps,
-            "source_steps": (arm not in ("scratch", "source")) * arms["source"].steps_used[:, None],
-            "training_return": result.training_return,
-            "greedy_return": result.greedy_return,
-        }
-        for setting, arms in results.items()
-        for arm, result in arms.items()
-    )
-
-
 VALUES: dict[tuple[int, Any], float] = {
     (4, "all"): -3.482,
     (4, "as_published"): -2.1949,
@@ -244,16 +245,6 @@ VALUES: dict[tuple[int, Any], float] = {
 
 AVERAGED = 4
 """Checkpoints (40,000 steps) averaged for "at the start" (after the first) and "at the end"."""
-
-
-def _claims(results: Mapping[str, Arms]) -> Iterator[Claim]:
-    """Yield the claims of figure 4 from the training results of each setting."""
-    yield _exact_values()
-    yield from _as_published(results["as published"], results["as published, all mapped"])
-    yield from _as_stated(results["as stated"])
-    yield from _collapse(results["epsilon-greedy"])
-    yield _why_max()
-    yield _mapping_found()
 
 
 def _start(result: LearningResult) -> FloatArray:
@@ -270,7 +261,7 @@ def _end_minus_start(arms: Arms) -> dict[str, Interval]:
 
 
 def _exact_values() -> Claim:
-    found = {
+    means = {
         (size, rule): float(solve(Pursuit(size, 2, capture=rule)).values.mean())
         for size, rule in VALUES
     }
@@ -279,12 +270,13 @@ def _exact_values() -> Claim:
         "The three definitions of the task have different optima: both catch, as published, "
         "first touch",
         "exact value iteration; mean of V* over all states, discount 0.99",
-        verdict(all(abs(found[key] - value) < 6e-4 for key, value in VALUES.items())),
-        {f"{size}x{size}, {rule}": value for (size, rule), value in found.items()},
+        verdict(all(abs(means[key] - value) < 6e-4 for key, value in VALUES.items())),
+        {f"{size}x{size}, {rule}": value for (size, rule), value in means.items()},
     )
 
 
 def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
+    """Yield the claims about the task as published; in the control every state is mapped."""
     setting = "4x4, softmax 0.2, episodes end at the first touch, shared cells unmapped (Q = 0)"
     ahead = {n: paired_difference(_start(arms[n]), _start(arms["scratch"])) for n in AGGREGATES}
     yield Claim(
@@ -400,16 +392,16 @@ def _collapse(arms: Arms) -> Iterator[Claim]:
 
 def _why_max() -> Claim:
     """Compare the greedy policies of the exact aggregates in both definitions of the task."""
-    found = dict[str, dict[str, float]]()
+    exact = dict[str, dict[str, float]]()
     for name in ("as published", "as published, all mapped", "as stated"):
         f = mappings(SETTINGS[name])
         source = solve(f[0].source).action_values
-        read = np.stack([one.read(source) for one in f])
-        found[name] = {}
+        read = np.stack([mapping.read(source) for mapping in f])
+        exact[name] = {}
         for g in AGGREGATES.values():
             policy = greedy_policy(g(read), tolerance=1e-7)
-            found[name][g.__name__] = float(evaluate(SETTINGS[name].hunt, policy).values.mean())
-    stated, mapped = found["as stated"], found["as published, all mapped"]
+            exact[name][g.__name__] = float(evaluate(SETTINGS[name].hunt, policy).values.mean())
+    stated, mapped = exact["as stated"], exact["as published, all mapped"]
     holds = stated["minimum"] > stated["mean"] > stated["maximum"]
     holds &= mapped["mean"] > mapped["maximum"]
     return Claim(
@@ -420,7 +412,7 @@ def _why_max() -> Claim:
         "catch Q* <= min <= mean <= max, so that max overestimates most",
         "exact: greedy on the aggregate of the source's exact Q, mean over all states",
         answer(holds),
-        {f"{name}, {g}": value for name, row in found.items() for g, value in row.items()},
+        {f"{name}, {g}": value for name, row in exact.items() for g, value in row.items()},
     )
 
 
@@ -428,16 +420,15 @@ def _mapping_found() -> Claim:
     """Search for the mappings instead of writing them."""
     hand_made = mappings(SETTINGS["as stated"])
     hunt, chase = hand_made[0].target, hand_made[0].source
-    found = find_projections(hunt, chase)
-    exact = [one for one in found if one.error < 1e-9]
+    projections = find_projections(hunt, chase)
+    exact = [projection for projection in projections if projection.error < 1e-9]
+    others = [projection for projection in projections if projection.error >= 1e-9]
     recovered = len(exact) == len(hand_made) and all(
-        any(np.array_equal(one.mapping.index, f.index) for one in exact) for f in hand_made
+        any(np.array_equal(p.mapping.index, f.index) for p in exact) for f in hand_made
     )
-    source = solve(chase).action_values
-    others = [one for one in found if one.error >= 1e-9]
-    starts = {}
-    for name, some in (("the two found", exact), ("control: the next best two", others[:2])):
-        aggregate = minimum(np.stack([one.mapping.read(source) for one in some]))
+    source, starts = solve(chase).action_values, {}
+    for name, pair in (("the two found", exact), ("control: the next best two", others[:2])):
+        aggregate = minimum(np.stack([p.mapping.read(source) for p in pair]))
         starts[name] = evaluate(hunt, greedy_policy(aggregate, tolerance=1e-7)).start_value
     return Claim(
         "f4.mapping-found",
@@ -448,8 +439,8 @@ def _mapping_found() -> Claim:
         answer(recovered and min(starts, key=starts.__getitem__) != "the two found"),
         {
             **{f"greedy start on the minimum of {name}": start for name, start in starts.items()},
-            "assignments tried": len(found),
-            "with no disagreement": ", ".join(str(one.states) for one in exact),
+            "assignments tried": len(projections),
+            "with no disagreement": ", ".join(str(projection.states) for projection in exact),
             "disagreement of the next best": others[0].error,
         },
     )

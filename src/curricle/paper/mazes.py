@@ -20,7 +20,6 @@ from curricle import (
     solve,
 )
 from curricle.array_types import FloatArray, IntArray
-from curricle.curriculum import CurriculumResult
 from curricle.learning import LearningResult, RewardBonus, StateShaping
 from curricle.paper.settings import (
     EPSILON,
@@ -31,7 +30,7 @@ from curricle.paper.settings import (
     FigureResult,
     Progress,
     answer,
-    draw_threshold,
+    draw_level,
     maze,
     over_seeds,
     stacked,
@@ -63,27 +62,30 @@ SETTINGS = {
 
 @dataclass(frozen=True)
 class Scratch:
-    """The target learnt from scratch."""
+    """A maze learnt from scratch, and the threshold that this sets."""
 
     maze: GridWorld
     curve: Curve
     threshold: float  # return midway between the lowest and highest of the curve
-    times: Times  # steps to the threshold
+    steps: FloatArray  # (K,) to the threshold
 
 
-def from_scratch(arena: GridWorld, seeds: int, workers: int | None) -> Scratch:
-    """Return the maze learnt from scratch, and the threshold that this sets."""
-    curve = Curve.of(learnt_alone(arena, TARGET_BUDGET, seeds, workers))
+def from_scratch(arena: GridWorld, *how_many: Any) -> Scratch:
+    """Return a maze learnt from scratch by seeds and workers."""
+    curve = Curve.of(learnt_alone(arena, TARGET_BUDGET, *how_many))
     threshold = midpoint(curve, window=WINDOW, after=SETTLED)
-    return Scratch(arena, curve, threshold, time_to_threshold(curve, threshold, window=WINDOW))
+    return Scratch(arena, curve, threshold, times(curve, threshold).steps)
 
 
-def learnt_alone(
-    arena: GridWorld, budget: int | Episodes, seeds: int, workers: int | None
-) -> LearningResult:
+def learnt_alone(arena: GridWorld, budget: Any, seeds: int, workers: int | None) -> LearningResult:
     """Return the training of the maze without sources."""
     how: Any = {"eval_freq": EVERY, "evaluation": SUMMED, "stream": "target"}
     return learn(arena, LEARNER, budget, seeds=seeds, workers=workers, **how)
+
+
+def times(curve: Curve, threshold: float, *, strong: bool = False) -> Times:
+    """Return the steps of each seed to a threshold, by the paper's smoothing."""
+    return time_to_threshold(curve, threshold, window=WINDOW, strong=strong)
 
 
 def corner(arena: GridWorld, size: int, start: Literal["map", "uniform"] = "uniform") -> GridWorld:
@@ -102,18 +104,6 @@ def plan(arena: GridWorld, source: GridWorld, budget: int | Episodes, name: str)
         eval_freq={name: 100 * EVERY, "target": EVERY},  # the curve of the source is not drawn
         evaluation=SUMMED,
     )
-
-
-def transferred(
-    arena: GridWorld,
-    source: GridWorld,
-    seeds: int,
-    workers: int | None,
-    budget: int | Episodes = TARGET_BUDGET,
-) -> tuple[Curve, CurriculumResult]:
-    """Return the curve of a target whose Q starts as the source's, and the whole training."""
-    result = plan(arena, source, budget, "source").train(seeds, workers=workers)
-    return Curve.of(result["target"], result.source_steps("target")), result
 
 
 def curve_table(arms: dict[str, Curve]) -> dict[str, npt.NDArray[Any]]:
@@ -194,17 +184,25 @@ def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult
     path = rollout(arena, optimal[-5.0].policy)
     scratch = from_scratch(arena, seeds, workers)
     progress("maze, from scratch")
-    curve, _ = transferred(arena, corner(arena, SIZE), seeds, workers)
+    curve = _transfer(scratch, SIZE, seeds, workers).curve
     progress(f"maze, source of size {SIZE}")
     figure, axes = new_figure(1, 2, width=10, height=4.2)
     draw_maze(axes[0, 0], arena, path=path.states)
     axes[0, 0].set_title(f"an optimal path, {len(path)} moves")
-    _draw_curves(axes[0, 1], scratch, curve)
+    panel, label = axes[0, 1], f"from the top-right {SIZE}x{SIZE}"
+    how: Any = {"window": WINDOW}
+    strongly: Any = {"colour": "sky", "strong": True, "dashes": "--", **how}
+    draw_curve(panel, scratch.curve, label="scratch", colour="black", **how)
+    draw_curve(panel, curve, label=f"{label} (weak transfer)", colour="blue", **how)
+    draw_curve(panel, curve, label="the same, source steps counted (strong)", **strongly)
+    draw_level(panel, scratch.threshold, ls=":")
+    where = 0, scratch.threshold
+    panel.annotate("threshold", where, fontsize=8, color=COLOURS["grey"], va="bottom")
+    panel.set(xlabel="steps", ylabel="greedy return (sum of rewards)", title="learning curves")
+    panel.set(ylim=(-1700, 150), xlim=(0, None))
+    panel.legend(loc="lower right")
     weak, strong = (
-        over_seeds(
-            scratch.times.steps
-            - time_to_threshold(curve, scratch.threshold, window=WINDOW, strong=strong).steps
-        )
+        over_seeds(scratch.steps - times(curve, scratch.threshold, strong=strong).steps)
         for strong in (False, True)
     )
     right = all(abs(optimal[s].start_value - v) < 5e-5 for s, v in OPTIMUM.items())
@@ -233,39 +231,14 @@ def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult
                 f"source of size {SIZE}, step reward -5; paired over seeds",
                 verdict(weak.low > 0),
                 {
-                    "scratch, steps to threshold": over_seeds(scratch.times.steps),
+                    "scratch, steps to threshold": over_seeds(scratch.steps),
                     "steps saved (weak transfer)": weak,
                     "steps saved (strong transfer)": strong,
                 },
             ),
         ],
-        settings={
-            **SETTINGS,
-            "step reward": "-5 (as run)",
-            "source": f"top-right {SIZE}x{SIZE}",
-        },
+        settings={**SETTINGS, "step reward": "-5 (as run)", "source": f"top-right {SIZE}x{SIZE}"},
     )
-
-
-def _draw_curves(panel: Any, scratch: Scratch, curve: Curve) -> None:
-    weak = f"from the top-right {SIZE}x{SIZE} (weak transfer)"
-    strong = "the same, source steps counted (strong)"
-    smoothed: Any = {"window": WINDOW}
-    draw_curve(panel, scratch.curve, label="scratch", colour="black", **smoothed)
-    draw_curve(panel, curve, label=weak, colour="blue", **smoothed)
-    draw_curve(panel, curve, label=strong, colour="sky", strong=True, dashes="--", **smoothed)
-    draw_threshold(panel, scratch.threshold)
-    panel.annotate(
-        "threshold", (0, scratch.threshold), fontsize=8, color=COLOURS["grey"], va="bottom"
-    )
-    panel.set(
-        xlabel="steps",
-        ylabel="greedy return (sum of rewards)",
-        title="learning curves",
-        ylim=(-1700, 150),
-        xlim=(0, None),
-    )
-    panel.legend(loc="lower right")
 
 
 # -- figure 3: steps saved by the size of the source, and the values that a small source learns --
@@ -275,12 +248,14 @@ SIZES = range(2, 11)
 STEP_REWARDS = {-5.0: "as run", -1.0: "as written"}
 LONG = 150_000
 """Target steps for size 3, which never reaches the threshold in the paper's 800 episodes."""
+SAVED = "steps saved (thousands)"
 
 
 @dataclass(frozen=True)
 class Arm:
-    """One source against scratch, in steps, for K seeds."""
+    """A source against scratch, in steps, for K seeds."""
 
+    curve: Curve
     # (K,): target steps to the threshold, fewer than from scratch; upper bounds where not reached.
     saved: FloatArray
     cost: IntArray  # (K,): source steps
@@ -297,6 +272,25 @@ Arms = Mapping[int | str, Arm]
 """Size, or "fixed" for the full size with the target's own start -> its arm."""
 
 
+def _transfer(
+    scratch: Scratch, size: int | str, *how_many: Any, budget: Any = TARGET_BUDGET
+) -> Arm:
+    """Return the arm of a source, whose Q is the first of the maze, by seeds and workers."""
+    arena = scratch.maze
+    source = corner(arena, 10, "map") if isinstance(size, str) else corner(arena, size)
+    seeds, workers = how_many
+    result = plan(arena, source, budget, "source").train(seeds, workers=workers)
+    curve = Curve.of(result["target"], result.source_steps("target"))
+    reached = times(curve, scratch.threshold)
+    return Arm(
+        curve,
+        saved=scratch.steps - reached.steps,
+        cost=result.source_steps("target"),
+        reached=int(reached.reached.sum()),
+        best=result["source"].values.max(axis=2),
+    )
+
+
 def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return figure 3."""
     results, longer = dict[float, Arms](), dict[float, Arm]()
@@ -305,12 +299,11 @@ def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult
         scratch = from_scratch(arena, seeds, workers)
         progress(f"maze {name}, from scratch")
         arms: dict[int | str, Arm] = {}
-        for size in SIZES:
-            arms[size] = _arm(scratch, corner(arena, size), seeds, workers)
-            progress(f"maze {name}, source of size {size}")
-        arms["fixed"] = _arm(scratch, corner(arena, 10, "map"), seeds, workers)
-        progress(f"maze {name}, full size, fixed start")
-        longer[step] = _arm(scratch, corner(arena, 3), seeds, workers, LONG)
+        for size in (*SIZES, "fixed"):
+            arms[size] = _transfer(scratch, size, seeds, workers)
+            words = "full size, fixed start" if size == "fixed" else f"source of size {size}"
+            progress(f"maze {name}, {words}")
+        longer[step] = _transfer(scratch, 3, seeds, workers, budget=LONG)
         progress(f"maze {name}, source of size 3, run on")
         results[step] = arms
     figure, axes = new_figure(2, 2, width=10, height=7.6)
@@ -322,9 +315,33 @@ def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult
     unit = "max Q of the source (return)"
     draw_potential(axes[1, 0], source, best.mean(axis=0), label=title, unit=unit)
     axes[1, 0].plot(path[:, 1], path[:, 0], "-", color=COLOURS["sky"], lw=2.5, clip_on=True)
-    _draw_control(axes[1, 1], results)
+    labels = []
+    for x, (step, start) in enumerate((s, a) for s in results for a in (10, "fixed")):
+        arm = results[step][start]
+        for shift, values, colour in ((-0.2, arm.saved, "blue"), (0.2, arm.net, "orange")):
+            mean = over_seeds(values / 1000)
+            style = {"color": COLOURS[colour], "capsize": 2}
+            axes[1, 1].bar(x + shift, mean.estimate, 0.38, yerr=whiskers(mean), **style)
+        labels.append(f"{'uniform' if start == 10 else 'fixed'} start\nstep {step:g}")
+    draw_level(axes[1, 1], 0)
+    title = "full-size source: weak (blue), strong (orange)"
+    axes[1, 1].set(xticks=range(4), xticklabels=labels, ylabel=SAVED, title=title)
     rows, columns = source.cells.T
-    values = {"seed": np.arange(seeds)[:, None], "row": rows, "column": columns, "max_q": best}
+    table = stacked(
+        {
+            "step_reward": step,
+            "size": 10 if size == "fixed" else size,
+            "start": "map" if size == "fixed" else "uniform",
+            "seed": np.arange(len(arm.saved)),
+            "steps_saved": arm.saved,
+            "source_steps": arm.cost,
+        }
+        for step, arms in results.items()
+        for size, arm in arms.items()
+    )
+    corners = {"seed": np.arange(seeds)[:, None], "row": rows, "column": columns, "max_q": best}
+    inside = (path[:, 0] < 3) & (path[:, 1] > 6)
+    visits = int(inside[0]) + int((inside[1:] & ~inside[:-1]).sum())
     return FigureResult(
         name="figure3",
         title="Figure 3: how large a source?",
@@ -335,23 +352,19 @@ def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult
         "source, with the target's optimal path, which leaves the corner and comes back. Bottom "
         "right: a full-size source with a uniform and with the target's fixed start.",
         figure=figure,
-        tables={"figure3": _table(results), "figure3_corner": stacked([values])},
+        tables={"figure3": table, "figure3_corner": stacked([corners])},
         claims=[
-            claim for step, arms in results.items() for claim in _claims(step, arms, longer[step])
-        ]
-        + [_leaves_the_corner(path)],
+            *(claim for step in results for claim in _claims(step, results[step], longer[step])),
+            Claim(
+                "f3.leaves-corner",
+                "The optimal path leaves the 3x3 corner and comes back, so the source does not "
+                "contain it",
+                "exact; step reward -5",
+                verdict(visits >= 2),
+                {"times the path enters the corner": visits},
+            ),
+        ],
         settings=SETTINGS,
-    )
-
-
-def _arm(scratch: Scratch, source: GridWorld, seeds: int, workers: int | None, *budget: int) -> Arm:
-    curve, result = transferred(scratch.maze, source, seeds, workers, *budget)
-    times = time_to_threshold(curve, scratch.threshold, window=WINDOW)
-    return Arm(
-        saved=scratch.times.steps - times.steps,
-        cost=result.source_steps("target"),
-        reached=int(times.reached.sum()),
-        best=result["source"].values.max(axis=2),
     )
 
 
@@ -366,47 +379,10 @@ def _draw_saved(panel: Any, arms: Arms, seeds: int, title: str) -> None:
             filling = colour if arms[size].reached == seeds else "white"
             style = {"color": colour, "fmt": "o", "ms": 5, "mfc": filling, "capsize": 2}
             panel.errorbar(size + shift, mean.estimate, yerr=whiskers(mean), **style)
-    panel.axhline(0, color=COLOURS["grey"], lw=0.8)
-    panel.set(
-        xlabel="size of the source (cells a side)",
-        ylabel="steps saved (thousands)",
-        title=title,
-        xticks=range(1, 11),
-    )
+    draw_level(panel, 0)
+    xlabel = "size of the source (cells a side)"
+    panel.set(xlabel=xlabel, ylabel=SAVED, title=title, xticks=range(1, 11))
     panel.legend(loc="lower right")
-
-
-def _draw_control(panel: Any, results: Mapping[float, Arms]) -> None:
-    labels = []
-    for x, (step, start) in enumerate((s, a) for s in results for a in (10, "fixed")):
-        arm = results[step][start]
-        for shift, values, colour in ((-0.2, arm.saved, "blue"), (0.2, arm.net, "orange")):
-            mean = over_seeds(values / 1000)
-            style = {"color": COLOURS[colour], "capsize": 2}
-            panel.bar(x + shift, mean.estimate, 0.38, yerr=whiskers(mean), **style)
-        labels.append(f"{'uniform' if start == 10 else 'fixed'} start\nstep {step:g}")
-    panel.axhline(0, color=COLOURS["grey"], lw=0.8)
-    panel.set(
-        xticks=range(4),
-        xticklabels=labels,
-        ylabel="steps saved (thousands)",
-        title="full-size source: weak (blue), strong (orange)",
-    )
-
-
-def _table(results: Mapping[float, Arms]) -> dict[str, npt.NDArray[Any]]:
-    return stacked(
-        {
-            "step_reward": step,
-            "size": 10 if key == "fixed" else key,
-            "start": "map" if key == "fixed" else "uniform",
-            "seed": np.arange(len(arm.saved)),
-            "steps_saved": arm.saved,
-            "source_steps": arm.cost,
-        }
-        for step, arms in results.items()
-        for key, arm in arms.items()
-    )
 
 
 def _claims(step: float, arms: Arms, longer: Arm) -> list[Claim]:
@@ -419,6 +395,18 @@ def _claims(step: float, arms: Arms, longer: Arm) -> list[Claim]:
     mean = float(np.mean([s.estimate for s in large]))
     alike = all(s.low > 0 and abs(float(s.estimate) - mean) < mean / 3 for s in large)
     seeds = len(arms[3].saved)
+    starts = dict[str, Any]()
+    for start, arm in (("fixed", arms["fixed"]), ("uniform", arms[10])):
+        starts[f"{start} start, target steps saved"] = over_seeds(arm.saved)
+        starts[f"{start} start, source steps"] = over_seeds(arm.cost)
+        starts[f"{start} start, net"] = over_seeds(arm.net)
+    fixed, uniform = starts["fixed start, net"], starts["uniform start, net"]
+    explained = fixed.low < 500 and uniform.low > max(0, fixed.high)
+    words = (
+        "Yes: with the target's own fixed start it gains nothing net, with a uniform start it does."
+        if explained
+        else "Not by these runs."
+    )
     return [
         Claim(
             f"f3.size-3-hurts.{tag}",
@@ -446,44 +434,15 @@ def _claims(step: float, arms: Arms, longer: Arm) -> list[Claim]:
             verdict(all(net[s].estimate < saved[s].estimate for s in SIZES)),
             {f"net steps saved, size {size}": net[size] for size in SIZES},
         ),
-        _random_start(arms, setting, tag),
+        Claim(
+            f"f3.random-start.{tag}",
+            "Open question: does random initialisation explain why a full-size source beats "
+            f"learning from scratch? {words}",
+            f"{setting}; full-size source, fixed against uniform start",
+            answer(explained),
+            starts,
+        ),
     ]
-
-
-def _random_start(arms: Arms, setting: str, tag: str) -> Claim:
-    """Answer whether a random start explains why a full-size source beats scratch."""
-    evidence = dict[str, Any]()
-    for start, arm in (("fixed", arms["fixed"]), ("uniform", arms[10])):
-        evidence[f"{start} start, target steps saved"] = over_seeds(arm.saved)
-        evidence[f"{start} start, source steps"] = over_seeds(arm.cost)
-        evidence[f"{start} start, net"] = over_seeds(arm.net)
-    fixed, uniform = evidence["fixed start, net"], evidence["uniform start, net"]
-    explained = fixed.low < 500 and uniform.low > max(0, fixed.high)
-    words = (
-        "Yes: with the target's own fixed start it gains nothing net, with a uniform start it does."
-        if explained
-        else "Not by these runs."
-    )
-    return Claim(
-        f"f3.random-start.{tag}",
-        "Open question: does random initialisation explain why a full-size source beats "
-        f"learning from scratch? {words}",
-        f"{setting}; full-size source, fixed against uniform start",
-        answer(explained),
-        evidence,
-    )
-
-
-def _leaves_the_corner(path: IntArray) -> Claim:
-    inside = (path[:, 0] < 3) & (path[:, 1] > 6)
-    visits = int(inside[0]) + int((inside[1:] & ~inside[:-1]).sum())
-    return Claim(
-        "f3.leaves-corner",
-        "The optimal path leaves the 3x3 corner and comes back, so the source does not contain it",
-        "exact; step reward -5",
-        verdict(visits >= 2),
-        {"times the path enters the corner": visits},
-    )
 
 
 # -- reward hacking, which the paper describes: a bonus that makes the agent loop for ever -------

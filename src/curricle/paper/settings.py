@@ -1,17 +1,22 @@
-"""The tasks and settings of the paper's figures, and what the function of a figure returns."""
+"""The tasks and settings of the paper's figures, and what a figure consists of."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
+from math import isnan
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from curricle import GreedyEvaluation, GridWorld, QLearning, Rewards
+from curricle.archives import as_json
 from curricle.show import COLOURS
+from curricle.show.plots import content_of
 from curricle.statistics import Interval, mean_interval
 
 MAP = resources.files("curricle.paper").joinpath("maze.txt").read_text(encoding="utf-8")
@@ -51,9 +56,41 @@ class FigureResult:
     title: str
     caption: str
     figure: Figure
-    tables: Mapping[str, Mapping[str, Any]]
+    tables: Mapping[str, Mapping[str, Any]]  # name -> column name -> values of one length
     claims: Sequence[Claim]
     settings: Mapping[str, str]
+
+    def files(self, name: str) -> tuple[dict[str, bytes], dict[str, Any]]:
+        """Return the files of the figure called `name`, and its section of the page."""
+        files = {self.name + end: content_of(self.figure, end) for end in (".png", ".svg")}
+        links = {"PNG": f"{self.name}.png"}
+        for table, columns in self.tables.items():
+            sink = pa.BufferOutputStream()
+            pq.write_table(pa.table(dict(columns)), sink)
+            links[f"{table}.parquet"] = f"data/{table}.parquet"
+            files[f"data/{table}.parquet"] = sink.getvalue().to_pybytes()
+        claims = [{"id": claim.id, "figure": name, **vars(claim)} for claim in self.claims]
+        for claim in claims:
+            claim["evidence"] = {key: _as_data(x) for key, x in claim["evidence"].items()}
+        section = {
+            "title": self.title,
+            "caption": self.caption,
+            "image": f"{self.name}.svg",
+            "settings": dict(self.settings),
+            "claims": claims,
+            "links": links,
+        }
+        files[f"data/{self.name}.json"] = as_json(section)
+        return files, section
+
+
+def _as_data(value: Any) -> Any:
+    """Return an interval as estimate, low, high and seeds; other evidence as it is."""
+    if not isinstance(value, Interval):
+        return value
+    parts = {name: float(getattr(value, name)) for name in ("estimate", "low", "high")}
+    # Bounds that do not exist are None, as JSON has no NaN.
+    return {key: None if isnan(x) else x for key, x in parts.items()} | {"seeds": value.n}
 
 
 def maze(step: float) -> GridWorld:
@@ -86,9 +123,9 @@ def in_thousands(panel: Axes) -> None:
     panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
 
 
-def draw_threshold(panel: Axes, threshold: float) -> None:
-    """Draw a return to be reached as a dotted line."""
-    panel.axhline(threshold, color=COLOURS["grey"], lw=0.8, ls=":")
+def draw_level(panel: Axes, level: float, **style: Any) -> None:
+    """Draw a horizontal grey line, at a return to be reached or at 0."""
+    panel.axhline(level, color=COLOURS["grey"], lw=0.8, **style)
 
 
 def stacked(parts: Iterable[Mapping[str, npt.ArrayLike]]) -> dict[str, npt.NDArray[Any]]:

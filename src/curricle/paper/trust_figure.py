@@ -1,10 +1,10 @@
 """Beyond the paper: forecast, calibration, controls, guard and a source left out.
 
-The runs, the figure, and the claims: answers to the paper's questions, each with a control.
+The claims answer the paper's questions, each with a control.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,14 +33,14 @@ from curricle.array_types import FloatArray
 from curricle.comparison import Comparison, Forecast
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult
-from curricle.paper import mazes as runs
+from curricle.paper import mazes
 from curricle.paper.settings import (
     LEARNER,
     Claim,
     FigureResult,
     Progress,
     answer,
-    draw_threshold,
+    draw_level,
     in_thousands,
     maze,
     over_seeds,
@@ -48,7 +48,7 @@ from curricle.paper.settings import (
     whiskers,
 )
 from curricle.show import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
-from curricle.statistics import Curve, Interval, paired_difference, time_to_threshold
+from curricle.statistics import Curve, Interval, paired_difference
 from curricle.text_tables import counted
 from curricle.transfer import Calibrate
 
@@ -67,60 +67,18 @@ MAZE_STEPS = 150_000
 """Target steps in the maze."""
 EXAMINED = 20_000
 """Steps after which the greedy choices in the maze are examined."""
-
-
-@dataclass(frozen=True)
-class TrustRuns:
-    """The results of all runs."""
-
-    forecast: Forecast  # of 5x5 pursuit
-    compared: Comparison  # 5x5: each aggregate uncalibrated, min and mean also calibrated
-    controls: Comparison  # 5x5: mean, calibrated, with all controls
-    # (size, arm) -> training; arms "min" and "mean", each also ", calibrated" or " x c".
-    hunts: Mapping[tuple[int, str], LearningResult]
-    # The maze from scratch, from the 3x3 corner, and from there with a guard.
-    maze: Mapping[str, LearningResult]
-    scratch: runs.Scratch  # with the paper's budget; sets the threshold
-    # (S,) of the maze: the share of seeds whose greedy choice is wrong with the 3x3 corner, less
-    # that without.
-    added_wrong: FloatArray
-    refused: Mapping[int, float]  # size of a maze source -> share of seeds with no calibration
-
-
-def _run(seeds: int, workers: int | None, progress: Progress) -> TrustRuns:
-    """Return the results of all runs."""
-    plans = {name: hunt(5, name) for name in AGGREGATES}
-    predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, trial=False, workers=workers)
-    progress("pursuit 5x5, forecast")
-    plans |= {f"{name}, calibrated": hunt(5, name, calibrate=FITTED) for name in ("min", "mean")}
-    compared = compare(plans, seeds=seeds, workers=workers, progress=_prefixed(progress, "5x5"))
-    controls = compare(
-        {"mean, calibrated": plans["mean, calibrated"]},
-        seeds=seeds,
-        controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
-        workers=workers,
-        progress=_prefixed(progress, "5x5, controls"),
-    )
-    hunts = dict[tuple[int, str], LearningResult]()
-    for size in HUNTS:
-        hunts |= _hunts(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
-        progress(f"pursuit {size}x{size}, uncalibrated and calibrated")
-    scratch = runs.from_scratch(maze(-5), seeds, workers)
-    mazes, added_wrong = _mazes(seeds, workers)
-    progress("maze, guarded")
-    refused = {size: _share_refused(size, seeds, workers) for size in range(3, 11)}
-    progress("maze, calibration")
-    return TrustRuns(predicted, compared, controls, hunts, mazes, scratch, added_wrong, refused)
+Hunts = dict[tuple[int, str], LearningResult]
+"""Size and arm, "min" or "mean", also ", calibrated" or " x c" -> training."""
 
 
 def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
-    """Return two predators learning from one, both having to catch."""
+    """Return the curriculum from a single predator to two, which both have to catch."""
     limit, steps = HUNTS[size]
-    two, one = (Pursuit(size, n, discount=0.95, time_limit=limit) for n in (2, 1))
+    two, single = (Pursuit(size, n, discount=0.95, time_limit=limit) for n in (2, 1))
     return Curriculum(
-        tasks={"chase": one, "hunt": two},
+        tasks={"chase": single, "hunt": two},
         transfers=[
-            Transfer("chase", "hunt", project(two, one, predator=name), **transfer)
+            Transfer("chase", "hunt", project(two, single, predator=name), **transfer)
             for name in two.predator_names
         ],
         aggregate=AGGREGATES[aggregate],
@@ -132,11 +90,7 @@ def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
     )
 
 
-def _prefixed(progress: Progress, where: str) -> Progress:
-    return lambda words: progress(f"{where}: {words}")
-
-
-def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], LearningResult]:
+def hunts_of(size: int, seeds: int, workers: int | None) -> Hunts:
     """Return min and mean, uncalibrated and calibrated; on 5x5 also scaled by hand."""
     plans = dict[str, Curriculum]()
     for name in ("min", "mean"):
@@ -154,17 +108,21 @@ def _hunts(size: int, seeds: int, workers: int | None) -> dict[tuple[int, str], 
 def corner_plan(size: int) -> Curriculum:
     """Return the curriculum from the top-right `size` x `size` corner to the maze."""
     arena = maze(-5)
-    return runs.plan(arena, runs.corner(arena, size), MAZE_STEPS, "corner")
+    return mazes.plan(arena, mazes.corner(arena, size), MAZE_STEPS, "corner")
 
 
 def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], FloatArray]:
+    """Return the maze from scratch and from its 3x3 corner, without and with a guard.
+
+    And the share of seeds whose greedy choice is wrong with the corner, less that without, (S,).
+    """
     plan = corner_plan(3)
     sources = plan.train(seeds, only=["corner"], workers=workers).sources
     arms = {
         "from the 3x3 corner": plan,
         "the same, guarded": replace(plan, shaping=QInitialisation(guard=Guard())),
     }
-    results = {"scratch": runs.learnt_alone(maze(-5), MAZE_STEPS, seeds, workers)}
+    results = {"scratch": mazes.learnt_alone(maze(-5), MAZE_STEPS, seeds, workers)}
     for name, arm in arms.items():
         results[name] = arm.train(seeds, trained=sources, workers=workers)["target"]
     # All random numbers are the same without the source.
@@ -178,17 +136,13 @@ def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], 
     return results, wrong[0] - wrong[1]
 
 
-def _share_refused(size: int, seeds: int, workers: int | None) -> float:
-    """Return the share of seeds for which a scale is the wrong model."""
-    plan = corner_plan(size)
-    sources = plan.train(seeds, only=["corner"], workers=workers).sources
-    potentials, refused = plan.potentials("target", sources), 0
-    for seed, phi in enumerate(potentials):
-        try:
-            calibrate(phi, seed=seed)
-        except CalibrationError:
-            refused += 1
-    return refused / len(potentials)
+def _is_refused(phi: Any, seed: int) -> bool:
+    """Return whether a scale is the wrong model for a potential."""
+    try:
+        calibrate(phi, seed=seed)
+    except CalibrationError:
+        return True
+    return False
 
 
 def tenths(result: LearningResult) -> FloatArray:
@@ -211,14 +165,60 @@ SHOWN = 60_000
 
 def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     """Return the trust figure."""
-    found = _run(seeds, workers, progress)
+    plans = {name: hunt(5, name) for name in AGGREGATES}
+    predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, trial=False, workers=workers)
+    progress("pursuit 5x5, forecast")
+    plans |= {f"{name}, calibrated": hunt(5, name, calibrate=FITTED) for name in ("min", "mean")}
+    how: Any = {"seeds": seeds, "workers": workers}
+    compared = compare(plans, progress=lambda words: progress(f"5x5: {words}"), **how)
+    controls = compare(
+        {"mean, calibrated": plans["mean, calibrated"]},
+        controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
+        progress=lambda words: progress(f"5x5, controls: {words}"),
+        **how,
+    )
+    hunts = Hunts()
+    for size in HUNTS:
+        hunts |= hunts_of(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
+        progress(f"pursuit {size}x{size}, uncalibrated and calibrated")
+    scratch = mazes.from_scratch(maze(-5), seeds, workers)
+    guarded, added = _mazes(seeds, workers)
+    progress("maze, guarded")
+    refused = {}
+    for size in range(3, 11):
+        plan = corner_plan(size)
+        sources = plan.train(seeds, only=["corner"], workers=workers).sources
+        potentials = plan.potentials("target", sources)
+        refused[size] = sum(map(_is_refused, potentials, range(seeds))) / seeds
+    progress("maze, calibration")
     figure, axes = new_figure(2, 3, width=13.5, height=7.6)
-    _draw_forecast(axes[0, 0], found.forecast)
+    _draw_forecast(axes[0, 0], predicted)
     for panel, size in zip(axes[0, 1:], HUNTS, strict=True):
-        _draw_hunt(panel, found, size)
-    _draw_controls(axes[1, 0], found)
-    _draw_guard(axes[1, 1], found)
-    _draw_left_out(axes[1, 2], found)
+        for name, (colour, dashes) in STYLES.items():
+            result = hunts[size, name]
+            curve = Curve(result.steps[1:], result.training_return[:, 1:])
+            draw_curve(panel, curve, label=name, colour=colour, dashes=dashes)
+        in_thousands(panel)
+        title = f"{size}x{size}: uncalibrated (dashed), calibrated (solid)"
+        ylabel = "training return (sum of rewards)"
+        panel.set(xlabel="target steps (thousands)", ylabel=ylabel, title=title)
+        panel.legend(loc="center right")
+    _draw_controls(axes[1, 0], compared, controls)
+    _draw_guard(axes[1, 1], guarded, scratch.threshold)
+    title = f"the 3x3 corner left out, after {EXAMINED:,} steps"
+    unit = "wrong choices added by the source (% of seeds)"
+    draw_potential(axes[1, 2], scratch.maze, 100 * added, label=title, unit=unit, difference=True)
+    frame_cells(axes[1, 2], scratch.maze, added >= MOSTLY)
+    table = stacked(
+        {
+            "size": size,
+            "arm": arm,
+            "seed": np.array(result.seeds)[:, None],
+            "steps": result.steps[1:],
+            "training_return": result.training_return[:, 1:],
+        }
+        for (size, arm), result in hunts.items()
+    )
     return FigureResult(
         name="trust",
         title="Beyond the paper: can the transfer be trusted?",
@@ -231,19 +231,19 @@ def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
         "guard (weak transfer). Bottom right: states whose greedy choice is wrong in more seeds "
         f"with the source than without it, after {EXAMINED:,} steps.",
         figure=figure,
-        tables={"trust": _table(found)},
+        tables={"trust": table},
         claims=[
-            *_forecast_claims(found),
-            *_calibration_claims(found),
-            *_control_claims(found),
-            *_maze_claims(found),
+            *_forecast_claims(predicted, compared, hunts),
+            *_calibration_claims(hunts),
+            *_control_claims(controls),
+            *_maze_claims(scratch, guarded, added, refused),
         ],
         settings={
             "pursuit": "both must catch; discount 0.95, truncated at 100 steps (7x7: 200)",
             "learner": "Q-learning, learning rate 0.1, epsilon 0.1; Q starts as phi",
             "budget": "400,000 source and 400,000 target steps (7x7: 1,000,000)",
             "calibration": "a scale fitted to 200 greedy episodes of phi, counted as target steps",
-            "maze": runs.SETTINGS["maze"] + ", step reward -5; source: top-right 3x3",
+            "maze": mazes.SETTINGS["maze"] + ", step reward -5; source: top-right 3x3",
         },
     )
 
@@ -251,93 +251,45 @@ def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
 def _draw_forecast(panel: Any, forecast: Forecast) -> None:
     names, low = forecast.ranking[::-1], forecast.random_return
     for y, name in enumerate(names):
-        one = forecast[name]
-        panel.barh(y, one.mean("start") - low, 0.55, low, color=COLOURS["sky"])
-        words = f"{one.mean('optimistic'):.0%} of pairs above Q*, by {one.mean('excess'):.2g}"
-        panel.text(low, y + 0.33, f" {words}; c = {one.scale:.2g}", fontsize=7.5)
+        row = forecast[name]
+        panel.barh(y, row.mean("start") - low, 0.55, low, color=COLOURS["sky"])
+        words = f"{row.mean('optimistic'):.0%} of pairs above Q*, by {row.mean('excess'):.2g}"
+        panel.text(low, y + 0.33, f" {words}; c = {row.scale:.2g}", fontsize=7.5)
     bounds = {"random policy": (low, "left"), "optimum": (forecast.optimum, "right")}
     for word, (value, side) in bounds.items():
         panel.axvline(value, color=COLOURS["grey"], lw=0.8, ls=":")
-        panel.annotate(
-            f" {word} ", (value, len(names) - 0.3), ha=side, fontsize=8, color=COLOURS["grey"]
-        )
-    panel.set(
-        yticks=range(len(names)),
-        yticklabels=names,
-        ylim=(-0.5, len(names) - 0.1),
-        xlabel="greedy return at step 0",
-        title="forecast, 5x5: no training in the target yet",
-    )
+        where, style = (value, len(names) - 0.3), {"ha": side, "color": COLOURS["grey"]}
+        panel.annotate(f" {word} ", where, fontsize=8, **style)
+    panel.set(yticks=range(len(names)), yticklabels=names, ylim=(-0.5, len(names) - 0.1))
+    title = "forecast, 5x5: no training in the target yet"
+    panel.set(xlabel="greedy return at step 0", title=title)
 
 
-def _draw_hunt(panel: Any, found: TrustRuns, size: int) -> None:
-    for name, (colour, dashes) in STYLES.items():
-        result = found.hunts[size, name]
-        curve = Curve(result.steps[1:], result.training_return[:, 1:])
-        draw_curve(panel, curve, label=name, colour=colour, dashes=dashes)
-    in_thousands(panel)
-    panel.set(
-        xlabel="target steps (thousands)",
-        ylabel="training return (sum of rewards)",
-        title=f"{size}x{size}: uncalibrated (dashed), calibrated (solid)",
-    )
-    panel.legend(loc="center right")
-
-
-def _draw_controls(panel: Any, found: TrustRuns) -> None:
+def _draw_controls(panel: Any, compared: Comparison, controls: Comparison) -> None:
     shown = ("min", "min, calibrated", "mean", "max")
-    contrasts = {name: found.compared.contrasts[name] for name in shown} | found.controls.contrasts
+    contrasts = {name: compared.contrasts[name] for name in shown} | controls.contrasts
     names = list(contrasts)[::-1]
     for y, name in enumerate(names):
         gain, control = contrasts[name].strong_gain, name.startswith("mean, calibrated,")
         style = {"fmt": "o", "ms": 5, "capsize": 2, "color": COLOURS["grey" if control else "blue"]}
         panel.errorbar(gain.estimate, y, xerr=whiskers(gain), **style)
     panel.axvline(0, color=COLOURS["grey"], lw=0.8)
-    panel.set(
-        yticks=range(len(names)),
-        yticklabels=[name.replace("mean, calibrated,", "control:") for name in names],
-        xlabel="gain over scratch (mean return, strong transfer)",
-        title="5x5: does it pay?",
-    )
+    labels = [name.replace("mean, calibrated,", "control:") for name in names]
+    panel.set(yticks=range(len(names)), yticklabels=labels, title="5x5: does it pay?")
+    panel.set(xlabel="gain over scratch (mean return, strong transfer)")
 
 
-def _draw_guard(panel: Any, found: TrustRuns) -> None:
+def _draw_guard(panel: Any, guarded: Mapping[str, LearningResult], threshold: float) -> None:
     for name, colour in MAZES.items():
-        result = found.maze[name]
+        result = guarded[name]
         keep = result.steps <= SHOWN
         curve = Curve(result.steps[keep], result.greedy_return[:, keep])
-        draw_curve(panel, curve, label=name, colour=colour, window=runs.WINDOW)
-    draw_threshold(panel, found.scratch.threshold)
+        draw_curve(panel, curve, label=name, colour=colour, window=mazes.WINDOW)
+    draw_level(panel, threshold, ls=":")
     in_thousands(panel)
-    panel.set(
-        xlabel="target steps (thousands)",
-        ylabel="greedy return (sum of rewards)",
-        ylim=(-1700, 150),
-        title="a harmful source, with and without a guard",
-    )
+    ylabel, title = "greedy return (sum of rewards)", "a harmful source, with and without a guard"
+    panel.set(xlabel="target steps (thousands)", ylabel=ylabel, ylim=(-1700, 150), title=title)
     panel.legend(loc="lower right")
-
-
-def _draw_left_out(panel: Any, found: TrustRuns) -> None:
-    title = f"the 3x3 corner left out, after {EXAMINED:,} steps"
-    unit = "wrong choices added by the source (% of seeds)"
-    arena, added = found.scratch.maze, found.added_wrong
-    draw_potential(panel, arena, 100 * added, label=title, unit=unit, difference=True)
-    frame_cells(panel, arena, added >= MOSTLY)
-
-
-def _table(found: TrustRuns) -> dict[str, Any]:
-    """Return the training returns: size, arm, seed, steps, training_return."""
-    return stacked(
-        {
-            "size": size,
-            "arm": arm,
-            "seed": np.array(result.seeds)[:, None],
-            "steps": result.steps[1:],
-            "training_return": result.training_return[:, 1:],
-        }
-        for (size, arm), result in found.hunts.items()
-    )
 
 
 WHERE = "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, truncated at 100, 400,000 steps"
@@ -352,15 +304,16 @@ def _end(result: LearningResult) -> Any:
 
 
 def _change(result: LearningResult) -> Interval:
+    """Return the training return in the last tenth minus that in the first."""
     parts = tenths(result)
     return paired_difference(parts[:, -1], parts[:, 0])
 
 
-def _forecast_claims(found: TrustRuns) -> Iterator[Claim]:
+def _forecast_claims(predicted: Forecast, compared: Comparison, hunts: Hunts) -> Iterator[Claim]:
     """Yield the claims about what can be said before training."""
-    fitted = found.forecast["mean"].calibrations[0].potential
-    safe, hint = certify(fitted.task, QInitialisation(fitted)), runs.nearness()
-    bonus, control = (certify(runs.GRID, shaping(hint)) for shaping in (RewardBonus, StateShaping))
+    fitted = predicted["mean"].calibrations[0].potential
+    safe, hint = certify(fitted.task, QInitialisation(fitted)), mazes.nearness()
+    bonus, control = (certify(mazes.GRID, shaping(hint)) for shaping in (RewardBonus, StateShaping))
     yield Claim(
         "trust.certified",
         "Whether a shaping keeps the optimal policy can be proven: the calibrated potential does, "
@@ -373,9 +326,9 @@ def _forecast_claims(found: TrustRuns) -> Iterator[Claim]:
             "as a potential": str(control),
         },
     )
-    rows = {name: found.forecast[name].mean("start") for name in found.forecast.ranking}
-    first = {name: over_seeds(found.compared[name].curve.values[:, 0]) for name in AGGREGATES}
-    order = [float(one.estimate) for one in first.values()]
+    rows = {name: predicted[name].mean("start") for name in predicted.ranking}
+    first = {name: over_seeds(compared[name].curve.values[:, 0]) for name in AGGREGATES}
+    order = [float(interval.estimate) for interval in first.values()]
     seen = rows["minimum"] > rows["mean"] > rows["maximum"]
     yield Claim(
         "trust.forecast-ranks",
@@ -385,8 +338,8 @@ def _forecast_claims(found: TrustRuns) -> Iterator[Claim]:
         answer(seen and order == sorted(order, reverse=True)),
         _predicted(rows, first),
     )
-    words = {name: found.forecast[name].verdict for name in ("minimum", "mean")}
-    change = {name: _change(found.hunts[5, name]) for name in ("min", "mean")}
+    words = {name: predicted[name].verdict for name in ("minimum", "mean")}
+    change = {name: _change(hunts[5, name]) for name in ("min", "mean")}
     right = "expect a fall" in words["mean"] and "no fall" in words["minimum"]
     yield Claim(
         "trust.collapse-foretold",
@@ -404,15 +357,15 @@ def _predicted(predicted: Mapping[str, Any], measured: Mapping[str, Any]) -> dic
     }
 
 
-def _calibration_claims(found: TrustRuns) -> Iterator[Claim]:
+def _calibration_claims(hunts: Hunts) -> Iterator[Claim]:
     """Yield the claims about fitted scales in pursuit, and where they are refused."""
     numbers: dict[str, Any] = {}
     near = rising = True
     for name in ("min", "mean"):
-        ends = {c: float(_end(found.hunts[5, f"{name} x {c:g}"]).mean()) for c in SWEEP}
-        ends[1.0] = float(_end(found.hunts[5, name]).mean())
+        ends = {c: float(_end(hunts[5, f"{name} x {c:g}"]).mean()) for c in SWEEP}
+        ends[1.0] = float(_end(hunts[5, name]).mean())
         best = max(ends, key=ends.__getitem__)
-        fitted = found.hunts[5, f"{name}, calibrated"]
+        fitted = hunts[5, f"{name}, calibrated"]
         numbers[f"{name}, calibrated, last tenth"] = over_seeds(_end(fitted))
         numbers[f"{name}, best scale by hand"] = best
         numbers[f"{name}, last tenth at that scale"] = ends[best]
@@ -428,7 +381,7 @@ def _calibration_claims(found: TrustRuns) -> Iterator[Claim]:
         answer(near and rising),
         numbers,
     )
-    last = {name: over_seeds(_end(found.hunts[7, name])) for name in STYLES}
+    last = {name: over_seeds(_end(hunts[7, name])) for name in STYLES}
     halved = all(
         last[f"{name}, calibrated"].estimate > last[name].estimate / 2 for name in ("min", "mean")
     )
@@ -442,13 +395,11 @@ def _calibration_claims(found: TrustRuns) -> Iterator[Claim]:
     )
 
 
-def _control_claims(found: TrustRuns) -> Iterator[Claim]:
+def _control_claims(controls: Comparison) -> Iterator[Claim]:
     """Yield the claims about what the gain is not due to."""
-    gains = {name: one.strong_gain for name, one in found.controls.contrasts.items()}
-    main, setting = (
-        gains["mean, calibrated"],
-        f"{WHERE}; mean return above scratch, source steps counted",
-    )
+    gains = {name: contrast.strong_gain for name, contrast in controls.contrasts.items()}
+    main = gains["mean, calibrated"]
+    setting = f"{WHERE}; mean return above scratch, source steps counted"
     placebo, negated, start, longer = (
         gains[f"mean, calibrated, {name}"]
         for name in ("placebo", "negated", "random start", "pretraining")
@@ -458,7 +409,7 @@ def _control_claims(found: TrustRuns) -> Iterator[Claim]:
         "What the source has learnt helps, not the size of its values: shuffled (placebo) or "
         "negated they do not help",
         setting,
-        answer(main.low > 0 and all(one.high < main.low / 2 for one in (placebo, negated))),
+        answer(main.low > 0 and all(gain.high < main.low / 2 for gain in (placebo, negated))),
         gains,
     )
     yield Claim(
@@ -466,25 +417,29 @@ def _control_claims(found: TrustRuns) -> Iterator[Claim]:
         "The gain is not due to more steps or to other starts: as many steps in the target itself, "
         "from its own start or from anywhere, do not give it",
         setting,
-        answer(all(one.high < main.low / 2 for one in (start, longer))),
+        answer(all(gain.high < main.low / 2 for gain in (start, longer))),
         {"random start": start, "pretraining": longer, "transfer": main},
     )
 
 
-def _maze_claims(found: TrustRuns) -> Iterator[Claim]:
+def _maze_claims(
+    scratch: mazes.Scratch,
+    guarded: Mapping[str, LearningResult],
+    added_wrong: FloatArray,
+    refused: Mapping[int, float],
+) -> Iterator[Claim]:
     """Yield the claims about the maze and its sources."""
     yield Claim(
         "trust.scale-is-the-wrong-model",
         "Where rewards have both signs a scale is the wrong model, and calibration refuses to "
         "fit one",
         "10x10 maze, step reward -5, sources of 3x3 to 10x10 cells",
-        answer(float(np.mean(list(found.refused.values()))) > 0.95),
-        {f"size {size}, share of seeds refused": share for size, share in found.refused.items()},
+        answer(float(np.mean(list(refused.values()))) > 0.95),
+        {f"size {size}, share of seeds refused": share for size, share in refused.items()},
     )
-    threshold = found.scratch.threshold
+    threshold = scratch.threshold
     steps = {
-        name: time_to_threshold(Curve.of(result), threshold, window=runs.WINDOW).steps
-        for name, result in found.maze.items()
+        name: mazes.times(Curve.of(result), threshold).steps for name, result in guarded.items()
     }
     alone = steps.pop("scratch")
     saved = {name: over_seeds(alone - reached) for name, reached in steps.items()}
@@ -500,7 +455,7 @@ def _maze_claims(found: TrustRuns) -> Iterator[Claim]:
     )
     added = {
         f"row {row}, column {column}": float(share)
-        for (row, column), share in zip(found.scratch.maze.cells, found.added_wrong, strict=True)
+        for (row, column), share in zip(scratch.maze.cells, added_wrong, strict=True)
         if (row, column) in {(2, 8), (2, 9)}  # where the optimal path leaves the corner
     }
     yield Claim(

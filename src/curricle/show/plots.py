@@ -36,10 +36,9 @@ from curricle.show.style import (
     without_seeds,
     write_columns,
 )
-from curricle.statistics.curves import SCRATCH, Curve, smooth
+from curricle.statistics.curves import SCRATCH, Curve, asymptotic_performance, smooth
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.intervals import CONFIDENCE, mean_interval, seed_line
-from curricle.statistics.metrics import asymptotic_performance
 
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {},

@@ -1,4 +1,9 @@
-from .curves import Curve as Curve
+from .curves import (
+    Curve as Curve,
+    asymptotic_performance as asymptotic_performance,
+    jumpstart as jumpstart,
+    mean_return as mean_return,
+)
 from .hypothesis_tests import (
     probability_of_improvement as probability_of_improvement,
     sign_flip_test as sign_flip_test,
@@ -8,11 +13,6 @@ from .intervals import (
     interquartile_interval as interquartile_interval,
     mean_interval as mean_interval,
     paired_difference as paired_difference,
-)
-from .metrics import (
-    asymptotic_performance as asymptotic_performance,
-    jumpstart as jumpstart,
-    mean_return as mean_return,
 )
 from .sequential import Looks as Looks, add_seeds as add_seeds
 from .thresholds import (

@@ -1,7 +1,14 @@
-"""Learning curves: the return of one arm at each checkpoint, one row per seed.
+"""Learning curves, the return of an arm at its checkpoints with a row a seed, and measures of them.
 
 A row may begin with NaN, where no episode of the seed has ended yet. A leading NaN never counts as
-reaching a threshold; everywhere else the seed's first measured value is used.
+reaching a threshold; everywhere else the seed's first measured value stands for it.
+
+Weak transfer ignores the steps spent on source tasks. Strong transfer charges them, so that both
+arms are compared at the same total number of steps (``charge_source``).
+
+Sources: Taylor and Stone, "Transfer learning for reinforcement learning domains: a survey", JMLR
+10, 2009; Narvekar et al., "Curriculum learning for reinforcement learning domains: a framework and
+survey", JMLR 21(181), 2020.
 """
 
 from __future__ import annotations
@@ -20,34 +27,30 @@ from curricle.statistics.intervals import seed_line
 from curricle.text_tables import counted
 
 SCRATCH = "scratch"
-"""Name of the arm that learns the target from scratch; all others are compared with it."""
+"""Name of the arm that learns the target from scratch, with which all others are compared."""
 ROUNDING = 1e-7
 """Relative difference of two mean returns that rounding can cause in exact evaluations."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve(Frozen):
-    """The learning curves of one arm, one row per seed.
+    """The learning curves of an arm, a row a seed. The arrays are copied and frozen.
 
     Attributes
     ----------
     steps : (T,) int64
         Checkpoints in target steps, from 0 or later, increasing.
     values : (K, T) float64
-        Unshaped return at each checkpoint. NaN is allowed only in leading places of a row, before
-        the seed's first measurement; the last place is always measured.
+        Unshaped return at the checkpoints; NaN only at the beginning of a row, and never at its
+        end.
     source_steps : (K,) int64
-        Steps each seed spent on source tasks before its first target step; a single number is
-        repeated for all seeds.
+        Steps of a seed in source tasks before its first target step; a single number stands for all
+        seeds.
 
     Raises
     ------
     SettingError
         If a shape, a checkpoint or a value breaks the rules above.
-
-    Notes
-    -----
-    The arrays are copied and frozen.
 
     Examples
     --------
@@ -84,7 +87,20 @@ class Curve(Frozen):
             raise SettingError(
                 f"values must have shape (K, {steps.size}) with K at least 1: got {values.shape}"
             )
-        _check_measured(values)
+        infinite, missing = np.isinf(values), np.isnan(values)
+        if infinite.any():
+            k, t = np.argwhere(infinite)[0]
+            raise SettingError(
+                f"values must not be infinite: seed {k}, checkpoint {t} is {values[k, t]}"
+            )
+        leading = np.logical_and.accumulate(missing, axis=1)
+        leading[:, -1] = False  # the last checkpoint is always measured
+        if (missing & ~leading).any():
+            k, t = np.argwhere(missing & ~leading)[0]
+            raise SettingError(
+                "values may be NaN only before a seed's first measurement:"
+                f" seed {k}, checkpoint {t} is NaN"
+            )
         source = _whole("source_steps", self.source_steps)
         if source.ndim != 0 and source.shape != values.shape[:1]:
             raise SettingError(
@@ -106,7 +122,7 @@ class Curve(Frozen):
         return cls(result.steps, result.greedy_return, np.asarray(source_steps))
 
     def filled(self) -> FloatArray:
-        """Return the values with each seed's first measured value in its leading NaN, (K, T).
+        """Return the values with a seed's first measured value in place of its NaN, (K, T).
 
         Examples
         --------
@@ -121,8 +137,8 @@ class Curve(Frozen):
 def smooth(values: FloatArray, window: int) -> FloatArray:
     """Return the trailing mean of each row over the last `window` checkpoints.
 
-    smooth_t = mean(values_{t - window + 1}, ..., values_t), over fewer at the start. Leading NaN is
-    left out and stays. A constant row stays exactly constant, so that rounding moves no threshold.
+    smooth_t = mean(values_{t - window + 1}, ..., values_t), over fewer at the start; NaN stays. A
+    constant row stays exactly constant, so that rounding moves no threshold.
     """
     mean = values.copy()
     if not 1 <= window <= mean.shape[1] or int(window) != window:
@@ -140,21 +156,20 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     """Return a transfer curve over total steps, source steps included (strong transfer).
 
     At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, and
-    from there on its own value at x - source_steps_k target steps. Any measure of the result is
-    that measure under strong transfer, at the same total budget (Narvekar et al. 2020). Values
-    between checkpoints are interpolated, so the start of learning is exact to one checkpoint.
+    then its value at x - source_steps_k target steps, interpolated between checkpoints. A measure
+    of the result is that measure under strong transfer, at the same total budget.
 
     Where learning falls below its first value, that value would be a gift: the baseline itself,
-    begun later, would have a larger area. What it would gain, mean over seeds, is taken off the
-    first value. So a source that teaches nothing gains nothing, and no strong gain exceeds the weak
-    one over the same target steps.
+    begun later, would have a larger area. Its gain, mean over seeds, is taken off the first value.
+    So a source that teaches nothing gains nothing, and no strong gain exceeds the weak gain over
+    the same target steps.
     """
     require_pair(baseline, transfer)
     require_no_source(baseline)
     steps, alone = baseline.steps, baseline.filled()
     target = steps - transfer.source_steps[:, np.newaxis]
     training = target < transfer.steps[0]
-    late, own = (
+    late, shifted = (
         np.stack([np.interp(x, steps, row) for x, row in zip(target, rows, strict=True)])
         for rows in (alone, transfer.filled())
     )
@@ -162,7 +177,7 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     gift = np.trapezoid(np.where(training, first, late) - alone, steps, axis=1).mean()
     if gift > 0:
         first = first - gift / np.trapezoid(1.0 * training, steps, axis=1).mean()
-    return Curve(steps, np.where(training, first, own))
+    return Curve(steps, np.where(training, first, shifted))
 
 
 def require_pair(baseline: Curve, transfer: Curve) -> None:
@@ -190,28 +205,88 @@ def require_no_source(baseline: Curve) -> None:
         )
 
 
+def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
+    """Return how much better transfer starts than learning from scratch (Taylor and Stone 2009).
+
+    transfer_k(steps_0) - baseline_k(steps_0 + c_k), with c_k = 0 if weak and source_steps_k if
+    strong: the baseline has then learnt for as many steps as the sources took.
+
+    Parameters
+    ----------
+    baseline, transfer : Curve
+        The same K seeds and T checkpoints.
+    strong : bool
+        Whether to charge the source steps.
+
+    Returns
+    -------
+    (K,) float64
+        Return; NaN if the source steps exceed the baseline's curve, which is interpolated.
+
+    Raises
+    ------
+    SettingError
+        If the curves do not pair, or if strong and `baseline` has source steps.
+
+    Examples
+    --------
+    >>> steps = np.array([0, 100, 200])
+    >>> scratch = Curve(steps, np.array([[0.0, 1.0, 5.0]]))
+    >>> helped = Curve(steps, np.array([[4.0, 5.0, 5.0]]), np.array([150]))
+    >>> jumpstart(scratch, helped), jumpstart(scratch, helped, strong=True)
+    (array([4.]), array([1.]))
+    """
+    require_pair(baseline, transfer)
+    first, rows = transfer.filled()[:, 0], baseline.filled()
+    by_then: FloatArray = rows[:, 0]
+    if strong:
+        require_no_source(baseline)
+        start = transfer.steps[0] + transfer.source_steps
+        pairs = zip(start, rows, strict=True)
+        by_then = np.array([np.interp(x, baseline.steps, row, right=np.nan) for x, row in pairs])
+    return np.subtract(first, by_then)
+
+
+def asymptotic_performance(curve: Curve, *, fraction: float = 0.1) -> FloatArray:
+    """Return the mean return over the last checkpoints, (K,) (Taylor and Stone 2009).
+
+    mean(values_{T - n}, ..., values_{T - 1}), n = fraction T rounded, at least 1; `fraction` is
+    above 0 and at most 1, or SettingError. For strong transfer pass ``charge_source(baseline,
+    transfer)``.
+
+    Examples
+    --------
+    >>> asymptotic_performance(Curve(np.array([0, 1, 2]), np.array([[0.0, 3.0, 5.0]])))
+    array([5.])
+    """
+    if not 0 < fraction <= 1:
+        raise SettingError(f"fraction must be above 0 and at most 1: got {fraction}")
+    last = max(1, round(fraction * curve.steps.size))
+    mean: FloatArray = curve.filled()[:, -last:].mean(axis=1)
+    return mean
+
+
+def mean_return(curve: Curve) -> FloatArray:
+    """Return the normalised area under the learning curve, (K,), in return.
+
+    (area from the first to the last checkpoint) / (steps between them), by the trapezoid rule: the
+    total reward of Taylor and Stone (2009) divided by the steps. For strong transfer pass
+    ``charge_source(baseline, transfer)``. SettingError if the curve has a single checkpoint.
+
+    Examples
+    --------
+    >>> mean_return(Curve(np.array([0, 100, 400]), np.array([[0.0, 4.0, 4.0]])))
+    array([3.5])
+    """
+    if curve.steps.size < 2:
+        raise SettingError(f"an area needs at least 2 checkpoints: got {curve.steps.size}")
+    area = np.asarray(np.trapezoid(curve.filled(), curve.steps, axis=1), dtype=np.float64)
+    return area / float(curve.steps[-1] - curve.steps[0])
+
+
 def _whole(name: str, array: IntArray) -> IntArray:
-    """Return an int64 copy of `array`, refusing anything but integers."""
+    """Return an int64 copy of `array`, or raise SettingError unless it holds integers."""
     copy = np.array(array)
     if copy.dtype.kind not in "iu":
         raise SettingError(f"{name} must be integers: got dtype {copy.dtype}")
     return copy.astype(np.int64)
-
-
-def _check_measured(values: FloatArray) -> None:
-    """Raise unless `values` (K, T) is finite but for NaN in leading places."""
-    infinite = np.isinf(values)
-    if infinite.any():
-        seed, place = np.argwhere(infinite)[0]
-        raise SettingError(
-            f"values must not be infinite: seed {seed}, checkpoint {place} is {values[seed, place]}"
-        )
-    missing = np.isnan(values)
-    leading = np.logical_and.accumulate(missing, axis=1)
-    leading[:, -1] = False  # the last checkpoint is always measured
-    if np.any(missing & ~leading):
-        seed, place = np.argwhere(missing & ~leading)[0]
-        raise SettingError(
-            "values may be NaN only before a seed's first measurement:"
-            f" seed {seed}, checkpoint {place} is NaN"
-        )

@@ -1,12 +1,17 @@
 """Which arm is better: profiles, the probability of improvement, tests and their correction.
 
 An interval shows how large a difference is, a test whether chance alone could produce it. Several
-tests raise more false alarms than one; ``holm`` corrects for that. A NaN is never dropped: it
-makes an estimate NaN, and a test refuses it.
+tests raise more false alarms than a single test; ``holm`` corrects for that. A NaN is never
+dropped: it makes an estimate NaN, and a test refuses it.
 
 Sources: Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice",
-NeurIPS 2021; Fisher, "The design of experiments", 1935; Holm, "A simple sequentially rejective
-multiple test procedure", Scandinavian Journal of Statistics 6, 1979.
+NeurIPS 2021 (section 4.3); Fisher, "The design of experiments", 1935 (section 21); Holm, "A simple
+sequentially rejective multiple test procedure", Scandinavian Journal of Statistics 6, 1979; Mann
+and Whitney, Annals of Mathematical Statistics 18, 1947; Newcombe, "Confidence intervals for an
+effect size measure based on the Mann-Whitney statistic, part 2", Statistics in Medicine 25, 2006
+(method 5); Phipson and Smyth, Statistical Applications in Genetics and Molecular Biology 9, 2010;
+Pitman, Supplement to the Journal of the Royal Statistical Society 4, 1937; Wilson, Journal of the
+American Statistical Association 22, 1927.
 """
 
 from __future__ import annotations
@@ -32,9 +37,9 @@ from curricle.statistics.intervals import (
 )
 
 EXACT = 14
-"""The most seeds for which all 2^K sign vectors are counted, 16,384 of them."""
+"""Seeds up to which all 2^K sign vectors are counted, at most 16,384."""
 AT_ONCE = 4_000_000
-"""Random signs drawn at once, 64 MB: all of 20,000 seeds would take 3 GB."""
+"""Random signs drawn at once, 64 MB: those of 20,000 seeds would take 3 GB."""
 
 
 def performance_profile(
@@ -42,10 +47,9 @@ def performance_profile(
 ) -> Interval:
     """Return the share of runs that score above each threshold, with Wilson's score interval.
 
-    share_l = (number of seeds k with x_k > tau_l) / K. The bounds are the shares p for which
-    ``|share - p| = z sqrt(p (1 - p) / K)`` (Agarwal et al., section 4.3; Wilson, Journal of the
-    American Statistical Association 22, 1927). A share of K runs is discrete, so at a nominal 95 %
-    coverage is 95 % on average over all shares, 84 % at worst with 5 seeds and 91 % with 20.
+    share_l = (number of seeds k with x_k > tau_l) / K; its bounds are the shares p for which
+    ``|share - p| = z sqrt(p (1 - p) / K)``. A share of K runs is discrete: nominal 95 % cover 95 %
+    on average over all shares, 84 % at worst with 5 seeds and 91 % with 20.
     """
     runs, tau = vector("scores", scores), vector("thresholds", thresholds, "L")
     if np.isnan(tau).any():
@@ -70,9 +74,12 @@ def probability_of_improvement(
 
     P(a > b) + P(a = b) / 2 = mean_ij ([a_i > b_j] + [a_i = b_j] / 2) over all pairs of runs: the
     Mann-Whitney U over the number of pairs. The bounds are the probabilities p for which
-    ``|estimate - p| = z sqrt(v(p))`` with the variance that U has if the scores are exponential:
-    v(p) = p (1 - p) (1 + (N - 1) ((1 - p) / (2 - p) + p / (1 + p))) / (K_a K_b), N = (K_a + K_b) /
-    2.
+    ``|estimate - p| = z sqrt(v(p))`` with the variance of U for exponential scores: v(p) = p (1 -
+    p) (1 + (N - 1) ((1 - p) / (2 - p) + p / (1 + p))) / (K_a K_b), N = (K_a + K_b) / 2.
+
+    It says how often a beats b (1/2 if neither is ahead), not by how much. The interval has a width
+    even if every run of an arm beats every run of the other. It is too wide for matched seeds that
+    rise and fall together, and too short for spreads that differ by a factor of 5 (docs/trust.md).
 
     Parameters
     ----------
@@ -85,19 +92,6 @@ def probability_of_improvement(
     ------
     SettingError
         If a shape or setting breaks these rules.
-
-    Notes
-    -----
-    This is how often a beats b (1/2 if neither is ahead), not by how much. The interval has a width
-    even if every run of one arm beats every run of the other. Runs of matched seeds that rise and
-    fall together make it too wide, and arms whose spreads differ by a factor of 5 too short; docs/
-    trust.md has a table. With a single seed there is no interval.
-
-    References
-    ----------
-    Mann and Whitney, Annals of Mathematical Statistics 18, 1947; Newcombe, "Confidence intervals
-    for an effect size measure based on the Mann-Whitney statistic, part 2", Statistics in Medicine
-    25, 2006, method 5; Agarwal et al., section 4.3.
 
     Examples
     --------
@@ -137,8 +131,13 @@ def _lower_probability(share: float, n_a: int, n_b: int, z: float) -> float:
 def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed: int = 0) -> float:
     """Return the two-sided p-value of paired differences under random signs.
 
-    p = share of the sign vectors s in {-1, 1}^K with ``|sum_k s_k d_k| >= |sum_k d_k|``. All are
-    counted for up to 14 seeds; for more, p = (1 + count) / (1 + resamples) over random ones.
+    p = share of the sign vectors s in {-1, 1}^K with ``|sum_k s_k d_k| >= |sum_k d_k|``, 1 if all
+    differences are 0. All vectors are counted for up to 14 seeds; for more, p = (1 + count) / (1 +
+    resamples) over random vectors.
+
+    Under the null hypothesis a difference is as likely as its negative, which holds if the two arms
+    are exchangeable; then P(p <= alpha) <= alpha whatever the distribution. If only the mean is 0,
+    this holds roughly, for many seeds. Five seeds give no p below 0.0625.
 
     Parameters
     ----------
@@ -149,27 +148,10 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
     seed : int
         Of the draws.
 
-    Returns
-    -------
-    float
-        Above 0 and at most 1; 1 if all differences are 0.
-
     Raises
     ------
     SettingError
         If a shape or setting breaks these rules or a difference is not finite.
-
-    Notes
-    -----
-    Under the null hypothesis each difference is as likely as its negative, which holds if the two
-    arms are exchangeable. Then P(p <= alpha) <= alpha whatever the distribution. If only the mean
-    is 0, this holds roughly, for many seeds. The smallest p of K seeds is 2^(1 - K): five seeds
-    cannot give one below 0.0625.
-
-    References
-    ----------
-    Fisher 1935, section 21; Pitman, Supplement to the Journal of the Royal Statistical Society 4,
-    1937; Phipson and Smyth, Statistical Applications in Genetics and Molecular Biology 9, 2010.
 
     Examples
     --------
@@ -202,20 +184,16 @@ def _all_signs(seeds: int) -> FloatArray:
 
 
 def smallest_p(seeds: int, resamples: int = 10_000) -> float:
-    """Return the smallest p-value that :func:`sign_flip_test` can give.
-
-    2^(1 - K): only the signs that all seeds have and their opposites are as extreme. Of drawn sign
-    vectors, 1 / (resamples + 1).
-    """
+    """Return the smallest p-value of :func:`sign_flip_test`: 2^(1 - K), or that of no draw."""
     return 2.0 ** (1 - seeds) if seeds <= EXACT else 1 / (resamples + 1)
 
 
 def holm(p_values: npt.ArrayLike) -> FloatArray:
     """Return p-values adjusted for their number by Holm's step-down rule.
 
-    adjusted_(i) = max_{j <= i} min(1, (M - j + 1) p_(j)), with p_(1) <= ... <= p_(M). If those of
-    at most alpha are called significant, the probability of any false alarm among the M tests is at
-    most alpha, however the tests depend on each other (Holm 1979).
+    adjusted_(i) = max_{j <= i} min(1, (M - j + 1) p_(j)), with p_(1) <= ... <= p_(M). An adjusted
+    p-value is at most alpha by chance in any of the M tests with a probability of at most alpha,
+    however the tests depend on each other.
     """
     array = vector("p-values", p_values, "M")
     check_each("p-values must lie in [0, 1]", (array >= 0) & (array <= 1), array, "test")

@@ -1,8 +1,8 @@
 """Intervals over seeds: means, paired differences and the interquartile mean, by Student's t.
 
-A NaN among the seeds is never dropped, since the seeds without a measurement are usually the slow
-ones: it makes that checkpoint's estimate and bounds NaN. Where all seeds have one value, the spread
-between seeds is unknown, not 0: the bounds are NaN.
+A NaN among the seeds is never dropped, since seeds without a measurement are usually slow: it makes
+the estimate and the bounds of its checkpoint NaN. Where all seeds have the same value, the spread
+between seeds is unknown, not 0, and the bounds are NaN.
 
 Sources: Student, "The probable error of a mean", Biometrika 6, 1908; Tukey and McLaughlin, "Less
 vulnerable confidence and significance procedures for location based on a single sample", Sankhya A
@@ -28,13 +28,13 @@ from curricle.frozen_arrays import Frozen
 from curricle.text_tables import counted
 
 CONFIDENCE = 0.95
-"""Nominal coverage of an interval, unless told otherwise."""
+"""Nominal coverage of an interval by default."""
 ROUNDING = 1e-12
 """Share of the largest value by which rounding can make equal values differ."""
 APART, FEWEST_CLUSTERED = 3, 5
-"""Ranges of a cluster between it and another one, and the fewest seeds in which one is seen."""
+"""Ranges of a cluster between it and another cluster, and the fewest seeds that have clusters."""
 DIGITS = 9
-"""The most significant digits of a printed interval; three if its bounds differ in them."""
+"""Significant digits of a printed interval at most; three if its bounds differ in them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +44,8 @@ class Interval(Frozen):
     Attributes
     ----------
     estimate, low, high : float or (T,) or (L,) float64
-        One per checkpoint T or threshold L. The bounds are NaN where the seeds tell nothing of
-        their spread: for a single seed, and where all have one value.
+        At checkpoints T or thresholds L. The bounds are NaN where the spread of the seeds is
+        unknown: for a single seed, and where all seeds have the same value.
     confidence : float
         Nominal coverage of [low, high], between 0 and 1.
     n : int
@@ -85,7 +85,7 @@ def interquartile_mean(values: npt.ArrayLike) -> float | FloatArray:
     """Return the mean of the middle half of the values of the seeds, (K,) or (K, T).
 
     The floor(K / 4) smallest and the floor(K / 4) largest of K values are left out, as by
-    ``scipy.stats.trim_mean(values, 0.25)``, which rliable takes. NaN where any value is NaN.
+    ``scipy.stats.trim_mean(values, 0.25)`` in rliable. NaN where any value is NaN.
     """
     array = np.asarray(values, dtype=np.float64)
     if len(array) == 0:
@@ -101,33 +101,25 @@ def mean_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> I
     """Return the mean over seeds with Student's interval, pointwise.
 
     mean +- t s / sqrt(K), where s is the standard deviation over the K seeds and t the quantile of
-    Student's distribution with K - 1 degrees of freedom.
+    Student's distribution with K - 1 degrees of freedom (Student 1908). Exact for normal values,
+    too short for skewed values of few seeds (docs/trust.md).
 
     Parameters
     ----------
     values : (K,) or (K, T) float64
-        In any unit. NaN as described in the module.
+        A NaN makes its checkpoint NaN.
     confidence : float
         Between 0 and 1.
 
     Returns
     -------
     Interval
-        Floats for (K,), arrays (T,) for (K, T), each checkpoint with an interval of its own.
+        Floats for (K,), arrays (T,) for (K, T).
 
     Raises
     ------
     SettingError
         If a shape or setting breaks these rules or a value is infinite.
-
-    Notes
-    -----
-    Exact for normal values. For skewed ones it is too short with few seeds; docs/trust.md has a
-    table.
-
-    References
-    ----------
-    Student 1908.
 
     Examples
     --------
@@ -145,29 +137,10 @@ def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDE
     """Return the interquartile mean over seeds with the interval of Tukey and McLaughlin.
 
     m +- t s_w sqrt((K - 1) / (h (h - 1))), where m is ``interquartile_mean``, s_w the standard
-    deviation of the K values after the floor(K / 4) at each end are replaced by the nearest one
-    that is left, h the number of values left, and t has h - 1 degrees of freedom.
-
-    Parameters
-    ----------
-    values : (K,) or (K, T) float64
-        In any unit. NaN as described in the module.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    Interval
-        As of :func:`mean_interval`; the bounds are NaN where the values left are all equal.
-
-    Raises
-    ------
-    SettingError
-        If a shape or setting breaks these rules or a value is infinite.
-
-    References
-    ----------
-    Tukey and McLaughlin 1963, with the standard error of Yuen 1974.
+    deviation of the K values after the floor(K / 4) at both ends are replaced by the nearest value
+    that is left, h the number of values left, and t has h - 1 degrees of freedom (Yuen 1974).
+    Arguments and errors are those of :func:`mean_interval`; the bounds are NaN where all values
+    left are equal.
 
     Examples
     --------
@@ -189,9 +162,9 @@ def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDE
 def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
     """Return the values (K,) below and above their widest gap if they are two clusters, else None.
 
-    They are if the gap is more than three times the range of each: some seeds learnt, say, and the
-    others did not. Of samples of one cluster (normal, Gumbel, lognormal with sigma 0.5) less than
-    1 % are called two with 10 values or more, and up to 11 % with 5; fewer are never.
+    They are two if the gap is more than three times the range of either: some seeds learnt, say,
+    and others did not. Of samples of a single cluster (normal, Gumbel, lognormal with sigma 0.5)
+    less than 1 % count as two with 10 values or more, up to 11 % with 5, and none with fewer.
     """
     ordered = np.sort(vector("values", values))
     if len(ordered) < FEWEST_CLUSTERED:
@@ -207,19 +180,8 @@ def paired_difference(
 ) -> Interval:
     """Return the mean of a - b over matched seeds with Student's interval.
 
-    :func:`mean_interval` of a_k - b_k, in which the common effect of a seed cancels.
-
-    Parameters
-    ----------
-    a, b : (K,) float64
-        Entry k of both from the same seed. A NaN makes the result NaN.
-    confidence : float
-        Between 0 and 1.
-
-    Raises
-    ------
-    SettingError
-        If the shapes differ, or as :func:`mean_interval` does.
+    :func:`mean_interval` of a_k - b_k, in which the common effect of a seed cancels. Entry k of `a`
+    and `b`, (K,), is of the same seed; SettingError if the shapes differ.
 
     Examples
     --------
@@ -231,11 +193,11 @@ def paired_difference(
         raise SettingError(
             f"a and b must both have shape (K,), seed by seed: got {first.shape} and {second.shape}"
         )
-    found = mean_interval(first - second, confidence=confidence)
+    interval = mean_interval(first - second, confidence=confidence)
     noise = ROUNDING * max(abs(first).max(), abs(second).max())
-    if found.high - found.low > noise:
-        return found
-    return Interval(found.estimate, math.nan, math.nan, confidence, found.n)
+    if interval.high - interval.low > noise:
+        return interval
+    return Interval(interval.estimate, math.nan, math.nan, confidence, interval.n)
 
 
 def check_confidence(confidence: float) -> None:
@@ -245,7 +207,7 @@ def check_confidence(confidence: float) -> None:
 
 
 def vector(name: str, values: npt.ArrayLike, axis: str = "K") -> FloatArray:
-    """Return a new array (K,) of at least one number, or raise SettingError."""
+    """Return a new array (K,) with K at least 1, or raise SettingError."""
     array = numbers(name, values, SettingError)
     if array.ndim != 1 or array.size == 0:
         raise SettingError(
@@ -255,7 +217,7 @@ def vector(name: str, values: npt.ArrayLike, axis: str = "K") -> FloatArray:
 
 
 def check_each(rule: str, valid: BoolArray, values: FloatArray, unit: str) -> None:
-    """Raise SettingError with the rule and the first value that is not valid."""
+    """Raise SettingError with the rule and the first invalid value."""
     if not valid.all():
         place = int(valid.argmin())
         raise SettingError(f"{rule}: {unit} {place} has {values[place]}")
@@ -286,7 +248,7 @@ def _student(
     confidence: float,
     seeds: int | None = None,
 ) -> Interval:
-    """Return estimate +- t spread / sqrt(n), without bounds where `array` has one value."""
+    """Return estimate +- t spread / sqrt(n), without bounds where all values are equal."""
     check_confidence(confidence)
     half = stdtrit(max(n - 1, 1), (1 + confidence) / 2) * spread / math.sqrt(n)
     equal = np.ptp(array, axis=0) <= ROUNDING * abs(array).max(axis=0)
@@ -296,10 +258,7 @@ def _student(
 
 
 def _triple(numbers: FloatArray) -> str:
-    """Return ``estimate [low, high]`` with three significant digits in the largest.
-
-    More digits are shown where the bounds would look equal.
-    """
+    """Return ``estimate [low, high]`` in three digits, or more if the bounds would look equal."""
     finite = np.abs(numbers[np.isfinite(numbers)])
     size = finite.max() if finite.size else 0.0
     whole = math.floor(math.log10(size)) if size > 0 else 1
@@ -309,9 +268,6 @@ def _triple(numbers: FloatArray) -> str:
         if low != high or not numbers[1] < numbers[2]:
             break
     return estimate if np.isnan(numbers[1:]).all() else f"{estimate} [{low}, {high}]"
-
-
-# -- bands over seeds ------------------------------------------------------------------------------
 
 
 def seed_line(
@@ -324,6 +280,6 @@ def seed_line(
     confidence: float = CONFIDENCE,
 ) -> Line:
     """Return the mean over seeds of curves, (K, T) at steps (T,), with Student's interval."""
-    found = mean_interval(np.asarray(values, np.float64), confidence=confidence)
-    mean, low, high = (np.asarray(one) for one in (found.estimate, found.low, found.high))
+    band = mean_interval(np.asarray(values, np.float64), confidence=confidence)
+    mean, low, high = map(np.asarray, (band.estimate, band.low, band.high))
     return Line(name, steps, mean, low, high, colour, dashed)

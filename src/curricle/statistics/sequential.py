@@ -1,9 +1,9 @@
 """Adding seeds until the answer is clear, without more false alarms.
 
 Testing after every batch of seeds and stopping at the first interval that excludes 0 gives far more
-false alarms than each interval states. Here the number of interim analyses ("looks") is planned,
-and intervals and p-values are those of a group-sequential design: at every look they have the
-level with which all looks together keep the stated one, so they hold at whichever look one stops.
+false alarms than a single interval states. Here the number of interim analyses ("looks") is
+planned, and intervals and p-values are those of a group-sequential design: at every look they have
+the level with which all looks together keep the stated level, so they hold wherever one stops.
 
 Sources: Armitage, McPherson and Rowe, "Repeated significance tests on accumulating data", Journal
 of the Royal Statistical Society A 132, 1969; Pocock, "Group sequential methods in the design and
@@ -67,10 +67,10 @@ class Looks:
         return cls(tuple(seeds))
 
     def confidence(self, overall: float = CONFIDENCE) -> float:
-        """Return the confidence of an interval at each look, with which all hold at `overall`.
+        """Return the confidence of the interval at a look with which all looks hold at `overall`.
 
-        The probability is that of sums of normal values. With it Student's intervals have an
-        overall confidence within 0.005 of `overall` from 2 seeds on (measured).
+        It is computed for sums of normal values; Student's intervals then have an overall
+        confidence within 0.005 of `overall` from 2 seeds on (measured).
         """
         check_confidence(overall)
         return _pointwise(self.seeds, overall)
@@ -79,10 +79,11 @@ class Looks:
         """Return a p-value times the number of looks, at most 1 (Bonferroni).
 
         It bounds the probability of a p-value of at most `p` at any look, whatever the
-        distribution. Pocock's smaller bound is for sums of normal values: with it sign-flip tests
-        of lognormal values raised 7 % false alarms, since their p-values at successive looks depend
-        less on each other.
+        distribution.
         """
+        # Pocock's smaller bound is for sums of normal values: with it sign-flip tests of lognormal
+        # values raised 7 % false alarms, as their p-values at successive looks depend less on each
+        # other.
         if not 0 <= number("a p-value", p, SettingError) <= 1:
             raise SettingError(f"a p-value must lie in [0, 1]: got {p}")
         return min(1.0, len(self.seeds) * p)
@@ -90,7 +91,7 @@ class Looks:
 
 @cache
 def _pointwise(seeds: tuple[int, ...], overall: float) -> float:
-    """Return the confidence of each look with which all hold at `overall`."""
+    """Return the confidence of a look with which all looks hold at `overall`."""
     if len(seeds) == 1:
         return overall
     from scipy.optimize import brentq  # takes time, and few need it
@@ -103,15 +104,14 @@ def _pointwise(seeds: tuple[int, ...], overall: float) -> float:
 
 @cache
 def _quadrature() -> tuple[FloatArray, FloatArray]:
-    """Return the nodes of Gauss and Legendre on [-1, 1] and their weights."""
-    return np.polynomial.legendre.leggauss(NODES)
+    return np.polynomial.legendre.leggauss(NODES)  # takes as long as all that follows
 
 
 def _within(seeds: Sequence[int], bound: float) -> float:
     """Return the probability that the mean lies within `bound` standard errors at every look.
 
-    The density of the sum over those that have stayed within is integrated from look to look
-    (Armitage, McPherson and Rowe 1969).
+    The density of the sums that have stayed within is integrated from look to look (Armitage,
+    McPherson and Rowe 1969).
     """
     nodes, weights = _quadrature()
     so_far, sums, mass = 0, np.zeros(1), np.ones(1)
@@ -147,7 +147,7 @@ class AddedSeeds(Frozen):
 
     @property
     def stopped(self) -> str:
-        """Why and when it stopped, in words."""
+        """The reason and the look of stopping, in words."""
         reason = f"stopped by {self.stopped_by}"
         return f"{reason} at look {self.looks} of {len(self.planned.seeds)}"
 
@@ -167,11 +167,15 @@ def add_seeds(
     of a sign-flip test at the level of :class:`Looks`. It stops when the half-width is at most
     `precision`, or when the adjusted p-value is below 1 - confidence (`difference`).
 
+    All planned intervals together cover the mean with the stated confidence for normal values
+    (docs/trust.md has rates for others). Fewer than 8 seeds cannot show a difference at the first
+    of five looks, and a difference that is shown early is overestimated on average.
+
     Parameters
     ----------
     measure : callable
-        ``measure(seeds)`` for a range of new seeds returns one finite number each, in their
-        order, such as the paired difference of two arms. Each seed is measured once.
+        ``measure(seeds)`` for a range of new seeds returns a finite number for each, such as the
+        paired difference of two arms. It is called once for a seed.
     first, most : int
         Seeds K at the first look, at least 2, and at the last.
     precision : float, optional
@@ -184,23 +188,14 @@ def add_seeds(
     Raises
     ------
     SettingError
-        If a setting breaks these rules or `measure` does not return one finite number per seed.
-
-    Notes
-    -----
-    All planned intervals, and so the last one, cover the mean at once with the stated confidence
-    for normal values; docs/trust.md has measured rates for others. Values whose mean is 0 but which
-    are skewed raise more false alarms. Values that have all been equal have no precision.
-
-    Fewer than 8 seeds cannot show a difference at the first of five looks. A difference found early
-    is overestimated on average.
+        If a setting breaks these rules or `measure` does not return a finite number per seed.
 
     Examples
     --------
     >>> def noisy(seeds):
     ...     return [np.random.default_rng(seed).normal(1.0, 2.0) for seed in seeds]
-    >>> found = add_seeds(noisy, precision=1.0)
-    >>> found.stopped_by, found.values.size, found.looks
+    >>> added = add_seeds(noisy, precision=1.0)
+    >>> added.stopped_by, added.values.size, added.looks
     ('precision', 40, 3)
     """
     first = whole_number("first", first, 2, SettingError)
@@ -217,19 +212,19 @@ def add_seeds(
     values = np.empty(0)
     for seeds in planned.seeds:
         values = np.append(values, _measured(measure, range(values.size, seeds)))
-        found = mean_interval(values, confidence=pointwise)
+        mean = mean_interval(values, confidence=pointwise)
         p = planned.adjusted_p(sign_flip_test(values))
-        half = (found.high - found.low) / 2
+        half = (mean.high - mean.low) / 2
         enough = p < 1 - confidence if precision is None else half <= precision
         if enough:
             break
     goal: Literal["precision", "difference"] = "difference" if precision is None else "precision"
-    interval = Interval(found.estimate, found.low, found.high, confidence, values.size)
+    interval = Interval(mean.estimate, mean.low, mean.high, confidence, values.size)
     return AddedSeeds(frozen(values), interval, p, goal if enough else "most", planned)
 
 
 def _measured(measure: Measure, seeds: range) -> FloatArray:
-    """Return the measure of these seeds, one finite number each."""
+    """Return the measure of these seeds, (K,), all finite."""
     values = numbers("the values that measure returns", measure(seeds), SettingError)
     if values.shape != (len(seeds),):
         raise SettingError(

@@ -1,7 +1,12 @@
-"""Thresholds, and the steps that a learner takes to reach one.
+"""Thresholds, and the steps that a learner takes to reach them.
 
 A seed that never reaches the threshold is censored, not dropped: its time is known only to exceed
 its observed steps. Leaving it out, or taking these steps as its time, would favour the arm.
+
+Sources: Kaplan and Meier, Journal of the American Statistical Association 53, 1958; Royston and
+Parmar, "Restricted mean survival time", BMC Medical Research Methodology 13:152, 2013; Thompson,
+Annals of Mathematical Statistics 7, 1936; Narvekar et al., JMLR 21(181), 2020; Taylor and Stone,
+JMLR 10, 2009.
 """
 
 from __future__ import annotations
@@ -26,18 +31,18 @@ from curricle.statistics.intervals import (
 )
 
 ROUNDING = 1e-9
-"""How far a product of shares may be from the fraction it stands for."""
+"""Difference of a product of shares from the fraction that it stands for, at most."""
 
 
 @dataclass(frozen=True, eq=False)
 class Times(Frozen):
-    """The steps each seed took to a threshold, censored seeds included.
+    """The steps of each seed to a threshold, censored seeds included.
 
     Attributes
     ----------
     steps : (K,) float64
-        Steps to the threshold; for a seed that never reached it, its observed steps, which its
-        true time exceeds (right-censored).
+        Steps to the threshold; of a seed that never reached it, its observed steps, which its true
+        time exceeds (right-censored).
     reached : (K,) bool
         Whether the seed reached the threshold.
 
@@ -75,18 +80,14 @@ class Times(Frozen):
         """Return the share of seeds that are not yet at the threshold, by Kaplan and Meier.
 
         share(t) = prod_{t_i <= t} (1 - d_i / n_i), where d_i seeds reach the threshold at t_i and
-        n_i are observed until then and have not reached it before. What ends the observation of a
-        seed must not depend on how the seed does, as a budget of steps does not.
+        n_i are observed until then and have not reached it before. The end of a seed's observation
+        must not depend on its returns, as a budget of steps does not.
 
         Returns
         -------
         EmpiricalDistributionFunction
             Of ``scipy.stats.ecdf``: ``quantiles`` (L,) are steps, ``probabilities`` (L,) the shares
             from these steps on. It has ``plot`` and ``confidence_interval``.
-
-        References
-        ----------
-        Kaplan and Meier, Journal of the American Statistical Association 53, 1958.
 
         Examples
         --------
@@ -104,18 +105,9 @@ class Times(Frozen):
 
         The estimate is min {t : share(t) <= 1/2} of :meth:`survival`, infinite if the share stays
         above. The bounds are the two order statistics of the times between which the median lies
-        with at least the stated probability, whatever the distribution. A censored time counts as
-        its observed steps for the lower bound and as infinite for the upper one. Five seeds or
-        fewer bound no median at 95 %: from 0 to infinity.
-
-        Raises
-        ------
-        SettingError
-            If `confidence` is out of range.
-
-        References
-        ----------
-        Thompson, Annals of Mathematical Statistics 7, 1936; ``scipy.stats.quantile_test``.
+        with at least the stated probability, whatever the distribution (Thompson 1936). A censored
+        time counts as its observed steps for the lower bound and as infinite for the upper bound.
+        Five seeds or fewer bound no median at 95 %: from 0 to infinity.
 
         Examples
         --------
@@ -142,27 +134,17 @@ class Times(Frozen):
         """Return the mean time within a horizon with Student's interval, in steps.
 
         mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon.
-        By default each seed counts with its observed steps: the mean time if all seeds reached the
-        threshold, else a lower bound of it, with infinity as the upper one. The bounds are kept
-        from 0 to the horizon.
+        By default a seed counts with its observed steps: the mean time if all seeds reached the
+        threshold, else a lower bound of it, with infinity as the upper bound. The bounds are
+        clipped to 0 and the horizon.
 
         Parameters
         ----------
         horizon : float, optional
-            Above 0, at most the observed steps of any censored seed. Arms are comparable only
-            within the same horizon.
+            Above 0, at most the observed steps of any censored seed, or SettingError. Arms are
+            comparable only within the same horizon.
         confidence : float
             Between 0 and 1.
-
-        Raises
-        ------
-        SettingError
-            If a setting is out of range.
-
-        References
-        ----------
-        Royston and Parmar, "Restricted mean survival time", BMC Medical Research Methodology
-        13:152, 2013.
 
         Examples
         --------
@@ -182,11 +164,11 @@ class Times(Frozen):
                     f" {horizon:g}, seed {place} was censored at {self.steps[place]:g}"
                 )
             within = np.minimum(self.steps, horizon)
-        found = mean_interval(within, confidence=confidence)
-        low, high = np.clip([found.low, found.high], 0.0, horizon)
+        mean = mean_interval(within, confidence=confidence)
+        low, high = np.clip([mean.low, mean.high], 0.0, horizon)
         if horizon is None and not self.reached.all() and not np.isnan(high):
             high = np.inf
-        return Interval(found.estimate, float(low), float(high), confidence, found.n)
+        return Interval(mean.estimate, float(low), float(high), confidence, mean.n)
 
     def _median(self) -> float:
         curve = self.survival()
@@ -205,8 +187,8 @@ class Times(Frozen):
 def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
     """Return the threshold midway between a curve's lowest and highest value (paper, figure 3).
 
-    (min_t m_t + max_t m_t) / 2, where m is the mean over seeds of the smoothed curve, with leading
-    NaN replaced by the seed's first measured value (:meth:`Curve.filled`).
+    (min_t m_t + max_t m_t) / 2, where m is the mean over seeds of the :meth:`Curve.filled` and
+    smoothed curve.
 
     Parameters
     ----------
@@ -238,11 +220,7 @@ def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
 
 
 def fraction_of_optimum(optimum: float, worst: float, fraction: float) -> float:
-    """Return the threshold a fraction of the way from the worst return to the optimum.
-
-    worst + fraction (optimum - worst), for positive and negative returns alike. A fraction of 1
-    gives the optimum exactly.
-    """
+    """Return worst + fraction (optimum - worst); a fraction of 1 gives the optimum exactly."""
     if not (np.isfinite(optimum) and np.isfinite(worst) and worst <= optimum):
         raise SettingError(f"worst must be finite and at most optimum: got {worst} and {optimum}")
     if not 0 <= fraction <= 1:
@@ -253,7 +231,7 @@ def fraction_of_optimum(optimum: float, worst: float, fraction: float) -> float:
 def time_to_threshold(
     curve: Curve, threshold: float, *, window: int = 1, strong: bool = False
 ) -> Times:
-    """Return the steps each seed took until its smoothed value first reached a threshold.
+    """Return the steps of each seed until its smoothed value first reaches a threshold.
 
     min {steps_t : smooth_t >= threshold}, plus the source steps if strong. A seed that never
     reaches it is censored at the last checkpoint (plus its source steps if strong).
@@ -273,10 +251,6 @@ def time_to_threshold(
     SettingError
         If `threshold` is not finite or `window` does not fit the curve.
 
-    References
-    ----------
-    Narvekar et al., JMLR 21(181), 2020; Taylor and Stone, JMLR 10, 2009.
-
     Examples
     --------
     >>> curve = Curve(np.array([0, 100, 200]), np.array([[0.0, 5.0, 9.0], [0.0, 1.0, 2.0]]))
@@ -295,27 +269,12 @@ def time_to_threshold(
 def steps_saved(
     baseline: Curve, transfer: Curve, threshold: float, *, window: int = 1, strong: bool = False
 ) -> FloatArray:
-    """Return the steps to threshold that transfer saved, seed by seed, (K,).
+    """Return the steps to threshold that transfer saves, (K,).
 
-    time_to_threshold(baseline)_k - time_to_threshold(transfer)_k, negative where transfer cost
-    more than it saved.
-
-    Parameters
-    ----------
-    baseline, transfer : Curve
-        The same K seeds and T checkpoints.
-    threshold, window, strong
-        As in :func:`time_to_threshold`.
-
-    Raises
-    ------
-    SettingError
-        If the curves do not pair, or as :func:`time_to_threshold` does.
-
-    Notes
-    -----
-    Where only the baseline is censored the true saving is at least this; where only transfer is,
-    at most this. Where both are, this is 0, or if strong minus the source steps.
+    time_to_threshold(baseline)_k - time_to_threshold(transfer)_k. Where only the baseline is
+    censored the true saving is at least this; where only transfer is, at most this. Where both are,
+    it is 0, or minus the source steps if strong. SettingError if the curves do not pair, or as of
+    :func:`time_to_threshold`.
 
     Examples
     --------

@@ -15,8 +15,7 @@ from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import most_source_steps
 from curricle.errors import SettingError
 from curricle.learning.result import LearningResult, joined_results
-from curricle.statistics.curves import SCRATCH
-from curricle.statistics.metrics import mean_return
+from curricle.statistics.curves import SCRATCH, mean_return
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.sweeps import RangeTable, Tuning, ends_of, value_text, with_values

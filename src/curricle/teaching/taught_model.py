@@ -1,11 +1,12 @@
-"""The generative model of several tasks of one space, of which each episode is played in one.
+"""The generative model of several tasks of the same space, which change from episode to episode.
 
-It is one more model for the learning loops, which stay as they are: ``first_state`` asks a Python
-object which task comes next, and transitions are those of that task's tables. What an episode was
-like is written down step by step for the teacher to read at its end.
+For learning loops it is a model like any other: ``first_state`` asks a Python object for the next
+task, and transitions are those of its tables. The rewards and errors of an episode are recorded for
+the teacher, which reads them at its end.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,9 +27,9 @@ from curricle.tasks.models import (
 
 
 class SharedTables(NamedTuple):
-    """The tables of M tasks of one space; those that differ only in their start share W worlds."""
+    """The tables of M tasks of a space; tasks that differ only in their start share W worlds."""
 
-    world: IntArray  # (M,) the tables of each task
+    world: IntArray  # (M,) the world of a task
     outcome_row: npt.NDArray[np.integer[Any]]  # (W, S, A)
     cumulative: FloatArray  # (Y, O) of all worlds, one after the other
     next_state: npt.NDArray[np.integer[Any]]  # (Y, O)
@@ -39,7 +40,7 @@ class SharedTables(NamedTuple):
 
     @classmethod
     def of(cls, mdps: Sequence[FiniteMDP], target: int) -> "SharedTables":
-        """Return the tables of these tasks, `target` one of them."""
+        """Return the tables of tasks; `target` is the place of the target among them."""
         worlds, world = list[FiniteMDP](), list[int]()
         for mdp in mdps:
             place = next((w for w, other in enumerate(worlds) if _same_world(mdp, other)), None)
@@ -49,13 +50,10 @@ class SharedTables(NamedTuple):
         rows = np.cumsum([0, *(len(mdp.probability) for mdp in worlds)])
 
         def stacked(name: str, filling: float) -> Any:
-            each = [np.asarray(getattr(mdp, name)) for mdp in worlds]
-            return np.concatenate(
-                [
-                    np.pad(a, ((0, 0), (0, n_outcomes - a.shape[1])), constant_values=filling)
-                    for a in each
-                ]
-            )
+            arrays = [np.asarray(getattr(mdp, name)) for mdp in worlds]
+            widths = [((0, 0), (0, n_outcomes - array.shape[1])) for array in arrays]
+            padded = map(partial(np.pad, constant_values=filling), arrays, widths)
+            return np.concatenate([*padded])
 
         return cls(
             np.array(world),
@@ -69,20 +67,20 @@ class SharedTables(NamedTuple):
         )
 
 
-def _same_world(one: FiniteMDP, other: FiniteMDP) -> bool:
+def _same_world(task: FiniteMDP, other: FiniteMDP) -> bool:
     """Return whether two tasks differ in nothing but where episodes start."""
     names = ("outcome_row", "probability", "next_state", "reward", "terminal")
-    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
+    return all(np.array_equal(getattr(task, name), getattr(other, name)) for name in names)
 
 
 class EpisodeRecord(NamedTuple):
     """The episode in progress, step by step; L is the time limit."""
 
-    task: IntArray  # (1,) the task that it is played in
+    task: IntArray  # (1,) its task
     length: IntArray  # (1,) steps so far
     rewards: FloatArray  # (L,)
     td_errors: FloatArray  # (L,) r + gamma V(s') - V(s), with V = max_a Q when the step was taken
-    last_state: IntArray  # (1,) where it has come to
+    last_state: IntArray  # (1,)
     terminated: BoolArray  # (1,) whether it ended there
 
     @classmethod
@@ -94,10 +92,10 @@ class EpisodeRecord(NamedTuple):
 
 
 class TaughtModel(NamedTuple):
-    """Several tasks, a record of the present episode, and who is asked for the next one."""
+    """Several tasks, a record of the present episode, and the address of who draws the next."""
 
     asked: npt.NDArray[np.uint64]  # (1,) the address of the callable of :func:`answer`
-    failed: BoolArray  # (1,) whether it has failed
+    failed: BoolArray  # (1,) whether the callable has failed
     tables: SharedTables
     q: FloatTable  # (n, S, A) the learner's n tables
     episode: EpisodeRecord

@@ -1,7 +1,7 @@
-"""Teachers: the probability of each of several tasks for the next episode, and its draws.
+"""Teachers: the probabilities of several tasks for the next episode, and its draws.
 
-A teacher is a frozen value with three pure functions. What it has to remember of the episodes so
-far is what `update` returns, so that a teacher can be used for many seeds at once.
+A teacher is a frozen value with three pure functions. Its memory of the episodes so far is what
+`update` returns, so that a teacher serves many seeds at once.
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from curricle.errors import SettingError
 from curricle.tasks.kernel import ALL, STRIDE, splitmix64, uniform
 
 SUM_TOLERANCE = 1e-9
-"""By which probabilities may miss 1; they are divided by their sum."""
+"""Difference of a sum of probabilities from 1, at most; they are divided by their sum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,12 +26,12 @@ class Episode:
     Attributes
     ----------
     task : int
-        In which of the M tasks it was played, 0 .. M-1 in their order.
+        Its task, 0 .. M-1 in their order.
     rewards : (L,) float64
-        Those of its L steps.
+        Of its L steps.
     td_errors : (L,) float64
         delta_t = r_t + gamma V(s_t+1) - V(s_t), where V(s) = max_a Q(s, a) when the step was taken,
-        0 in ends. An update that a loop still held back then is not in it (tables above 32 KB).
+        0 in terminal states. Of tables above 32 KB, V may lack the latest updates.
     success : bool
         Whether it ended in the goal (:func:`teach`).
     discount : float
@@ -52,7 +52,7 @@ class Episode:
 
     @property
     def length(self) -> int:
-        """L, its steps."""
+        """Its number of steps L."""
         return len(self.rewards)
 
     @property
@@ -62,10 +62,10 @@ class Episode:
 
 
 class Teacher(Protocol):
-    """What teaching needs of a teacher; a class of one's own with these three methods is one.
+    """The three methods that any class needs to be a teacher.
 
-    Memory is anything, never changed in place: `update` returns a new one. A class attribute
-    ``uses_goal = True`` says that it reads `success`: tasks without a goal are then refused.
+    Memory may be anything, and is never changed in place. A class attribute ``uses_goal = True``
+    says that the teacher reads `success`: tasks without a goal are then refused.
 
     Examples
     --------
@@ -88,12 +88,12 @@ class Teacher(Protocol):
         """Return the memory after an episode."""
 
     def probabilities(self, memory: Any) -> FloatArray:
-        """Return the probability of each task for the next episode, (M,) float64."""
+        """Return the probabilities of the tasks for the next episode, (M,) float64."""
 
 
 @dataclass(frozen=True)
 class Uniform:
-    """Every task is as likely at every episode: p_i = 1/M.
+    """All tasks are equally likely at every episode: p_i = 1/M.
 
     Examples
     --------
@@ -106,35 +106,30 @@ class Uniform:
         return np.full(n_tasks, 1 / n_tasks)
 
     def update(self, memory: FloatArray, episode: Episode) -> FloatArray:
-        """Return the memory as it was."""
+        """Return the memory unchanged."""
         return memory
 
     def probabilities(self, memory: FloatArray) -> FloatArray:
-        """Return 1/M for each task."""
+        """Return 1/M for all tasks."""
         return memory
 
 
 class Progress(NamedTuple):
-    """What :class:`TSCL` remembers."""
+    """The memory of :class:`TSCL`."""
 
     progress: FloatArray  # (M,) Q_i
-    last: FloatArray  # (M,) the latest return in each task; NaN before the first
+    last: FloatArray  # (M,) the latest return in a task; NaN before the first
 
 
 @dataclass(frozen=True)
 class TSCL:
     """Teacher-student curriculum learning, algorithm "Online" (Matiisen et al. 2017).
 
-    After an episode with discounted return x in task i, whose last one returned x':
-    Q_i += learning_rate ((x - x') - Q_i). The next task is the one whose learning progress
-    ``|Q_i|`` is largest, ties at random, and with probability epsilon any. Tasks whose return falls
-    are practised again, too. The first return in a task only sets x': the paper's scores begin at
-    0, returns need not.
-
-    Parameters
-    ----------
-    learning_rate, epsilon : float
-        In [0, 1].
+    After an episode with discounted return x in task i, where the episode before returned x':
+    Q_i += learning_rate ((x - x') - Q_i). The next task is that of the largest learning progress
+    ``|Q_i|``, ties at random, and any task with probability epsilon. So tasks whose return falls
+    are practised again. The first return in a task only sets x': the paper's scores begin at 0,
+    returns need not. `learning_rate` and `epsilon` are in [0, 1].
 
     Examples
     --------
@@ -151,7 +146,7 @@ class TSCL:
             number(f"{name} of TSCL", getattr(self, name), SettingError, 0.0, 1.0)
 
     def start(self, n_tasks: int) -> Progress:
-        """Return no progress anywhere."""
+        """Return the memory without progress."""
         return Progress(np.zeros(n_tasks), np.full(n_tasks, np.nan))
 
     def update(self, memory: Progress, episode: Episode) -> Progress:
@@ -164,36 +159,35 @@ class TSCL:
         return Progress(progress, last)
 
     def probabilities(self, memory: Progress) -> FloatArray:
-        """Return epsilon / M for each task, and the rest for those of the largest size of Q."""
+        """Return epsilon / M for all tasks, and the rest for those of the largest progress."""
         size = np.abs(memory.progress)
         return mixed(equally(size == size.max()), self.epsilon)
 
 
 class Outcomes(NamedTuple):
-    """The last `n` successes and failures in each task, the oldest first."""
+    """The last `n` successes and failures in a task, the oldest first."""
 
     success: BoolArray  # (M, n)
-    known: IntArray  # (M,) how many of them there are yet, at the right
+    known: IntArray  # (M,) how many there are so far, at the right
 
     @property
     def rate(self) -> FloatArray:
-        """p_i, the share of successes, (M,); 0 where nothing is known."""
+        """p_i, the share of successes, (M,); 0 before the first episode."""
         return np.asarray(self.success.sum(axis=1) / np.maximum(self.known, 1))
 
 
 class _BySuccess:
-    """A teacher that remembers the last `window` outcomes in each task."""
+    """A teacher that remembers the last `window` outcomes in a task."""
 
     window: int
     uses_goal: ClassVar[bool] = True
 
     def start(self, n_tasks: int) -> Outcomes:
-        """Return no outcomes."""
-        none = np.zeros((n_tasks, self.window), np.bool_)
-        return Outcomes(none, np.zeros(n_tasks, np.int64))
+        """Return the memory without outcomes."""
+        return Outcomes(np.zeros((n_tasks, self.window), np.bool_), np.zeros(n_tasks, np.int64))
 
     def update(self, memory: Outcomes, episode: Episode) -> Outcomes:
-        """Return the memory with one more outcome; the oldest of its task is dropped."""
+        """Return the memory with this outcome in place of the oldest in its task."""
         success, known, i = memory.success.copy(), memory.known.copy(), episode.task
         success[i] = np.append(success[i, 1:], episode.success)
         known[i] = min(known[i] + 1, success.shape[1])
@@ -204,11 +198,11 @@ class _BySuccess:
 class Learnability(_BySuccess):
     """Sampling for learnability (SFL; Rutherford et al. 2024).
 
-    With probability rho one of the `top` tasks whose learnability p_i (1 - p_i) is highest, equally
-    likely (more of them where several have the last one's), else any. p_i is the share of
-    successes in the last `window` episodes in task i. The paper draws thousands of new levels for
-    each estimate and keeps the best; here there are M tasks, and estimates come from the episodes
-    that are learnt from, so that they cost no further steps.
+    With probability rho it draws one of the `top` tasks whose learnability p_i (1 - p_i) is
+    highest (all tasks that equal the last of them), else any. p_i is the share of successes in the
+    last `window` episodes in task i. The paper draws thousands of new levels for an estimate and
+    keeps the best; here there are M tasks, and estimates come from the episodes of learning, so
+    that they cost no further steps.
 
     Parameters
     ----------
@@ -234,17 +228,17 @@ class Learnability(_BySuccess):
             whole_number(f"{name} of Learnability", getattr(self, name), 1, SettingError)
 
     def probabilities(self, memory: Outcomes) -> FloatArray:
-        """Return (1 - rho) / M for each task, and the rest for the most learnable."""
+        """Return (1 - rho) / M for all tasks, and the rest for the most learnable."""
         learnability = memory.rate * (1 - memory.rate)
         last = np.sort(learnability)[-min(self.top, len(learnability))]
         return mixed(equally(learnability >= last), 1 - self.rho)
 
 
 class Scores(NamedTuple):
-    """What :class:`PrioritizedLevelReplay` remembers."""
+    """The memory of :class:`PrioritizedLevelReplay`."""
 
     score: FloatArray  # (M,)
-    drawn: IntArray  # (M,) the number of the latest episode in each task; 0 before the first
+    drawn: IntArray  # (M,) the number of the latest episode in a task; 0 before the first
     episodes: int  # in all
 
 
@@ -254,15 +248,16 @@ class PrioritizedLevelReplay:
 
     The score of a task is the L1 value loss of its latest episode, the mean size of its
     generalised advantages: ``S_i = (1/L) sum_t |sum_{k>=t} (gamma lambda)^(k-t) delta_k|``, with
-    the learner's own V = max_a Q. Of the tasks seen so far one is replayed with probability
+    the learner's V = max_a Q. A task seen before is replayed with probability
     p_i = (1 - rho) P_S + rho P_C, where P_S is proportional to rank(S_i)^(-1/beta), the
-    highest score having rank 1, and P_C to the episodes since task i was last drawn. A task not yet
-    seen is drawn, all equally likely, with probability 1 - (share of tasks seen).
+    highest score having rank 1, and P_C to the episodes since task i was last drawn. With
+    probability 1 - (share of tasks seen) a new task is drawn, all equally likely. Defaults are the
+    paper's for Procgen.
 
     Parameters
     ----------
     temperature : float
-        beta > 0; small ones replay the highest score alone. Defaults are the paper's for Procgen.
+        beta > 0; with a small beta the highest score alone is replayed.
     staleness : float
         rho, in [0, 1].
     gae_lambda : float
@@ -285,11 +280,11 @@ class PrioritizedLevelReplay:
         if not number(what, self.temperature, SettingError) > 0:
             raise SettingError(f"{what} must be positive: got {self.temperature}")
         for name in ("staleness", "gae_lambda"):
-            given = getattr(self, name)
-            number(f"{name} of PrioritizedLevelReplay", given, SettingError, 0.0, 1.0)
+            what = f"{name} of PrioritizedLevelReplay"
+            number(what, getattr(self, name), SettingError, 0.0, 1.0)
 
     def start(self, n_tasks: int) -> Scores:
-        """Return that no task has been seen."""
+        """Return the memory in which no task has been seen."""
         return Scores(np.zeros(n_tasks), np.zeros(n_tasks, np.int64), 0)
 
     def update(self, memory: Scores, episode: Episode) -> Scores:
@@ -300,7 +295,7 @@ class PrioritizedLevelReplay:
         return Scores(score, drawn, now)
 
     def probabilities(self, memory: Scores) -> FloatArray:
-        """Return the mixture of tasks to replay and tasks not yet seen."""
+        """Return the mixture of tasks to replay and new tasks."""
         seen = memory.drawn > 0
         if not seen.any():
             return equally(~seen)
@@ -316,10 +311,7 @@ class PrioritizedLevelReplay:
 
 
 def value_loss(td_errors: FloatArray, decay: float) -> float:
-    """Return the mean size of an episode's generalised advantages (Schulman et al. 2016).
-
-    `decay` is gamma lambda.
-    """
+    """Return the mean size of generalised advantages with gamma lambda as `decay` (GAE, 2016)."""
     total, advantage = 0.0, 0.0
     for delta in td_errors[::-1].tolist():
         advantage = delta + decay * advantage
@@ -331,22 +323,22 @@ def value_loss(td_errors: FloatArray, decay: float) -> float:
 class ReverseCurriculum(_BySuccess):
     """Reverse curriculum generation for a finite order of starts (Florensa et al. 2017).
 
-    Tasks are in order from the goal outwards. With p_i the share of successes in the last `window`
-    episodes in task i, 0 before the first, new starts are the tasks that are not yet mastered,
-    p_i <= r_max, and whose predecessor is good, p_(i-1) >= r_min (the goal itself is, so the first
-    task has one). Old ones are those with p_i >= r_min. A task is drawn from the old with
-    probability `replay`, else from the new, equally likely within each; from the other where one
-    is empty. In the paper new starts are reached by Brownian motion from good ones, 200 of them for
-    100 old ones; here they are the next task in the order.
+    Tasks are in order from the goal outwards; p_i is the share of successes in the last `window`
+    episodes in task i, 0 before the first. New starts are tasks that are not mastered, p_i <=
+    r_max, and whose predecessor is good, p_(i-1) >= r_min (that of the first task is the goal).
+    Old starts are the tasks with p_i >= r_min. With probability `replay` an old start is drawn,
+    else a new start, all equally likely; where there are none of a sort, one of the other. In the
+    paper new starts are reached by Brownian motion from good starts, 200 for 100 old starts; here
+    they are the next task in the order.
 
     Parameters
     ----------
     r_min, r_max : float
-        0 <= r_min <= r_max <= 1. An r_max of 1 means that nothing is ever mastered.
+        0 <= r_min <= r_max <= 1. With r_max = 1 no task is ever mastered.
     replay : float
         In [0, 1]; by default the paper's 100 of 300.
     window : int
-        Episodes that a success rate is taken over.
+        Episodes over which a success rate is taken.
 
     Examples
     --------
@@ -371,7 +363,7 @@ class ReverseCurriculum(_BySuccess):
             )
 
     def probabilities(self, memory: Outcomes) -> FloatArray:
-        """Return the mixture of new starts and old ones."""
+        """Return the mixture of new and old starts."""
         rate = memory.rate
         old = (rate >= self.r_min) & (memory.known > 0)
         new = (rate <= self.r_max) & np.append(True, old[:-1])
@@ -386,7 +378,7 @@ def equally(chosen: BoolArray) -> FloatArray:
 
 
 def mixed(distribution: FloatArray, epsilon: float) -> FloatArray:
-    """Return (1 - epsilon) of a distribution and epsilon of the uniform one."""
+    """Return (1 - epsilon) of a distribution and epsilon of the uniform distribution."""
     return (1 - epsilon) * distribution + epsilon / len(distribution)
 
 
@@ -395,20 +387,16 @@ def mixed(distribution: FloatArray, epsilon: float) -> FloatArray:
 
 @dataclass
 class TaskSampler:
-    """Draws the task of each episode of one seed from a stream of its own."""
+    """Draws the tasks of a seed's episodes from a random stream for this alone."""
 
     teacher: Teacher
     n_tasks: int
-    counter: int
-    """Where the stream is."""
-    eval_freq: int
-    """Steps between checkpoints."""
-    tasks: list[int] = field(default_factory=list)
-    """That of each episode begun."""
-    begun_at: list[int] = field(default_factory=list)
-    """Steps, in all tasks, before each."""
+    counter: int  # the state of the stream
+    eval_freq: int  # steps between checkpoints
+    tasks: list[int] = field(default_factory=list)  # of the episodes begun
+    begun_at: list[int] = field(default_factory=list)  # steps in all tasks before each of them
+    # The checkpoint before which an episode was the last to begin, and its probabilities.
     changes: list[tuple[int, FloatArray]] = field(default_factory=list)
-    """The checkpoint before which an episode was the last to begin, and its probabilities."""
     memory: Any = field(init=False)
 
     def __post_init__(self) -> None:
@@ -416,7 +404,14 @@ class TaskSampler:
 
     def draw(self, step: int) -> int:
         """Return the task of the episode that begins after so many steps."""
-        probabilities = self._asked()
+        answer = self.teacher.probabilities(self.memory)
+        probabilities = np.asarray(answer, dtype=np.float64)
+        fits = probabilities.shape == (self.n_tasks,) and bool((probabilities >= 0).all())
+        if not fits or not abs(probabilities.sum() - 1) <= SUM_TOLERANCE:
+            raise SettingError(
+                f"a teacher's probabilities must be {self.n_tasks} numbers from 0 up that sum to "
+                f"1: after {len(self.tasks):,} episodes {self.teacher!r} gives {answer!r}"
+            )
         self.counter = (self.counter + int(STRIDE)) & ALL
         task = drawn(probabilities, uniform(splitmix64(self.counter)))
         checkpoint = -(-step // self.eval_freq)
@@ -428,24 +423,12 @@ class TaskSampler:
         return task
 
     def ended(self, episode: Episode) -> None:
-        """Let the teacher see an episode."""
+        """Update the teacher's memory by an episode."""
         self.memory = self.teacher.update(self.memory, episode)
-
-    def _asked(self) -> FloatArray:
-        """Return the teacher's probabilities, or raise SettingError unless they are some."""
-        given = self.teacher.probabilities(self.memory)
-        found = np.asarray(given, dtype=np.float64)
-        right = found.shape == (self.n_tasks,) and bool((found >= 0).all())
-        if not right or not abs(found.sum() - 1) <= SUM_TOLERANCE:
-            raise SettingError(
-                f"a teacher's probabilities must be {self.n_tasks} numbers from 0 up that sum to "
-                f"1: after {len(self.tasks):,} episodes {self.teacher!r} gives {given!r}"
-            )
-        return found
 
 
 def drawn(probabilities: FloatArray, chance: float) -> int:
-    """Return the task that a number in [0, 1) draws; none of probability 0."""
+    """Return the task that a number in [0, 1) draws; never a task of probability 0."""
     rising = np.cumsum(probabilities)
     place = int(np.searchsorted(rising, chance * rising[-1], side="right"))
     return min(place, int(np.flatnonzero(probabilities)[-1]))

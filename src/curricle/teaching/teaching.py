@@ -1,4 +1,4 @@
-"""Learning a target by episodes in several tasks, of which a teacher draws each: :func:`teach`."""
+"""Learning a target by episodes in several tasks, which a teacher draws: :func:`teach`."""
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.array_types import FloatArray, IntArray
 from curricle.checks import text
 from curricle.display import block, brief_value, table
 from curricle.errors import SettingError, TaskError
@@ -32,7 +32,7 @@ from curricle.progress import Progress, check_progress, shown
 from curricle.statistics.curves import Curve
 from curricle.tasks.kernel import ALL, stream_start, uniform
 from curricle.tasks.live import BROKEN_DOWN, Answer
-from curricle.tasks.mdp import FiniteMDP, Task, tables
+from curricle.tasks.mdp import Task, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.start_states import Goal, goal_states
 from curricle.teaching.taught_model import EpisodeRecord, SharedTables, TaughtModel
@@ -47,28 +47,29 @@ class TeachingResult(Frozen):
     Attributes
     ----------
     learning : LearningResult
-        That of the target: greedy returns are those in the target, steps and episodes count those
-        of all tasks, and so do training returns.
+        Of the target: greedy returns are those in the target; steps, episodes and training returns
+        are those of all tasks.
     tasks : tuple of str
         The names of the M tasks, in their order.
     teacher : Teacher
     drawn : tuple of K (E,) int64 arrays
-        The task of each episode that was begun, as its place in `tasks`. The last one may have been
-        cut off by the budget.
+        The tasks of the episodes that were begun, as places in `tasks`. The budget may have cut off
+        the last episode.
     begun_at : tuple of K (E,) int64 arrays
-        Steps, in all tasks, before each of these episodes.
+        Steps in all tasks before these episodes.
     probabilities : (K, T, M) float64
-        The probability of each task when the episode of the checkpoint was drawn, the last one
-        begun by then. Checkpoints after a seed's end repeat its last ones.
+        The probabilities of the tasks when the last episode before a checkpoint was drawn.
+        Checkpoints after a seed's end repeat them.
     steps_per_task : (K, M) int64
-        Steps taken in each task; they add up to those of the seed.
+        Steps in a task; they add up to those of the seed.
 
     Examples
     --------
     >>> from curricle import GridWorld
     >>> from curricle.teaching import teach
-    >>> found = teach({"near": GridWorld(".ST"), "far": GridWorld("S.T")}, target="far", budget=500)
-    >>> found.learning.steps_used, found.steps_per_task.sum(axis=1), found.counts.shape
+    >>> tasks = {"near": GridWorld(".ST"), "far": GridWorld("S.T")}
+    >>> result = teach(tasks, target="far", budget=500)
+    >>> result.learning.steps_used, result.steps_per_task.sum(axis=1), result.counts.shape
     (array([500]), array([500]), (1, 101, 2))
     """
 
@@ -87,12 +88,12 @@ class TeachingResult(Frozen):
 
     @cached_property
     def counts(self) -> IntArray:
-        """Episodes begun in each task before each checkpoint, (K, T, M) int64."""
-        found = np.zeros((len(self.drawn), len(self.learning.steps), len(self.tasks)), np.int64)
+        """Episodes that were begun in a task before a checkpoint, (K, T, M) int64."""
+        counts = np.zeros((len(self.drawn), len(self.learning.steps), len(self.tasks)), np.int64)
         for k, (drawn, begun) in enumerate(zip(self.drawn, self.begun_at, strict=True)):
             for i in range(len(self.tasks)):
-                found[k, :, i] = np.searchsorted(begun[drawn == i], self.learning.steps)
-        return frozen(found)
+                counts[k, :, i] = np.searchsorted(begun[drawn == i], self.learning.steps)
+        return frozen(counts)
 
     def __repr__(self) -> str:
         tasks, learning = counted(len(self.tasks), "task"), repr(self.learning)
@@ -102,7 +103,7 @@ class TeachingResult(Frozen):
         episodes, steps = self.counts[:, -1].mean(axis=0), self.steps_per_task.mean(axis=0)
         head = ["task", "episodes a seed", "steps a seed", "probability in the end"]
         last = self.probabilities[:, -1].mean(axis=0)
-        rows = zip(self.tasks, episodes, steps, (f"{one:.0%}" for one in last), strict=True)
+        rows = zip(self.tasks, episodes, steps, (f"{share:.0%}" for share in last), strict=True)
         title = f"Tasks chosen by {brief_value(self.teacher)}"
         learnt = learnt_table({"target": self.learning}, {})
         return block(title, learnt_curve(self.learning), learnt, table(head, rows))
@@ -125,41 +126,37 @@ def teach(
 ) -> TeachingResult:
     """Return the result of learning a target by episodes in several tasks of one space.
 
-    A teacher draws the task of each episode. One learner learns all of them in one table, with the
-    loops, schedules and random streams of :func:`learn`; steps in any task count alike. The teacher
-    draws from a stream of its own. With one task the learning is that of :func:`learn` on its
-    tables, bit for bit.
+    A teacher draws the task of every episode from a random stream for this alone. A single learner
+    learns all tasks in the same table, with the loops, schedules and random streams of
+    :func:`learn`; steps in any task count alike. With a single task the learning is that of
+    :func:`learn` on its tables, bit for bit.
 
     Parameters
     ----------
     tasks : dict from str to Task
         M of them, with tables, the same states and actions, discount and time limit. They may
         differ in where episodes start (:func:`with_start`), in hazards, slips, rewards and goals.
-        Goals that differ need a component of the states that tells them apart: one table cannot
-        hold values for several. :class:`ReverseCurriculum` reads their order.
+        The states need a component that tells different goals apart, as a table has one value for
+        a pair. :class:`ReverseCurriculum` reads the order of the tasks.
     teacher : Teacher
         Default :class:`Uniform`.
     learner : Learner
         Default :class:`QLearning`; any but :class:`OptimisticQLearning`.
     budget : int, Episodes or StoppingRule
-        Steps in all tasks (the last episode may be cut), episodes, or steps until the greedy return
-        in the target is good enough.
+        Steps in all tasks (the last episode may be cut off), episodes, or steps until the greedy
+        return in the target is good enough.
     target : str
         The name of the task in which the greedy policy is evaluated; the teacher may draw it too.
     seeds, eval_freq, evaluation, stream, workers, progress
         As in :func:`learn`.
     goal : optional
-        What an episode has to end in to be a success, as in :func:`goal_distance`. By default the
-        terminal states of each task that are entered with the largest reward.
-
-    Returns
-    -------
-    TeachingResult
+        The states in which an episode must end to be a success, as in :func:`goal_distance`. By
+        default the terminal states of a task that are entered with the largest reward.
 
     Raises
     ------
     SettingError
-        When an argument is invalid, before anything runs; when a teacher's probabilities are none.
+        When an argument is invalid, before anything runs; when a teacher returns no probabilities.
     TaskError
         When a task has no tables, or the teacher needs a goal and there is none.
 
@@ -169,8 +166,8 @@ def teach(
     >>> from curricle.tasks import GoalDistance, with_start
     >>> far = GridWorld("S.....T")
     >>> tasks = {"near": with_start(far, GoalDistance(1, 2)), "far": far}
-    >>> found = teach(tasks, target="far", budget=2_000, seeds=2)
-    >>> found.counts[0, -1] / found.counts[0, -1].sum() > 0.3
+    >>> result = teach(tasks, target="far", budget=2_000, seeds=2)
+    >>> result.counts[0, -1] / result.counts[0, -1].sum() > 0.3
     array([ True,  True])
     """
     check_progress(progress)
@@ -202,14 +199,14 @@ def teach(
         stream=stream,
         samplers={},
     )
-    each = seed_settings(
-        seeds, run.learner, run.limits, lambda one: one, shaping=None, warm_up=None, charged=None
+    of_seeds = seed_settings(
+        seeds, run.learner, run.limits, lambda x: x, shaping=None, warm_up=None, charged=None
     )
-    threads = threads_for(task_set.target, workers, len(each))
+    threads = threads_for(task_set.target, workers, len(of_seeds))
     with shown(progress) as bars:
-        values, outcomes = train_all(run, each, stream, 0, threads, bars)
+        values, outcomes = train_all(run, of_seeds, stream, 0, threads, bars)
     values[:, task_set.target.terminal] = 0.0  # other tasks may go on where the target ends
-    numbers = tuple(one.seed for one in each)
+    numbers = tuple(settings.seed for settings in of_seeds)
     learning = learning_result(tasks[target], learner, numbers, values, outcomes, run.eval_freq)
     return teaching_result(learning, task_set.names, [run.samplers[seed] for seed in numbers])
 
@@ -217,7 +214,7 @@ def teach(
 def teaching_result(
     learning: LearningResult, tasks: tuple[str, ...], samplers: Sequence[TaskSampler]
 ) -> TeachingResult:
-    """Return what teaching found, the episodes that took no step left out."""
+    """Return the result of teaching, without episodes that took no step."""
     places = np.arange(len(learning.steps))
     drawn, begun_at, curves, steps = [], [], [], []
     for sampler, used in zip(samplers, learning.steps_used, strict=True):
@@ -229,7 +226,7 @@ def teaching_result(
         steps.append(np.bincount(kept, lengths, len(tasks)).astype(np.int64))
         since = np.array([checkpoint for checkpoint, _ in sampler.changes])
         last = np.searchsorted(since, places, side="right") - 1
-        curves.append(np.stack([found for _, found in sampler.changes])[last])
+        curves.append(np.stack([probabilities for _, probabilities in sampler.changes])[last])
     return TeachingResult(
         learning=learning,
         tasks=tasks,
@@ -245,10 +242,18 @@ def teaching_result(
 
 
 class _TaskSet:
-    """M tasks of one space, of which `target` is one; SettingError or TaskError if they are not."""
+    """M tasks of a space, with the target; SettingError or TaskError for other tasks."""
 
     def __init__(self, tasks: Any, target: str, goal: Goal = None, *, needs_goal: bool = False):
-        _check_names(tasks, target)
+        if not isinstance(tasks, Mapping) or not tasks:
+            raise SettingError(
+                f"tasks must be a dict from names to tasks, not empty: got {tasks!r}"
+            )
+        for name in tasks:
+            if not isinstance(name, str):
+                raise SettingError(f"the name of a task must be text: got {name!r}")
+        if target not in tasks:
+            raise SettingError(f"target must be one of {', '.join(tasks)}: got {target!r}")
         self.names = tuple(tasks)
         self.place = self.names.index(target)
         for name, task in tasks.items():
@@ -259,23 +264,26 @@ class _TaskSet:
         self.mdps = tuple(tables(task) for task in tasks.values())
         self.target = self.mdps[self.place]
         for name, mdp in zip(self.names, self.mdps, strict=True):
-            _check_shared(name, mdp, target, self.target)
+            for what in ("states", "actions", "discount", "time_limit"):
+                value, of_target = getattr(mdp, what), getattr(self.target, what)
+                if value != of_target:
+                    equal = ", with equal components" if what in ("states", "actions") else ""
+                    raise SettingError(
+                        f"tasks of a teacher must share their {what}{equal}: {name!r} has "
+                        f"{value!r} and {target!r} has {of_target!r}"
+                    )
         if self.target.time_limit is None:
             raise SettingError(f"tasks of a teacher need a time limit: {target!r} has none")
         self.limit = self.target.time_limit
-        self.goals = self._goals(goal, needs_goal)
-        self.shared = SharedTables.of(self.mdps, self.place)
-
-    def _goals(self, goal: Goal, needed: bool) -> BoolArray:
-        """Return the states of each task that are its goal, (M, S); none where there is no goal."""
-        found = np.zeros((len(self.mdps), self.target.states.size), np.bool_)
+        # (M, S), the states of a task that are its goal; none where there is no goal.
+        self.goals = np.zeros((len(self.mdps), self.target.states.size), np.bool_)
         for i, mdp in enumerate(self.mdps):
             try:
-                found[i] = goal_states(mdp, goal)
+                self.goals[i] = goal_states(mdp, goal)
             except TaskError as error:
-                if needed or goal is not None:
+                if needs_goal or goal is not None:
                     raise TaskError(f"{error} (task {self.names[i]!r})") from error
-        return found
+        self.shared = SharedTables.of(self.mdps, self.place)
 
     def start_state(self, task: int, bits: int) -> int:
         """Return the state in which an episode of a task starts, drawn as compiled loops do."""
@@ -284,43 +292,17 @@ class _TaskSet:
         return int(mdp.start_states[place])
 
 
-def _check_names(tasks: Any, target: Any) -> None:
-    """Raise SettingError unless tasks are a mapping from names, at least one, with the target."""
-    if not isinstance(tasks, Mapping) or not tasks:
-        raise SettingError(f"tasks must be a dict from names to tasks, not empty: got {tasks!r}")
-    for name in tasks:
-        if not isinstance(name, str):
-            raise SettingError(f"the name of a task must be text: got {name!r}")
-    if target not in tasks:
-        raise SettingError(f"target must be one of {', '.join(tasks)}: got {target!r}")
-
-
-def _check_shared(name: str, mdp: FiniteMDP, target: str, other: FiniteMDP) -> None:
-    """Raise SettingError unless a task shares with the target what one table needs."""
-    for what in ("states", "actions", "discount", "time_limit"):
-        own, wanted = getattr(mdp, what), getattr(other, what)
-        if own != wanted:
-            equal = ", with equal components" if what in ("states", "actions") else ""
-            raise SettingError(
-                f"tasks of a teacher must share their {what}{equal}: {name!r} has {own!r} and "
-                f"{target!r} has {wanted!r}"
-            )
-
-
 # -- one seed ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class _TaughtRun(Run):
-    """A :class:`Run` in several tasks; ``task`` is the target.
-
-    `samplers` get the draws of the teacher, by the number of the seed.
-    """
+    """A :class:`Run` in several tasks; ``task`` is the target."""
 
     task_set: _TaskSet
     teacher: Teacher
     stream: str
-    samplers: dict[int, TaskSampler]
+    samplers: dict[int, TaskSampler]  # filled with the teacher's draws, by seed
 
     @contextmanager
     def opened(
@@ -345,11 +327,9 @@ class _TaughtRun(Run):
     def _lesson(
         self, seed: int, record: EpisodeRecord, raised: list[BaseException]
     ) -> Generator[Answer | None, int, None]:
-        """Yield the start of an episode for each 64 bits sent; nothing is raised.
-
-        The caller is compiled code. A generator also catches an interrupt which arrives before the
-        first line of a function would be reached.
-        """
+        """Yield the start of an episode for every 64 bits sent; nothing is raised."""
+        # The caller is compiled code, which cannot be left by an exception. A generator, other than
+        # a function, also catches an interrupt that arrives before its first line.
         step = 0
         bits = yield None
         try:
@@ -358,8 +338,9 @@ class _TaughtRun(Run):
             self.samplers[seed] = sampler
             while True:
                 if sampler.tasks:
-                    step += int(record.length[0])
-                    sampler.ended(self._episode(record))
+                    episode = self._episode(record)
+                    step += episode.length
+                    sampler.ended(episode)
                 task = sampler.draw(step)
                 record.task[0] = task
                 bits = yield self.task_set.start_state(task, bits & ALL), 0.0, False, False
@@ -371,7 +352,6 @@ class _TaughtRun(Run):
             yield BROKEN_DOWN
 
     def _episode(self, record: EpisodeRecord) -> Episode:
-        """Return the episode that has just ended."""
         n, task, shared = int(record.length[0]), int(record.task[0]), self.task_set
         return Episode(
             task,

@@ -1,0 +1,589 @@
+"""The kinds of candidates for a source, each a generator of drafts, made from the target alone.
+
+Parts of the target: easier members of its family, windows around the goal, starts near the goal
+(Asada et al. 1996, "learning from easy missions"; Florensa et al. 2017, "reverse curriculum
+generation for reinforcement learning"), and bottlenecks as goals. Simpler models of the whole of
+it: without hazards, a predator or penalties, without chance, and with coarser tables.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from inspect import signature
+from itertools import islice
+from math import ceil
+from typing import Any
+
+import numpy as np
+
+from curricle.array_types import FloatArray, IntArray
+from curricle.design.proposals import (
+    DesignTarget,
+    Draft,
+    Made,
+    paired,
+    spread,
+)
+from curricle.errors import TaskError
+from curricle.frozen_arrays import frozen
+from curricle.tasks.cliff_walking import CliffWalking
+from curricle.tasks.deep_sea import DeepSea
+from curricle.tasks.four_rooms import FourRooms
+from curricle.tasks.frozen_lake import FrozenLake
+from curricle.tasks.gridworld import OBJECTS, GridWorld
+from curricle.tasks.key_lock_pit import KeyLockPit
+from curricle.tasks.mdp import FiniteMDP, Task, reachable_states, tables
+from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.spaces import Component, Space
+from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
+from curricle.tasks.taxi import Taxi
+from curricle.text_tables import counted
+from curricle.transfer.component_mapping import ComponentMapping, family_mappings, project
+from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping, same_position
+from curricle.transfer.partition_refinement import merged_outcomes
+
+MOST_LISTED = 10_000
+"""Easier members that are listed at most; addresses alone, of which few are built."""
+MOST_GOALS = 4
+"""Cells of a goal around which parts are taken."""
+COMPONENTS = {"rows": "row", "columns": "column", "positions": "position"}
+"""The component of a state that an axis of `crop` cuts."""
+LARGEST_GRAPH = 20_000
+"""States up to which bottlenecks are looked for."""
+MOST_FIRST, FEWEST_FIRST = 1_000, 50
+"""States from which paths are counted; of more, so many that are spread evenly over their list."""
+MOST_EDGES = 200_000_000
+"""Edges of all states from which paths are counted, so that they are fewer in dense graphs."""
+BLOCK = 128
+"""First states of paths that are counted at a time."""
+MOST_BOTTLENECKS = 12
+ROUNDING = 1e-9
+"""Share of a betweenness that counts as none: sums are made in one order or another."""
+SWITCHES: dict[type, tuple[str, Any]] = {
+    FrozenLake: ("slippery", False),
+    CliffWalking: ("slippery", False),
+    FourRooms: ("slip", 0.0),
+    DeepSea: ("slip", 0.0),
+    Taxi: ("rainy", False),
+}
+"""The parameter of a task, and its value with which moves do what they are meant to."""
+LARGEST_MERGED = 2_000_000
+"""Outcomes of all pairs up to which a table is merged."""
+FEWEST = 4
+"""Values of a component that is worth merging."""
+
+Range = tuple[int, int]
+Places = tuple[tuple[int, int], ...]
+
+
+# -- members of the target's family --------------------------------------------------------------
+
+
+def family_members(target: DesignTarget) -> Iterator[Draft]:
+    """Yield the members that are nowhere harder than the target, spread over all of them."""
+    if target.member is None:
+        return
+    parameters = target.member.parameters
+    for source in spread(islice(target.member.family.easier(target.member), MOST_LISTED)):
+        changes = ", ".join(
+            f"{name} {value} instead of {parameters[name]}"
+            for name, value in source.parameters.items()
+            if value != parameters[name]
+        )
+        words = f"an easier member of the family: {changes}"
+        build = partial(_member, target.member, source)
+        yield Draft("member", str(source), words, build, member=source)
+
+
+def _member(target: Any, source: Any) -> Made:
+    return source.task, family_mappings(target, source)
+
+
+# -- windows around the goal ---------------------------------------------------------------------
+
+
+def crops(target: DesignTarget) -> Iterator[Draft]:
+    """Yield the windows around the goal of a task that has `crop`, half the size first.
+
+    Windows are squares where the task has rows and columns, and as long in any other axis. Of a
+    :class:`DeepSea` the lowest rows are taken. Tasks of other classes yield none.
+    """
+    task = target.task
+    if isinstance(task, DeepSea):
+        for rows in spread(range(1, task.size)):
+            build = paired(task, partial(task.bottom, rows), project)
+            words = f"the lowest {rows} rows alone"
+            yield Draft("crop", f"lowest {rows} rows", words, build, rows / task.size)
+        return
+    extents = _extents(task)
+    if not extents:
+        return
+    longest = max(high - low for low, high in extents.values())
+    reads = same_position if isinstance(task, GridWorld) else project
+    for side in spread(range(2, longest)):
+        for goal in _goal_cells(target, extents):
+            part = {axis: _window(extents[axis], side, place) for axis, place in goal.items()}
+            if part != extents:
+                name = ", ".join(f"{axis} {low}..{high - 1}" for axis, (low, high) in part.items())
+                words = f"the part around the goal: {name}"
+                build = paired(task, partial(_cut, task, part), reads)
+                yield Draft("crop", name, words, build, side / longest)
+
+
+def _extents(task: Any) -> dict[str, Range]:
+    """Return the half-open range of each axis that `crop` cuts; empty without such a `crop`."""
+    crop: Callable[..., Any] | None = getattr(task, "crop", None)
+    if crop is None or not hasattr(task, "states"):
+        return {}
+    axes = [name for name in signature(crop).parameters if name in COMPONENTS]
+    layout = getattr(task, "layout", None)
+    extents = {}
+    for axis in axes:
+        name = COMPONENTS[axis]
+        if name in task.states.names:
+            component = task.states.component(name)
+            extents[axis] = (component.low, component.high + 1)
+        elif layout is not None and name != "position":  # a state names objects, and no cell
+            n = ("row", "column").index(name)
+            extents[axis] = (layout.origin[n], layout.origin[n] + layout.shape[n])
+        else:
+            return {}
+    return extents
+
+
+def _goal_cells(target: DesignTarget, extents: dict[str, Range]) -> list[dict[str, int]]:
+    """Return the place on each axis of a few cells of the goal."""
+    states = np.flatnonzero(target.goal)
+    values = target.task.states.decode(states)
+    columns = []
+    for axis in extents:
+        name = COMPONENTS[axis]
+        if name in values:
+            columns.append(values[name])
+        else:
+            columns.append(target.task.layout.cells[states, ("row", "column").index(name)])
+    cells = list(dict.fromkeys(zip(*(column.tolist() for column in columns), strict=True)))
+    return [dict(zip(extents, cell, strict=True)) for cell in cells[:MOST_GOALS]]
+
+
+def _window(extent: Range, side: int, place: int) -> Range:
+    """Return a range of this length around a place, moved so that it lies in the extent."""
+    low, high = extent
+    side = min(side, high - low)
+    first = min(max(place - side // 2, low), high - side)
+    return first, first + side
+
+
+def _cut(task: Any, part: dict[str, Range]) -> Any:
+    """Return the part; where its agent must begin inside, it begins as far right as it can."""
+    if "agent" not in signature(task.crop).parameters:
+        return task.crop(**part)
+    low, high = part["columns"]
+    for column in (None, *range(high - 1, low - 1, -1)):
+        try:
+            return task.crop(**part, agent=column)
+        except TaskError as error:
+            last = error
+    raise last
+
+
+# -- starts near the goal ------------------------------------------------------------------------
+
+
+def start_rings(target: DesignTarget) -> Iterator[Draft]:
+    """Yield the target with starts in 1 to d steps from the goal, half the way first.
+
+    d is less than the distance of the farthest start.
+    """
+    far = int(goal_distance(target.mdp, target.goal)[target.mdp.start_states].max(initial=0))
+    goal = np.flatnonzero(target.goal)
+    for most in spread(range(1, far)):
+        ring = "1" if most == 1 else f"1..{most}"
+        words = f"episodes start {ring} step{'s' * (most > 1)} from the goal"
+        start = GoalDistance(1, most, goal=goal)
+        build = paired(target.task, partial(with_start, target.task, start))
+        yield Draft("starts", f"starts {ring} from the goal", words, build, most / far)
+
+
+# -- a bottleneck as the goal ----------------------------------------------------------------------
+# A bottleneck is a doorway between parts of the task. States on many shortest paths are subgoals
+# (McGovern & Barto 2001, "automatic discovery of subgoals in reinforcement learning using diverse
+# density", find them by visits on successful paths). Simsek & Barto 2008, "skill characterization
+# based on betweenness", take local maxima of betweenness, computed here by counting shortest paths
+# (Brandes 2001, "a faster algorithm for betweenness centrality"). Other than theirs, betweenness is
+# divided by the number of neighbouring states: in the cells before a doorway it is a little higher
+# than in the doorway, since paths within the room cross there too, but they have more neighbours.
+
+
+def betweenness(task: Task) -> FloatArray:
+    """Return the share of shortest paths between other states through each state, (S,) float64.
+
+    Paths lead by possible outcomes from a state that the start can reach to another, through no
+    terminal state; from more than 1,000 states (50 in dense graphs), a sample of them counts.
+    """
+    mdp = tables(task)
+    if len(mdp.terminal) > LARGEST_GRAPH:
+        raise TaskError(
+            f"bottlenecks are found in tasks of up to {LARGEST_GRAPH:,} states: this one has "
+            f"{len(mdp.terminal):,}"
+        )
+    met = reachable_states(mdp)
+    first = np.flatnonzero(met & ~mdp.terminal)
+    edges = _edges(mdp)
+    most = min(MOST_FIRST, max(FEWEST_FIRST, MOST_EDGES // max(1, edges.nnz)))
+    if len(first) > most:
+        first = first[np.linspace(0, len(first) - 1, most).astype(np.int64)]
+    total = np.zeros(len(met))
+    for begin in range(0, len(first), BLOCK):
+        total += _dependencies(edges, first[begin : begin + BLOCK])
+    pairs = max(1, len(first) * (int(met.sum()) - 1))
+    return frozen(total / pairs)
+
+
+def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
+    """Yield the target with a bottleneck as its goal, the strongest first.
+
+    Entering the bottleneck ends the episode, and pays what entering the goal pays at best. The
+    mapping leaves the pairs of the bottleneck unmapped, of which the source learns nothing.
+    """
+    mdp = target.mdp
+    if len(mdp.terminal) > LARGEST_GRAPH:
+        return
+    share = betweenness(mdp)
+    edges = _edges(mdp)
+    state, neighbour = (edges + edges.T).nonzero()
+    height = share / np.maximum(np.bincount(state, minlength=len(share)), 1)
+    highest = np.zeros(len(share))  # of the neighbours
+    np.maximum.at(highest, state, height[neighbour])
+    peak = (height > 0) & (height >= highest * (1 - ROUNDING)) & ~mdp.terminal & ~target.goal
+    # Stable, and without differences by rounding, so that of equal states the first comes first.
+    order = np.argsort(-height.round(9), kind="stable")
+    way = goal_distance(mdp, target.goal)
+    far = max(1, int(way[mdp.start_states].max(initial=1)))
+    for state in order[peak[order]][:MOST_BOTTLENECKS].tolist():
+        name = mdp.states.label(state)
+        words = f"the goal is a bottleneck, on {share[state]:.0%} of shortest paths: {name}"
+        build = partial(_ending_in, target, state, int(way[state]))
+        title = f"to {name}"
+        title = title if len(title) <= 90 else f"{title[:87]}..."
+        yield Draft("bottleneck", title, words, build, float(way[state]) / far)
+
+
+def _edges(mdp: FiniteMDP) -> Any:
+    """Return which states can follow each, (S, S) sparse: 1 from a live state to another."""
+    from scipy.sparse import csr_array  # takes time, and few need it
+
+    n_states, n_actions = mdp.outcome_row.shape
+    live = np.flatnonzero(~mdp.terminal)
+    row = mdp.outcome_row[live].ravel()
+    state = np.repeat(live, n_actions)
+    pair, outcome = np.nonzero(mdp.probability[row] > 0)
+    before, after = state[pair], mdp.next_state[row[pair], outcome]
+    other = before != after
+    ones = np.ones(int(other.sum()))
+    edges = csr_array((ones, (before[other], after[other])), shape=(n_states, n_states))
+    edges.sum_duplicates()
+    edges.data[:] = 1.0
+    return edges
+
+
+def _dependencies(edges: Any, first: Any) -> FloatArray:
+    """Return for each state the share of shortest paths through it, summed over ends, (S,).
+
+    Brandes' recursion, level by level: delta(v) = sum over w one level farther, next to v, of
+    paths(v) / paths(w) (1 + delta(w)).
+    """
+    n = edges.shape[0]
+    forward = edges.T.tocsr()
+    place = first, np.arange(len(first))
+    paths, level = np.zeros((n, len(first))), np.full((n, len(first)), -1)
+    paths[place], level[place] = 1.0, 0
+    front, deepest = paths.copy(), 0
+    while True:
+        front = np.where(level < 0, forward @ front, 0.0)
+        new = front > 0
+        if not new.any():
+            break
+        deepest += 1
+        level[new], paths[new] = deepest, front[new]
+    delta, safe = np.zeros_like(paths), np.maximum(paths, 1.0)
+    for now in range(deepest, 0, -1):
+        share = np.where(level == now, (1 + delta) / safe, 0.0)
+        delta += np.where(level == now - 1, paths * (edges @ share), 0.0)
+    delta[place] = 0.0
+    return np.asarray(delta.sum(axis=1))
+
+
+def _ending_in(target: DesignTarget, state: int, way: int) -> Made:
+    """Return the target as a task that ends in a state, `way` steps from the goal; its mapping."""
+    if way < 0:
+        raise TaskError(f"a bottleneck must be on a way to the goal: state {state} is on none")
+    mdp = target.mdp
+    used = np.zeros(len(mdp.probability), bool)
+    used[mdp.outcome_row[~mdp.terminal]] = True
+    possible = used[:, None] & (mdp.probability > 0)
+    at_goal = possible & target.goal[mdp.next_state]
+    prize = mdp.reward[at_goal if at_goal.any() else possible].max()
+    start = np.where(np.arange(len(mdp.start)) == state, 0.0, mdp.start)
+    if not start.any():
+        raise TaskError(f"a bottleneck must not be the only start: state {state} is")
+    source = replace(
+        mdp,
+        reward=np.where(mdp.next_state == state, prize, mdp.reward),
+        terminal=mdp.terminal | (np.arange(len(mdp.terminal)) == state),
+        start=start / start.sum(),
+    )
+    n_states, n_actions = mdp.outcome_row.shape
+    index = pair_mapping(target.task, source, np.arange(n_states)[:, None], np.arange(n_actions))
+    unmapped = np.where(np.arange(n_states)[:, None] == state, UNMAPPED, index.index)
+    return source, StateActionMapping(target.task, source, unmapped)
+
+
+# -- something removed -----------------------------------------------------------------------------
+# Hazards are pits and fires of a GridWorld, holes of a FrozenLake and pits of a KeyLockPit. In any
+# table where most steps have the same reward, a penalty is a lower reward; without it the reward is
+# that of most steps.
+
+
+def removals(target: DesignTarget) -> Iterator[Draft]:
+    """Yield the target without a predator, all hazards, some of them, or penalties."""
+    task, mdp = target.task, target.mdp
+    if isinstance(task, Pursuit):
+        yield from _fewer_predators(task)
+    yield from _without_hazards(task)
+    row = mdp.outcome_row[~mdp.terminal]
+    rewards = mdp.reward[row][mdp.probability[row] > 0]
+    values, counts = np.unique(rewards, return_counts=True)
+    most = int(counts.argmax()) if counts.size else 0
+    if counts.size and 2 * counts[most] > counts.sum() and most > 0:  # some are lower
+        reward = np.maximum(mdp.reward, values[most])
+        build = paired(task, partial(replace, mdp, reward=reward))
+        yield Draft("removed", "no penalties", "no reward is below that of most steps", build)
+
+
+def _without_hazards(task: Any) -> Iterator[Draft]:
+    names = _hazards(task)
+    hazards = [
+        (names[character], (row, column))
+        for row, line in enumerate(task.map if names else ())
+        for column, character in enumerate(line)
+        if character in names
+    ]
+    groups: list[tuple[str, Places]] = []
+    kinds = sorted({name for name, _ in hazards})
+    if len(kinds) > 1:
+        groups.append(("no hazards", tuple(place for _, place in hazards)))
+    for kind in kinds:
+        places = tuple(place for name, place in hazards if name == kind)
+        if len(places) > 1 or len(kinds) > 1:
+            groups.append((f"no {kind}", places))
+    for kind, (row, column) in hazards:
+        at = row + task.origin[0], column + task.origin[1]
+        groups.append((f"no {kind} at {at}", ((row, column),)))
+    reads = same_position if isinstance(task, GridWorld) else project
+    for name, places in groups:
+        words = f"the same map, {counted(len(places), 'hazard')} removed"
+        yield Draft("removed", name, words, paired(task, partial(_cleared, task, places), reads))
+
+
+def _hazards(task: Any) -> dict[str, str]:
+    """Return the characters of a task's map that are hazards, and their names."""
+    if isinstance(task, GridWorld):
+        rewards = {"F": task.rewards.fire, "P": task.rewards.pit}
+        return {sign: OBJECTS[sign] for sign, reward in rewards.items() if reward < 0}
+    if isinstance(task, KeyLockPit):
+        return {"P": "pit"} if task.pit_reward < 0 else {}
+    if isinstance(task, FrozenLake):
+        return {"H": "hole"}
+    return {}
+
+
+def _cleared(task: Any, places: Places) -> Any:
+    """Return the task with free cells in these places of its map."""
+    free = "F" if isinstance(task, FrozenLake) else "."
+    lines = [list(line) for line in task.map]
+    for row, column in places:
+        lines[row][column] = free
+    return replace(task, map=tuple("".join(line) for line in lines))
+
+
+def _fewer_predators(task: Pursuit) -> Iterator[Draft]:
+    if callable(task.prey) or (task.prey != "uniform" and len(task.prey) != task.cells):
+        return  # a prey that looks at the predators has no policy without one of them
+    for n in range(1, task.predators):
+        name = counted(n, "predator")
+        words = f"the same grid with {n} of {task.predators} predators"
+        yield Draft("removed", name, words, partial(_with_predators, task, n))
+
+
+def _with_predators(task: Pursuit, n: int) -> Made:
+    """Return the pursuit with the first n predators; groups of n read it in turn."""
+    capture = min(task.capture, n) if isinstance(task.capture, int) else task.capture
+    source = replace(task, predators=n, capture=capture)
+    many, fewer = task.predator_names, source.predator_names
+    groups = (
+        {name: many[(first + i) % len(many)] for i, name in enumerate(fewer)}
+        for first in range(len(many))
+    )
+    return source, [ComponentMapping(task, source, group) for group in groups]
+
+
+# -- no chance -------------------------------------------------------------------------------------
+
+
+def likeliest_outcomes(target: DesignTarget) -> Iterator[Draft]:
+    """Yield the target without chance, if there is any in it.
+
+    A task with a parameter for slipping has it switched off. In any other a pair goes to its
+    likeliest next state, with the mean reward of going there. That is not defined where two next
+    states are equally likely in a state that can be reached, as those of a prey that moves at
+    random: the draft then fails.
+    """
+    task, mdp = target.task, target.mdp
+    if (np.count_nonzero(mdp.probability, axis=1) <= 1).all():
+        return
+    switch = SWITCHES.get(type(task))
+    if switch and getattr(task, switch[0]) != switch[1]:
+        name, words = "no slipping", "moves do what they are meant to"
+        build = paired(task, partial(replace, task, **{switch[0]: switch[1]}))
+    else:
+        name, words = "likeliest outcomes", "every action has its likeliest outcome"
+        build = paired(task, partial(_likeliest, mdp))
+    yield Draft("deterministic", name, words, build)
+
+
+def _likeliest(mdp: FiniteMDP) -> FiniteMDP:
+    """Return the tables with an outcome a row; TaskError where two are equally likely."""
+    after, chances = merged_outcomes(mdp.next_state, mdp.probability)
+    best = chances.max(axis=1)
+    ties = np.isclose(chances, best[:, None], rtol=1e-9, atol=0).sum(axis=1) > 1
+    met = reachable_states(mdp) & ~mdp.terminal
+    bad = np.argwhere(ties[mdp.outcome_row] & met[:, None])
+    if len(bad):
+        raise TaskError(
+            "a likeliest outcome must be the only one: state "
+            f"{bad[0][0]}, action {bad[0][1]} has several"
+        )
+    chosen = np.take_along_axis(after, chances.argmax(axis=1)[:, None], axis=1)
+    chosen = np.maximum(chosen, 0)  # rows of terminal states may have no outcome, and are not used
+    share = np.where(mdp.next_state == chosen, mdp.probability, 0.0)
+    total, chance = (x.sum(axis=1, keepdims=True) for x in (share * mdp.reward, share))
+    reward = total / np.where(chance > 0, chance, 1.0)
+    ones = np.ones((len(chosen), 1))
+    return replace(mdp, probability=ones, next_state=chosen, reward=reward)
+
+
+# -- coarser tables --------------------------------------------------------------------------------
+# State aggregation as in Singh, Jaakkola, Jordan 1995, "reinforcement learning with soft state
+# aggregation", with hard clusters: a cluster goes on as its states do on average.
+
+
+def coarser_tables(target: DesignTarget) -> Iterator[Draft]:
+    """Yield the target with neighbouring values merged, of all ordered components and of each.
+
+    A component is ordered if its values have no labels, or those that :class:`Bins` gives them.
+    The only component of a table without names, ``state``, is a numbering and no order. A terminal
+    state is never merged with a live one.
+    """
+    states = target.mdp.states
+    names = tuple(c.name for c in states.components if c.size >= FEWEST and _ordered(c))
+    names = () if states.names == ("state",) else names
+    groups = [names] if names else []
+    groups += [(name,) for name in names] if len(names) > 1 else []
+    for group in groups:
+        name = f"{', '.join(group)} by 2"
+        words = f"a coarser table: each two values of {' and '.join(group)} are one"
+        build = partial(_merged, target.task, target.mdp, group)
+        yield Draft("coarser", name[:90], words, build)
+
+
+def _ordered(component: Component) -> bool:
+    labels = component.labels or ("below ", " and above")
+    return labels[0].startswith("below ") and labels[-1].endswith(" and above")
+
+
+def _merged(task: Any, mdp: FiniteMDP, names: tuple[str, ...]) -> Made:
+    """Return the table with pairs of neighbouring values of these components merged."""
+    if mdp.outcome_row.size * mdp.probability.shape[1] > LARGEST_MERGED:
+        raise TaskError(
+            f"tables are merged up to {LARGEST_MERGED:,} outcomes: this one has "
+            f"{mdp.outcome_row.size * mdp.probability.shape[1]:,}"
+        )
+    space, cluster = _clusters(mdp, names)
+    terminal = np.zeros(space.size, bool)
+    terminal[cluster] = mdp.terminal  # a cluster has states of one sort
+    start = np.zeros(space.size)
+    np.add.at(start, cluster, mdp.start)
+    probability, after, reward = _average(mdp, cluster, space.size)
+    n_actions = mdp.outcome_row.shape[1]
+    source = FiniteMDP(
+        states=space,
+        actions=mdp.actions,
+        outcome_row=np.arange(space.size * n_actions).reshape(space.size, n_actions),
+        probability=probability,
+        next_state=after,
+        reward=reward,
+        terminal=terminal,
+        start=start,
+        discount=mdp.discount,
+        time_limit=mdp.time_limit,
+    )
+    return source, pair_mapping(task, source, cluster[:, None], np.arange(n_actions))
+
+
+def _clusters(mdp: FiniteMDP, names: tuple[str, ...]) -> tuple[Space, IntArray]:
+    """Return the space of clusters, and the cluster of each state, (S,)."""
+    values = mdp.states.decode()
+    components, columns = [], []
+    for component in mdp.states.components:
+        name, labels = component.name, component.labels
+        if name in names:
+            if labels is not None:
+                pairs = (labels[i : i + 2] for i in range(0, len(labels), 2))
+                labels = tuple(" or ".join(pair) for pair in pairs)
+            components.append(Component(name, ceil(component.size / 2), labels=labels))
+            columns.append((values[name] - component.low) // 2)
+        else:
+            components.append(component)
+            columns.append(values[name])
+    points = np.column_stack(columns)
+    _, cells = np.unique(points, axis=0, return_inverse=True)
+    lives = np.bincount(cells.ravel(), ~mdp.terminal)
+    ends = np.bincount(cells.ravel(), mdp.terminal)
+    if ((lives > 0) & (ends > 0)).any():
+        name = "ended"
+        while name in mdp.states.names:
+            name += "_"
+        components.append(Component(name, 2, labels=("no", "yes")))
+        points = np.column_stack([points, mdp.terminal])
+    distinct, cluster = np.unique(points, axis=0, return_inverse=True)
+    return Space(components, distinct), cluster.ravel().astype(np.int64)
+
+
+def _average(mdp: FiniteMDP, cluster: IntArray, n: int) -> tuple[Any, Any, Any]:
+    """Return chances, next clusters and rewards of the pairs of clusters, (n A, O') each.
+
+    A reward is the mean over the outcomes of a pair that lead to the same cluster.
+    """
+    n_actions = mdp.outcome_row.shape[1]
+    size = np.bincount(cluster, minlength=n)
+    pair = (cluster[:, None] * n_actions + np.arange(n_actions)).ravel()
+    chance = mdp.probability[mdp.outcome_row.ravel()] / size[cluster].repeat(n_actions)[:, None]
+    reward = mdp.reward[mdp.outcome_row.ravel()]
+    goes = cluster[mdp.next_state[mdp.outcome_row.ravel()]]
+    # The rows of terminal states are never used, and may say anything.
+    ends = np.repeat(mdp.terminal, n_actions)
+    goes[ends] = np.repeat(cluster, n_actions)[ends, None]
+    chance[ends], reward[ends] = 1.0, 0.0
+    key = (pair[:, None] * n + goes).ravel()
+    possible = chance.ravel() > 0
+    keys, which = np.unique(key[possible], return_inverse=True)
+    total = np.bincount(which, chance.ravel()[possible])
+    earned = np.bincount(which, (chance * reward).ravel()[possible])
+    rows = keys // n
+    place = np.arange(len(keys)) - np.searchsorted(rows, rows)
+    shape = n * n_actions, int(place.max()) + 1
+    probability, after, mean = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape)
+    probability[rows, place], after[rows, place] = total, keys % n
+    mean[rows, place] = earned / total
+    return probability / probability.sum(axis=1, keepdims=True), after, mean
