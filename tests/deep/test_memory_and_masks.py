@@ -12,7 +12,7 @@ from curricle.deep.knowledge import Knowledge
 from curricle.deep.models import model_for
 from curricle.deep.networks import acting
 from curricle.errors import PotentialError, SettingError
-from curricle.transfer.observation_rollouts import Environments
+from curricle.transfer.rollouts import Environments
 
 pytest.importorskip("sb3_contrib")
 SMALL = {"n_steps": 32, "batch_size": 32, "n_epochs": 1}

@@ -30,7 +30,7 @@ from curricle.deep.networks import NetworkValues
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import SettingError
 from curricle.transfer.observation_mapping import FunctionValues
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
 
 from .shaped_worlds import (
     DISCOUNT,

@@ -7,9 +7,9 @@ import numpy as np
 from hypothesis import given, settings, strategies as st
 
 import curricle as cr
-from curricle.learning.potential import MappedPotential
-from curricle.transfer.aggregation import aggregate
-from curricle.transfer.potentials import mapped_potential
+from curricle.transfer import MappedPotential
+from curricle.transfer.aggregate import aggregate
+from curricle.transfer.potential import mapped_potential
 
 AGGREGATES = [cr.minimum, cr.maximum, cr.mean, cr.total]
 NUMBERS = st.sampled_from([0.0, -1.0, 0.1, 3.7, -12.3])

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from curricle import Component, FiniteMDP, Space
 from curricle.transfer import ENDED, UNMAPPED, StateActionMapping, compose, identity
-from curricle.transfer.aggregation import maximum, mean, minimum, total
+from curricle.transfer.aggregate import maximum, mean, minimum, total
 
 VALUES = st.floats(-100, 100)
 

@@ -5,7 +5,7 @@ import pytest
 
 from curricle import maximum, mean, minimum, total
 from curricle.errors import CurriculumError
-from curricle.transfer.aggregation import aggregate
+from curricle.transfer.aggregate import aggregate
 
 PHI = np.array([[[1.0, 5.0]], [[3.0, -2.0]], [[2.0, 0.0]]])
 

@@ -6,7 +6,7 @@ import curricle as cr
 from curricle import Transfer, read_study
 from curricle.errors import CurriculumError, MappingError
 from curricle.transfer import auto_mapping
-from curricle.transfer.edges import transfer_words
+from curricle.transfer.transfer import transfer_words
 from tests.tasks import ring
 
 MAZE = cr.GridWorld(["S..P", ".F..", "...T"], time_limit=50)

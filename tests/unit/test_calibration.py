@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning.potential_rollouts import greedy_rollouts, greedy_start
 from curricle.learning.record import WarmUp
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.transfer.calibration import fit_calibration
-from curricle.transfer.edges import Calibrate
-from curricle.transfer.potentials import mapped_potential
+from curricle.transfer.potential import mapped_potential
+from curricle.transfer.rollouts import greedy_rollouts, greedy_start
+from curricle.transfer.transfer import Calibrate
 from tests.tasks import predator_edges
 
 LINE = cr.GridWorld("S..T", discount=0.5, time_limit=10)

@@ -7,13 +7,12 @@ import pytest
 
 import curricle as cr
 from curricle.errors import CalibrationError
-from curricle.learning.potential_rollouts import greedy_rollouts
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer import FunctionValues, ObservationPotential
 from curricle.transfer.calibration import fit_calibration
-from curricle.transfer.edges import Calibrate
-from curricle.transfer.observation_rollouts import greedy_observation_rollouts
-from curricle.transfer.potentials import mapped_potential
+from curricle.transfer.potential import mapped_potential
+from curricle.transfer.rollouts import greedy_rollouts
+from curricle.transfer.transfer import Calibrate
 from tests.tasks import predator_edges
 
 HUNT, CHASE = cr.Pursuit(3, 2, time_limit=30), cr.Pursuit(3, 1, time_limit=30)
@@ -76,13 +75,13 @@ def test_rollouts_of_observations_stop_there_too():
     push = FunctionValues(lambda cars, acts: np.sign(cars[:, 1:]) * (acts - 1.0), actions=3)
     phi = ObservationPotential.of(car, push)
     assert isinstance(phi.task, ObservationTask)
-    whole = greedy_observation_rollouts(phi, episodes=3)
+    whole = greedy_rollouts(phi, episodes=3)
     n = int(whole.lengths[0]) + 7
-    found = greedy_observation_rollouts(phi, episodes=3, max_steps=n)
+    found = greedy_rollouts(phi, episodes=3, max_steps=n)
     assert found.lengths.tolist() == [whole.lengths[0], 7]
     assert found.ended.tolist() == [True, False]
     np.testing.assert_array_equal(found.predicted, whole.predicted[:n])
-    assert greedy_observation_rollouts(phi, episodes=3, max_steps=10**6).lengths.tolist() == (
+    assert greedy_rollouts(phi, episodes=3, max_steps=10**6).lengths.tolist() == (
         whole.lengths.tolist()
     )
 

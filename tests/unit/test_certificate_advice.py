@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle.certificate import certify
-from curricle.certificate.checked_shaping import check_shaping
+from curricle.certificate.shaped_task import check_shaping
 from tests.certificates import MAZE, PHI, RNG
 from tests.tasks import meeting_paths, tree
 
@@ -105,5 +105,5 @@ def test_a_changing_potential_is_compared_as_it_ends():
     assert found.findings == (
         "the potential changes while learning; its last values were compared",
     )
-    ends_as = check_shaping(MAZE, cr.StateShaping(phi)).last_values()
+    ends_as = check_shaping(MAZE, cr.StateShaping(phi)).phi
     np.testing.assert_array_equal(ends_as, 0.5 * np.where(MAZE.mdp.terminal, 0, FRAMES[2]))

@@ -8,11 +8,11 @@ import pytest
 
 import curricle as cr
 from curricle.certificate import SampledCertificate, ShapingReward, certify
-from curricle.certificate.checked_shaping import CHUNK, check_shaping
 from curricle.certificate.diagnosis import widest
+from curricle.certificate.shaped_task import PAIRS_READ, check_shaping
 from curricle.errors import TaskError
 from curricle.planning.rollouts import random_rollouts
-from curricle.transfer.potentials import mapped_potential
+from curricle.transfer.potential import mapped_potential
 from tests.certificates import MAZE, RNG, difference
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -97,11 +97,11 @@ def test_phi_is_read_where_rollouts_go():
     edge = cr.Transfer("a", "b", cr.project(small, alone, predator="predator_2"))
     phi = mapped_potential(small, [edge], [RNG.normal(size=(81, 5))], cr.maximum)
     live = np.flatnonzero(~small.terminal)
-    np.testing.assert_array_equal(phi.rows(live), phi.values[live])
+    np.testing.assert_array_equal(phi.pairs(live), phi.values[live])
     pairs = np.repeat(live, 25), np.tile(np.arange(25), len(live))
-    assert len(pairs[0]) > CHUNK  # more than one chunk
+    assert len(pairs[0]) > PAIRS_READ  # more than one chunk
     np.testing.assert_array_equal(
-        check_shaping(small, cr.RewardBonus(phi)).at_pairs(*pairs), phi.values[pairs]
+        check_shaping(small, cr.RewardBonus(phi)).phi_of(*pairs), phi.values[pairs]
     )
     whole, by_array = (
         certify(small, cr.RewardBonus(potential), method="sampled", steps=5_000)

@@ -10,7 +10,7 @@ import curricle as cr
 from curricle.errors import MappingError
 from curricle.planning.solution import solve
 from curricle.transfer import TaskPair, by_component_warping, find_mappings
-from curricle.transfer.component_warping import path_order, paths, warp
+from curricle.transfer.warping import path_order, paths, warp
 from tests.renumbering import nameless
 
 ROOM, SMALLER = cr.tasks.KeyLockPit.room(8), cr.tasks.KeyLockPit.room(6)

@@ -7,8 +7,8 @@ from numba import njit
 import curricle as cr
 from curricle import Component, ComputedMDP, Space
 from curricle.errors import TaskError
-from curricle.learning.potential_rollouts import greedy_rollouts
 from curricle.planning.rollouts import random_rollouts
+from curricle.transfer.rollouts import greedy_rollouts
 from tests.tasks import ring_start, ring_step
 
 NAN, INF = float("nan"), float("inf")

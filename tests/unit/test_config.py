@@ -22,7 +22,7 @@ from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
 from curricle.study.config import settings, tasks
 from curricle.study.config.tables import table_of
-from curricle.transfer import Calibrate, aggregation
+from curricle.transfer import Calibrate, aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
 from tests.tasks import predator_edges
 

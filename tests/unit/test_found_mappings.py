@@ -7,6 +7,7 @@ import curricle as cr
 from curricle.errors import MappingError, SettingError, TaskError
 from curricle.transfer import (
     Proposal,
+    StateActionMapping,
     TaskPair,
     by_homomorphism,
     find_mappings,
@@ -14,11 +15,11 @@ from curricle.transfer import (
     identity,
     score_mapping,
 )
-from curricle.transfer.edges import mapping_words, mappings_digest, numbered
-from curricle.transfer.mapping_scores import total_variation
+from curricle.transfer.bisimulation import levels, model_for_refinement, refined
 from curricle.transfer.observation_mapping import ObservationCoverage
-from curricle.transfer.partition_refinement import levels, model_for_refinement, refined
-from curricle.transfer.task_pair import SearchedMapping, search_steps
+from curricle.transfer.pair import search_steps
+from curricle.transfer.scores import total_variation
+from curricle.transfer.transfer import mappings_digest, numbered
 from tests.refusals import check_refusal
 from tests.tasks import ring
 
@@ -175,14 +176,16 @@ def test_equal_outcomes_count_once_in_a_distance():
 def test_a_search_of_two_tasks_is_charged_once():
     line = cr.GridWorld("ST")
     index = [[0, 1, 2, 3], [-2, -2, -2, -2]]
-    edge = cr.Transfer("a", "b", SearchedMapping(line, line, index, how="nearest pair", steps=50))
+    edge = cr.Transfer(
+        "a", "b", StateActionMapping(line, line, index, how="nearest pair", steps=50)
+    )
     assert search_steps([edge] * 2) == 50
-    assert mapping_words(edge) == "found: nearest pair"
+    assert edge.mapping.words == "found: nearest pair"
 
 
 def test_mappings_in_words_and_digests():
     chase = cr.project(cr.Pursuit(3, 2), cr.Pursuit(3, 1), predator="predator_2")
-    words = mapping_words(cr.Transfer("chase", "hunt", chase))
+    words = chase.words
     assert words == "predator is predator_2, prey by name"
     assert numbered(["a", "b", "a"]) == ["a [1]", "b", "a [2]"]
     line = cr.GridWorld("S.T")

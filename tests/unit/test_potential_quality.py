@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning import potential_rollouts
 from curricle.planning import Target, target as target_module
 from curricle.tasks.mdp import reachable_states
-from curricle.transfer import quality
-from curricle.transfer.potentials import mapped_potential
-from curricle.transfer.quality import potential_quality
+from curricle.transfer import rollouts as quality
+from curricle.transfer.potential import mapped_potential
+from curricle.transfer.rollouts import potential_quality
 from tests.tasks import dense_of, predator_edges
 
 LINE = cr.GridWorld("S.T", discount=0.5)  # Q* = 98.5 and 199 to the east
@@ -344,9 +343,9 @@ def test_a_mapped_potential_is_followed_alike_by_lookup_and_from_an_array(monkey
     (phi,) = plan.potentials("hunt", plan.train(seeds=1, only="chase").sources)
     found = []
     for largest in (0, 10**6):
-        monkeypatch.setattr(potential_rollouts, "LARGEST_ARRAY", largest)
-        rollouts = potential_rollouts.greedy_rollouts(phi, episodes=20)
-        start = potential_rollouts.greedy_start(phi, cr.GreedyEvaluation(method="rollouts"))
+        monkeypatch.setattr(quality, "LARGEST_ARRAY", largest)
+        rollouts = quality.greedy_rollouts(phi, episodes=20)
+        start = quality.greedy_start(phi, cr.GreedyEvaluation(method="rollouts"))
         found.append((*vars(rollouts).values(), start))
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one, other)

@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle.errors import SettingError, TaskError
 from curricle.transfer import TaskPair, find_mappings, score_mapping
-from curricle.transfer.task_pair import sampled_tables
+from curricle.transfer.pair import sampled_tables
 from tests.tasks import ring, ring_by_tables
 
 

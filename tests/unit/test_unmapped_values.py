@@ -14,7 +14,7 @@ from curricle.transfer import (
     fitted_unmapped_value,
     identity,
 )
-from curricle.transfer.mapping_scores import EXPECTILE, fitted_constant
+from curricle.transfer.scores import EXPECTILE, fitted_constant
 from tests.studies import CORNER
 from tests.tasks import mdps
 

@@ -67,7 +67,8 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
         return Fit(discount, frozen(phi), left)
 
 
-# -- from F to Phi -------------------------------------------------------------------------------
+# -- from F to Phi ---------------------------------------------------------------------------------
+
 
 ZERO, BACKWARD, FORWARD, CYCLE, FREE = range(5)
 NO_TRANSITIONS = np.zeros(0, np.int64)
@@ -243,10 +244,10 @@ def _unequal_paths(task: Any, met: Reachable, f: FloatArray, plain: Fit) -> str:
     """Return the sentence about a state from which F has different sums on two paths."""
     worst = int(abs(plain.residual).argmax())
     here, there = int(met.source[worst]), int(met.target[worst])
-    one = f[worst] - plain.discount * plain.potential[there]
+    by_there = f[worst] - plain.discount * plain.potential[there]
     return (
         f"not potential-based: from {state_name(task.states, here)} on, the discounted sum of F is "
-        f"{one + 0.0:.4g} by way of {state_name(task.states, there)} and "
+        f"{by_there + 0.0:.4g} by way of {state_name(task.states, there)} and "
         f"{0.0 - plain.potential[here]:.4g} on another path; with a potential it is -Phi on every "
         "path"
     )
@@ -266,7 +267,7 @@ def several_entries(
     apart, *ways = widest(entered[:, None], phi)
     if apart == 0:
         return apart, None
-    told = [
+    entries = [
         f"with phi = {phi[i]:.4g} from {state_name(task.states, int(source[i]))} by "
         f"{action_name(task.actions, int(action[i]))}"
         if i < len(source)
@@ -275,7 +276,7 @@ def several_entries(
     ]
     return apart, (
         "look-back advice keeps the optimum for certain only where all ways into a state have one "
-        f"phi: {state_name(task.states, int(entered[ways[0]]))} is entered {' and '.join(told)}"
+        f"phi: {state_name(task.states, int(entered[ways[0]]))} is entered {' and '.join(entries)}"
     )
 
 

@@ -27,7 +27,7 @@ from curricle.errors import CurricleError, SettingError
 from curricle.interop.tabulation.tabulated_task import needs_of
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.tasks.observation_task import ObservationTask
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
 
 VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
 """Prefixes of the critic's parameters in an actor-critic."""

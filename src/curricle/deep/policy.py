@@ -17,7 +17,7 @@ from curricle.planning.episode import Episode, played
 from curricle.tasks.draws import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.tasks.scene import frame_of, with_pictures
-from curricle.transfer.observation_rollouts import (
+from curricle.transfer.rollouts import (
     Environments,
     ObservationTarget,
     mean_episode_return,

@@ -17,7 +17,7 @@ from curricle.checks import one_of
 from curricle.deep.networks import plain_layers
 from curricle.errors import SettingError
 from curricle.transfer.observation_mapping import no_actions
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
 
 READS = "actions", "state", "nothing"
 """What a residual reads beside the observation: phi(s, .), Phi(s) = max_a phi(s, a), or nothing."""

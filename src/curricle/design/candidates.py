@@ -28,7 +28,7 @@ from curricle.planning.solution import evaluate, solve
 from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.start_states import goal_distance
 from curricle.tasks.task import generative_model, same_task, tables
-from curricle.transfer.partition_refinement import model_for_refinement, refined
+from curricle.transfer.bisimulation import model_for_refinement, refined
 
 MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "member": family_members,

@@ -18,7 +18,7 @@ from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
-from curricle.transfer.component_mapping import family_mappings, project
+from curricle.transfer.by_components import family_mappings, project
 from curricle.transfer.mapping import same_position
 
 MOST_LISTED = 10_000

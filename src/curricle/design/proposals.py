@@ -15,7 +15,7 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.start_states import goal_states
 from curricle.tasks.task import generative_model, has_tables, tables
 from curricle.text_tables import counted
-from curricle.transfer.component_mapping import member_mappings
+from curricle.transfer.by_components import member_mappings
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,

@@ -31,9 +31,9 @@ from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Component, Space
 from curricle.tasks.taxi import Taxi
 from curricle.text_tables import counted
-from curricle.transfer.component_mapping import ComponentMapping, project
+from curricle.transfer.bisimulation import merged_outcomes
+from curricle.transfer.by_components import ComponentMapping, project
 from curricle.transfer.mapping import pair_mapping, same_position
-from curricle.transfer.partition_refinement import merged_outcomes
 
 SWITCHES: dict[type, tuple[str, Any]] = {
     FrozenLake: ("slippery", False),

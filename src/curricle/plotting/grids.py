@@ -24,7 +24,7 @@ from curricle.tasks.grid_layout import LETTERS
 from curricle.tasks.grid_view import At, GridView
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.task import Task, generative_model
-from curricle.transfer.edges import transfer_names
+from curricle.transfer.transfer import transfer_names
 
 TINTS = {"treasure": "#f2c14e", "fire": "#ee6c4d", "pit": "#3d405b", "goal": "#f2c14e"}
 TINTS |= {"key": "#8ecae6", "lock": "#c9a0dc", "exit": "#90be6d"}

@@ -16,9 +16,9 @@ import numpy as np
 from curricle.array_types import BoolArray, IntArray
 from curricle.errors import MappingError
 from curricle.text_tables import counted
+from curricle.transfer.bisimulation import levels
 from curricle.transfer.mapping import UNMAPPED, pair_mapping
-from curricle.transfer.partition_refinement import levels
-from curricle.transfer.task_pair import Proposal, TaskPair
+from curricle.transfer.pair import Proposal, TaskPair
 
 LARGEST = 50_000
 """State-action pairs of a task."""

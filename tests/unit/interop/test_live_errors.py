@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning.potential_rollouts import greedy_rollouts
+from curricle.transfer.rollouts import greedy_rollouts
 
 from .environments import OFF, TWO, Ring, watched
 

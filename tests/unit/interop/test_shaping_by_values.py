@@ -12,9 +12,9 @@ from curricle.errors import PotentialError, SettingError
 from curricle.interop.gymnasium import observation_task
 from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 from curricle.tasks.observation_task import stack
-from curricle.transfer.aggregation import aggregate, aggregate_numbers
+from curricle.transfer.aggregate import aggregate, aggregate_numbers
 from curricle.transfer.observation_mapping import FunctionValues, TableValues
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
 
 from .shaping import (
     DISCOUNT,

@@ -23,7 +23,7 @@ from curricle.interop.tabulation.tabulated_task import (
 )
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
-from curricle.transfer.partition_refinement import merged_outcomes, numbered_rows
+from curricle.transfer.bisimulation import merged_outcomes, numbered_rows
 
 WIDEST = 10_000
 """Values of a component that is numbered from its lowest to its highest value."""

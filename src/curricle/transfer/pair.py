@@ -17,8 +17,8 @@ from curricle.tasks.draws import stream_start
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.task import Task, generative_model, has_tables, tables
+from curricle.transfer.bisimulation import Model, model_for_refinement, refined
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
-from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
 
 NOT_PROVEN = float("nan")
 ENDLESS = 1_000
@@ -85,19 +85,19 @@ class TaskPair:
     @cached_property
     def target_mdp(self) -> FiniteMDP:
         """The target's tables."""
-        found = self.sampled[0]
-        return discounted(tables(self.target) if found is None else found.mdp)
+        estimate = self.sampled[0]
+        return discounted(tables(self.target) if estimate is None else estimate.mdp)
 
     @cached_property
     def source_mdp(self) -> FiniteMDP:
         """The source's tables."""
-        found = self.sampled[1]
-        return discounted(tables(self.source) if found is None else found.mdp)
+        estimate = self.sampled[1]
+        return discounted(tables(self.source) if estimate is None else estimate.mdp)
 
     @property
     def steps(self) -> int:
         """Steps that were taken in both tasks to estimate their tables."""
-        return sum(found.steps for found in self.sampled if found is not None)
+        return sum(estimate.steps for estimate in self.sampled if estimate is not None)
 
     @cached_property
     def target_solution(self) -> Solution:
@@ -120,7 +120,7 @@ class TaskPair:
         rewards = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row]
         policies = np.full(rewards.shape, 1 / rewards.shape[1]), greedy_policy(rewards)
         values = [evaluate(mdp, policy).values for policy in policies]
-        return max(values, key=lambda one: float(one[self.judged].mean()))
+        return max(values, key=lambda by_policy: float(by_policy[self.judged].mean()))
 
     @cached_property
     def judged(self) -> BoolArray:
@@ -177,7 +177,7 @@ class TaskPair:
 
     def proposal(self, index: IntArray, how: str) -> "Proposal":
         """Return the proposal to read the source through an index, (S, A), and how it was found."""
-        mapping = SearchedMapping(self.target, self.source, index, how=how)
+        mapping = StateActionMapping(self.target, self.source, index, how=how)
         return Proposal(mapping, how, self.bound(index))
 
 
@@ -195,14 +195,6 @@ def discounted(mdp: FiniteMDP) -> FiniteMDP:
 
 
 # -- what a search proposes ------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class SearchedMapping(StateActionMapping):
-    """A mapping that a search made pair by pair, with the words that say how."""
-
-    how: str = ""
-    steps: int = 0  # of the search in tasks without tables, charged as those of sources are
 
 
 class Proposal(NamedTuple):
@@ -227,13 +219,14 @@ def search_steps(transfers: Iterable[Any]) -> int:
     Mappings between the same two tasks are taken to be of one search.
     """
     most: dict[tuple[str, str], int] = {}
-    for one in transfers:
-        edge = one.source, one.target
-        most[edge] = max(most.get(edge, 0), getattr(one.mapping, "steps", 0))
+    for transfer in transfers:
+        edge = transfer.source, transfer.target
+        most[edge] = max(most.get(edge, 0), transfer.mapping.steps)
     return sum(most.values())
 
 
 # -- tables estimated from steps -------------------------------------------------------------------
+
 
 LARGEST = 2_000_000
 """State-action pairs of a task that is sampled."""

@@ -16,7 +16,7 @@ from curricle.display import brief_repr, printed
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.tasks.mdp import steps_to
 from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
-from curricle.transfer.task_pair import TaskPair
+from curricle.transfer.pair import TaskPair
 
 NAN = float("nan")
 TIED = 1e-9

@@ -23,7 +23,7 @@ from curricle.errors import MappingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Space
 from curricle.transfer.mapping import pair_mapping
-from curricle.transfer.task_pair import Proposal, TaskPair
+from curricle.transfer.pair import Proposal, TaskPair
 
 # -- the order of values ---------------------------------------------------------------------------
 
@@ -227,7 +227,7 @@ def _check_paths(tasks: TaskPair, own: list[Path], other: list[Path]) -> None:
         )
 
 
-# -- which component is which --------------------------------------------------------------------
+# -- which component is which ----------------------------------------------------------------------
 
 
 def _assignments(tasks: TaskPair, own: list[Path], other: list[Path]) -> Iterator[Assigned]:
@@ -268,7 +268,7 @@ def _shares(some: list[Path], actions: Space, component: int) -> FloatArray:
     return np.asarray(np.divide(made, total, out=np.zeros_like(made), where=total > 0))
 
 
-# -- which value is which ------------------------------------------------------------------------
+# -- which value is which --------------------------------------------------------------------------
 
 
 class _Match:
@@ -376,7 +376,7 @@ def _rewards(mdp: FiniteMDP) -> FloatArray:
     return np.asarray((mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row])
 
 
-# -- what is proposed ----------------------------------------------------------------------------
+# -- what is proposed ------------------------------------------------------------------------------
 
 
 def _source_actions(tasks: TaskPair, assigned: Assigned) -> IntArray:
