@@ -67,11 +67,8 @@ def certify(
     - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, if all ways into a state
       have one phi; otherwise nothing is proven, and such a state is named;
     - :class:`DecayingAdvice`: Q* + xi phi with the last weight xi (Behboudian et al. 2020);
-    - :class:`RewardBonus`: Q* for r + phi(s, a), which need not be safe;
-    - :class:`ShapingReward`: Q* for r + F(s, a, s').
-
-    For the last two the findings tell whether F comes from a potential, from one whose ends are not
-    0 (Grzes 2017), or from none with the task's discount, and then where.
+    - :class:`RewardBonus`, :class:`ShapingReward`: Q* for r + F, F any reward. The findings tell
+      whether F comes from a potential, from one whose ends are not 0 (Grzes 2017), or from none.
 
     Parameters
     ----------
@@ -93,10 +90,8 @@ def certify(
         where tables of up to 20 million outcomes (states x actions x outcomes of a pair) can be
         solved. Only look-back advice, a bonus and a reward are sampled: of the other shapings,
         where states are not compared, the theorem alone decides.
-    steps : int
-        Steps to sample, about.
-    seed : int
-        Of the sample.
+    steps, seed : int
+        Of the sample: about so many steps.
     progress : bool or callable, optional
         True shows a bar that moves until the answer is there; a function is called with the answer.
 
@@ -117,19 +112,17 @@ def certify(
 
     Notes
     -----
-    Both solutions have a proven error bound, rounding included. Two actions whose values differ by
-    less than twice the bound may both be optimal. The certificate holds if in every state one
-    action can be optimal in both problems and no other in either; with a tolerance, if all that can
-    be optimal fall short by no more. It fails if all actions that can be optimal in one problem
-    fall short by more in the other. Between the two it is undecided, unless a theorem proves the
-    shaping safe: F comes from a potential that is 0 at the ends, with the task's discount; or
-    advice has a last weight of 0 or one value for all actions. It is undecided also then if a known
-    difference of two actions above the tolerance vanishes, in double precision, beside what the
-    potential adds to it in all steps of an episode. A bonus or reward is taken as its numbers are,
-    which rounding keeps from being F of a potential exactly: no action that they make optimal loses
-    anything, but they may prefer one of equally good actions. Actions too close to be told apart
-    must therefore be proven equally good, by leading alike, or it is undecided. Where states are
-    not compared, a finding says so.
+    Two actions whose values differ by less than twice the proven error may both be optimal. The
+    certificate holds if in every state one action can be optimal in both problems and no other in
+    either; with a tolerance, if all that can be optimal fall short by no more. It fails if all
+    actions that can be optimal in one problem fall short by more in the other. Between the two it
+    is undecided, unless a theorem proves the shaping safe: F comes from a potential that is 0 at
+    the ends, with the task's discount; or advice has a last weight of 0 or one value for all
+    actions. It is undecided also then if a known difference of two actions above the tolerance
+    vanishes, in double precision, beside what the potential adds to it in all steps of an episode.
+    A bonus or reward is taken as its numbers are, which rounding keeps from being F of a potential
+    exactly: actions too close to be told apart must therefore be proven equally good, by leading
+    alike, or it is undecided. Where states are not compared, a finding says so.
 
     Examples
     --------

@@ -42,22 +42,22 @@ class Shaping(ABC):
 
     for_tables: ClassVar[bool] = True
     for_networks: ClassVar[bool] = False
+    # Whether Q starts at the potential, so that learning itself is plain.
     starts_at_potential: ClassVar[bool] = False
-    """Whether Q starts at the potential, so that learning itself is plain."""
+    # Whether it uses the potential's values, so that these can be calibrated or forecast.
     reads_values: ClassVar[bool] = True
-    """Whether it uses the potential's values, so that these can be calibrated or forecast."""
+    # What proves it safe where `meets_conditions` and the declarations below hold.
     theorem: ClassVar[str] = ""
-    """What proves it safe where `meets_conditions`, and all of the declarations below, hold."""
+    # Whether it learns from other rewards than the task's, as if another reward were added.
     changes_rewards: ClassVar[bool] = True
-    """Whether the learner's rewards are others, as if another reward were added."""
+    # Whether the reward added need not come from a potential: it is safe only if it does.
     any_reward: ClassVar[bool] = False
-    """Whether the reward added need not come from a potential: it is safe only if it does."""
+    # Whether it is safe only where every state is entered with one phi.
     one_way_in: ClassVar[bool] = False
-    """Whether it is safe only where every state is entered with one phi."""
+    # Whether another tool may compute it with a discount of its own.
     takes_discount: ClassVar[bool] = False
-    """Whether another tool may compute it with a discount of its own."""
+    # What another tool does with a potential that is not 0 at the ends; empty if nothing.
     at_ends: ClassVar[str] = ""
-    """What another tool does with a potential that is not 0 at the ends; empty if nothing."""
 
     def __post_init__(self) -> None:
         if self.guard is not None:
@@ -113,10 +113,7 @@ class Shaping(ABC):
             )
 
     def for_task(self, task: Task) -> Self:
-        """Return the shaping with a potential of the library's own, made for this task.
-
-        PotentialError for a malformed array, SettingError for a potential of another kind or task.
-        """
+        """Return the shaping with a potential of the library's own, made for this task."""
         if self.potential is None:
             return self
         potential = self._taken(task, self.potential)
@@ -172,11 +169,16 @@ class Shaping(ABC):
 
 
 @dataclass(frozen=True)
-class _StartsAtPotential(Shaping):
-    """Q-initialisation and look-ahead advice, which are the same computation."""
+class _Guarded(Shaping):
+    """A shaping by a potential, which a guard may accompany."""
 
     potential: Any = field(default=None, repr=False)
     guard: Guard | None = None
+
+
+@dataclass(frozen=True)
+class _StartsAtPotential(_Guarded):
+    """Q-initialisation and look-ahead advice, which are the same computation."""
 
     for_networks: ClassVar[bool] = True
     starts_at_potential: ClassVar[bool] = True
@@ -235,7 +237,7 @@ class LookAheadAdvice(_StartsAtPotential):
 
 
 @dataclass(frozen=True)
-class LookBackAdvice(Shaping):
+class LookBackAdvice(_Guarded):
     """Rewards get F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1}) / gamma; for :class:`SARSA` only.
 
     A target contains phi of the step before, averaged over all ways into a state, so the optimum
@@ -255,16 +257,9 @@ class LookBackAdvice(Shaping):
     (True, False)
     """
 
-    potential: Any = field(default=None, repr=False)
-    guard: Guard | None = None
-
     theorem: ClassVar[str] = "Wiewiora, Cottrell, Elkan 2003"
     one_way_in: ClassVar[bool] = True
-
-    @property
-    def own_rewards(self) -> bool:
-        """False: phi of the step before cannot be taken off again."""
-        return False
+    own_rewards: ClassVar[bool] = False  # phi of the step before cannot be taken off again
 
     def check(self, learner: Any) -> None:
         """Raise SettingError unless the learner is on-policy SARSA."""
@@ -297,7 +292,7 @@ class LookBackAdvice(Shaping):
 
 
 @dataclass(frozen=True)
-class StateShaping(Shaping):
+class StateShaping(_Guarded):
     """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
 
     Q is learnt as Q* - Phi. Where Phi changes with time Q lags behind it: a state holds the Phi of
@@ -317,9 +312,6 @@ class StateShaping(Shaping):
     array([[1., 1., 0.]])
     """
 
-    potential: Any = field(default=None, repr=False)
-    guard: Guard | None = None
-
     for_networks: ClassVar[bool] = True
     theorem: ClassVar[str] = "Ng, Harada, Russell 1999"
     takes_discount: ClassVar[bool] = True
@@ -338,12 +330,8 @@ class StateShaping(Shaping):
 
     def _added(self) -> dict[str, Any]:
         phi = self.potential
-        return {
-            "kind": STATE,
-            "weight": phi.weight,
-            "steps": phi.frame_steps,
-            "state_values": phi.values,
-        }
+        over_time = {"weight": phi.weight, "steps": phi.frame_steps, "state_values": phi.values}
+        return {"kind": STATE, **over_time}
 
     def offset(self, step: int) -> Any:
         """Return Phi(s, t), (S, 1): Q is learnt as Q* - Phi."""
@@ -427,7 +415,7 @@ class DecayingAdvice(Shaping):
 
 
 @dataclass(frozen=True)
-class RewardBonus(Shaping):
+class RewardBonus(_Guarded):
     """Rewards get phi(s, a) itself.
 
     This is not potential-based and can change the optimal policy; it is here to show reward
@@ -445,16 +433,9 @@ class RewardBonus(Shaping):
     (True, False)
     """
 
-    potential: Any = field(default=None, repr=False)
-    guard: Guard | None = None
-
     theorem: ClassVar[str] = "Ng, Harada, Russell 1999"
     any_reward: ClassVar[bool] = True
-
-    @property
-    def own_rewards(self) -> bool:
-        """False: the bonus cannot be taken off again."""
-        return False
+    own_rewards: ClassVar[bool] = False  # the bonus cannot be taken off again
 
     def _added(self) -> dict[str, Any]:
         return {"kind": BONUS, "pair_values": self.potential.values}
