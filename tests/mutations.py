@@ -663,7 +663,7 @@ MUTATIONS = [
         "if apart == 0:",
         "if apart <= 1e-12 * abs(phi).max():",
         (
-            "tests/unit/test_certificate_advice.py::test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree",
+            "tests/unit/test_certificate.py::test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree",
         ),
     ),
     Mutation(

@@ -7,7 +7,6 @@ import numpy as np
 from hypothesis import given, settings, strategies as st
 
 import curricle as cr
-from curricle.transfer import MappedPotential
 from curricle.transfer.aggregate import aggregate
 from curricle.transfer.potential import mapped_potential
 
@@ -198,18 +197,6 @@ def test_the_index_is_that_of_reading_each_point(transfers):
         assert edge.mapping.coverage() == kept.coverage()
 
 
-def test_the_index_between_pursuits_is_that_of_reading_each_point():
-    hunt, chase, wide = cr.Pursuit(2, 2), cr.Pursuit(2, 1), cr.Pursuit(3, 1)
-    cases = [
-        cr.project(hunt, chase, predator="predator_2"),
-        cr.project(hunt, wide, predator="predator_1"),
-        cr.project(wide, chase),
-        cr.project(hunt, hunt, predator_1="predator_2", predator_2="predator_1"),
-    ]
-    for mapping in cases:
-        assert mapping.index.tolist() == index_point_by_point(mapping).tolist()
-
-
 def line_by_points(points, n_actions=2, seed=0):
     rng = np.random.default_rng(seed)
     box = [cr.Component("row", 3), cr.Component("column", 3)]
@@ -231,37 +218,6 @@ def test_listed_spaces_need_arrays():
             assert isinstance(phi, cr.StateActionPotential)
             expected = array_potential(target, [edge], [q], cr.mean)
             np.testing.assert_array_equal(phi.values, expected.values)
-
-
-def test_a_curriculum_learns_the_same_as_with_arrays():
-    hunt, chase, wide = cr.Pursuit(2, 2), cr.Pursuit(2, 1), cr.Pursuit(3, 1)
-    for function in AGGREGATES:
-        edges = [
-            cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"), 1.5),
-            cr.Transfer("wide", "hunt", cr.project(hunt, wide, predator="predator_2"), shift=-2),
-        ]
-        tasks = {"chase": chase, "wide": wide, "hunt": hunt}
-        curriculum = cr.Curriculum(
-            tasks, edges, function, budget=2000, shaping=cr.QInitialisation()
-        )
-        result = curriculum.train(2)
-        assert all(isinstance(p, MappedPotential) for p in result.potentials["hunt"])
-        arrays = [
-            array_potential(
-                hunt, edges, [result[edge.source].values[k] for edge in edges], function
-            )
-            for k in range(2)
-        ]
-        again = cr.learn(
-            hunt,
-            budget=2000,
-            seeds=2,
-            shaping=[cr.QInitialisation(phi) for phi in arrays],
-            stream="hunt",
-        )
-        np.testing.assert_array_equal(result["hunt"].values, again.values)
-        np.testing.assert_array_equal(result["hunt"].greedy_return, again.greedy_return)
-        np.testing.assert_array_equal(result["hunt"].training_return, again.training_return)
 
 
 def test_a_users_aggregate_needs_arrays():

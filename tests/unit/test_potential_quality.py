@@ -92,13 +92,6 @@ def test_every_measure_agrees_with_a_plain_loop(seed):
     )
 
 
-def test_the_plain_loop_finds_underestimates_and_wrong_actions():
-    """Otherwise the test above would compare zeros."""
-    found = [naive_quality(random_potential(t, 1).values - 2, t.mdp) for t in [random_task(1)]]
-    assert found[0][4] > 0.5
-    assert 0 < found[0][3] < 1
-
-
 def test_an_underestimate_counts_only_where_optimal_policies_lead():
     """A cell off the way does not count; of two cells on the way the worse one is named."""
     maze = cr.GridWorld(["...", "S.T"], discount=0.5)
@@ -225,16 +218,6 @@ def test_the_start_is_the_first_checkpoint_of_learning(task, largest, discounted
         assert potential_quality(phi, target, seed=seed).start == learnt.greedy_return[0, 0]
 
 
-def test_a_mapped_potential_has_the_quality_of_its_array():
-    hunt, chase = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
-    edges = predator_edges(hunt, chase)
-    values = cr.solve(chase).action_values
-    lazy = mapped_potential(hunt, edges, [values, values], cr.minimum)
-    target = Target.of(hunt)
-    array = cr.StateActionPotential(hunt, lazy.values)
-    assert potential_quality(lazy, target) == potential_quality(array, target)
-
-
 # -- without Q* ----------------------------------------------------------------------------------
 
 
@@ -260,21 +243,6 @@ def test_the_estimate_of_a_deterministic_optimum_is_exact(shift):
     assert found.start == pytest.approx(best.start_value, abs=1e-5)
     assert np.isnan([found.greedy_agreement, found.largest_underestimate, target.optimum]).all()
     assert found.most_underestimated_state == -1
-
-
-@pytest.mark.usefixtures("unsolved")
-def test_the_estimate_bootstraps_at_truncation():
-    """A ring that pays -1 for ever is worth -10 at discount 0.9, though it is truncated at 5."""
-    ring = cr.FiniteMDP.from_outcomes(
-        [[[(1.0, 1, -1.0)]], [[(1.0, 0, -1.0)]]],
-        terminal=[False, False],
-        start=0,
-        discount=0.9,
-        time_limit=5,
-    )
-    phi = cr.StateActionPotential(ring, np.full((2, 1), -10.0))
-    found = potential_quality(phi, Target.of(ring))
-    assert (found.excess, found.mean_absolute_value) == pytest.approx((0.0, 10.0))
 
 
 def test_a_discount_of_one_with_a_time_limit_is_estimated_too():
@@ -310,30 +278,6 @@ def test_a_large_pursuit_is_estimated_by_rollouts():
     assert 0 < least.excess < middle.excess < most.excess
     assert least.rank > most.rank
     assert min(least.start, middle.start) > most.start > target.random_return
-
-
-def start(n, bits):
-    return 1 + cr.tasks.integers(bits, n - 1)
-
-
-def step(n, state, action, bits):
-    place = (state + (1 if action == 1 else n - 1)) % n
-    return place, -1.0, place == 0
-
-
-def test_a_computed_task_is_estimated_by_rollouts():
-    """A ring of 9 places, home is 0: a way of d steps is worth -(1 - 0.5^d) / 0.5."""
-    n = 9
-    space, moves = cr.Space([cr.Component("place", n)]), cr.Space([cr.Component("move", 2)])
-    ring = cr.ComputedMDP(space, moves, start, step, data=n, discount=0.5)
-    away = np.stack([np.arange(n), (n - np.arange(n)) % n], axis=1)
-    q = -2 * (1 - 0.5**away)
-    found = potential_quality(cr.StateActionPotential(ring, q), Target.of(ring, episodes=100))
-    assert not found.exact
-    assert (found.excess, found.rank) == pytest.approx((0.0, 1.0), abs=1e-9)
-    found = potential_quality(cr.StateActionPotential(ring, q - 1), Target.of(ring, episodes=100))
-    assert (found.excess, found.optimistic) == (pytest.approx(-1.0), 0.0)
-    assert -2 < found.start < -1
 
 
 def test_a_mapped_potential_is_followed_alike_by_lookup_and_from_an_array(monkeypatch):

@@ -200,11 +200,10 @@ def _findings(shaped: ShapedTask) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class ActionComparison:
-    """The optimal actions of a task and of its shaped version, N states.
+    """The optimal actions of a task and of its shaped version, N states."""
 
-    A difference of two values is known to twice their bound. An action whose value falls short of
-    the best by no more may be optimal; where it is the only such action, it is.
-    """
+    # A difference of two values is known to twice their bound. An action that falls short of the
+    # best by no more may be optimal; where it is the only such action, it is.
 
     optimal: BoolArray  # (N, A), may be optimal in the task
     chosen: BoolArray  # (N, A), may be optimal in the shaped task

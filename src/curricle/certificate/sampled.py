@@ -67,10 +67,7 @@ def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, 
 
 
 def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
-    """Check that F may be that of a potential: along rollouts, and around states on them.
-
-    A live task cannot start in a chosen state; its rollouts from the start serve for both.
-    """
+    """Check that F may be that of a potential: along rollouts, and around states on them."""
     task, rng = shaped.task, np.random.default_rng(seed)
     live = is_live(task)
     half = steps if live else max(1, steps // 2)
@@ -145,10 +142,8 @@ def discounted_sums(f: FloatArray, counted: BoolArray, discount: float) -> Float
 
 
 def _returning(shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray) -> tuple[float, str]:
-    """Return how far the Phi differ that loops through a state, or paths to an end, require.
-
-    F adds up to (gamma^n - 1) Phi(s) over a loop of n steps, and to -Phi(s) over a path to an end.
-    """
+    """Return how far the Phi differ that loops through a state, or paths to an end, require."""
+    # F adds up to (gamma^n - 1) Phi(s) over a loop of n steps, to -Phi(s) over a path to an end.
     gamma = shaped.task_discount
     sums = np.pad(discounted_sums(f, rollouts.taken, gamma), ((0, 0), (0, 1)))
     last = np.arange(rollouts.states.shape[1]) == rollouts.length[:, None]

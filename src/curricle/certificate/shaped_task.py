@@ -15,12 +15,7 @@ from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import number, one_of
 from curricle.errors import PotentialError, SettingError
 from curricle.frozen_arrays import frozen
-from curricle.learning.potential import (
-    LARGEST_POTENTIAL,
-    PairPotential,
-    StateActionPotential,
-    StatePotential,
-)
+from curricle.learning.potential import LARGEST_POTENTIAL, PairPotential, StatePotential
 from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.tasks.mdp import FiniteMDP, reachable_states
@@ -31,8 +26,6 @@ RewardFunction = Callable[..., Any]
 """F(s, a, s'), which shaping adds to the reward of E transitions, (E,) float."""
 Ends = Literal["zero", "given"]
 """Whether an array is read as 0 at the ends, as by :func:`learn`, or as given."""
-PAIRS_READ = 10_000
-"""States whose phi is read from the sources at a time."""
 AnyInts = npt.NDArray[np.integer[Any]]
 CHUNK = 1_000_000
 """Transitions passed to a shaping reward at a time."""
@@ -249,15 +242,9 @@ class ShapedTask:
 
     def phi_of(self, state: IntArray, action: IntArray) -> FloatArray:
         """Return phi(s, a) of n pairs, (n,), reading no others; their states are no ends."""
-        if self.is_array or isinstance(self.potential, StateActionPotential):
-            values = self.potential if self.is_array else self.potential.values
-            return np.asarray(values[state, action])
-        phi = np.empty(len(state))
-        for first in range(0, len(state), PAIRS_READ):
-            part = slice(first, first + PAIRS_READ)
-            rows = self.potential.pairs(state[part])
-            phi[part] = np.take_along_axis(rows, action[part, None], axis=1)[:, 0]
-        return phi
+        if self.is_array:
+            return np.asarray(self.potential[state, action])
+        return np.asarray(self.potential.q(state, action))
 
     def reward(self) -> RewardFunction:
         """Return F(s, a, s') of a shaping by any reward."""
@@ -273,10 +260,7 @@ class ShapedTask:
         return self.met.mdp.terminal
 
     def entered_with(self, phi: FloatArray) -> FloatArray:
-        """Return phi of the pair by which each state is entered, (S,); 0 where episodes start.
-
-        All ways into a state must have one phi.
-        """
+        """Return phi of the pair by which each state is entered, (S,); 0 where episodes start."""
         assert self.met is not None
         before = np.zeros(self.met.mdp.states.size)
         before[self.met.target] = phi[self.met.source, self.met.action]

@@ -30,6 +30,10 @@ them; near 1e308 learning overflows.
 """
 
 
+STATES_READ = 10_000
+"""States whose phi of all actions is read at a time."""
+
+
 @dataclass(frozen=True, eq=False)
 class StatePotential(Frozen):
     """Phi(s), possibly changing with time; shapes with F = gamma Phi(s', t') - Phi(s, t).
@@ -142,6 +146,7 @@ class PairPotential(Frozen, ABC):
 
     task: Task
     values: Any  # phi(s, a) as an array, (S, A) float64; 0 at terminal states that the task knows
+    of_actions = True
 
     __repr__ = brief_repr
 
@@ -158,12 +163,22 @@ class PairPotential(Frozen, ABC):
     def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
         """Return phi(s, a) of n states, (n, A) float64, computing no others."""
 
+    def q(self, states: IntArray, actions: IntArray) -> FloatArray:
+        """Return phi(s, a) of n pairs, (n,) float64, computing no other states."""
+        phi = np.empty(len(states))
+        for first in range(0, len(states), STATES_READ):
+            part = slice(first, first + STATES_READ)
+            rows = self.pairs(states[part])
+            phi[part] = np.take_along_axis(rows, actions[part, None], axis=1)[:, 0]
+        return phi
+
+    def v(self, states: IntArray) -> FloatArray:
+        """Return Phi(s) = max_a phi(s, a) of n states, (n,) float64."""
+        return np.asarray(self.pairs(states).max(axis=1))
+
     @abstractmethod
     def rescaled(self, scale: float, shift: float = 0.0) -> Self:
-        """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum.
-
-        PotentialError unless both are finite numbers.
-        """
+        """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum."""
 
     def to_state(self) -> StatePotential:
         """Return the state potential Phi(s) = max_a phi(s, a)."""
@@ -220,10 +235,7 @@ class StateActionPotential(PairPotential):
         return np.asarray(self.values[states])
 
     def rescaled(self, scale: float, shift: float = 0.0) -> Self:
-        """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum.
-
-        PotentialError unless both are finite numbers.
-        """
+        """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum."""
         scale, shift = finite_scale(scale, shift)
         return replace(self, values=scale * self.values + shift)
 
@@ -244,10 +256,7 @@ def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:
 
 
 def finite(array: npt.ArrayLike, name: str) -> FloatArray:
-    """Return a copy of values as float64.
-
-    Raises PotentialError naming a value that is not finite or larger than ``LARGEST_POTENTIAL``.
-    """
+    """Return a copy of values as float64."""
     values = numbers(name, array, PotentialError)
     bad = np.argwhere(~(abs(values) <= LARGEST_POTENTIAL))
     if not len(bad):

@@ -155,10 +155,7 @@ def aggregate(
 
 
 def aggregate_numbers(function: Aggregate, potentials: Sequence[float]) -> float:
-    """Return the aggregate of N finite numbers, as :func:`aggregate` does for one pair.
-
-    The library's own aggregates need no array, which would take most of the time.
-    """
+    """Return the aggregate of N finite numbers, as :func:`aggregate` does for one pair."""
     known = built_in(function)
     if known is not None and known.of_numbers is not None:
         result = known.of_numbers(potentials)

@@ -98,10 +98,7 @@ def numbered_rows(rows: npt.NDArray[np.integer[Any]]) -> IntArray:
 def merged_outcomes(
     blocks: npt.NDArray[np.integer[Any]], probability: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Return each row's blocks, in order and each once, with their chances, both (Y, O).
-
-    Places that are not needed have block -1 and chance 0.
-    """
+    """Return each row's blocks, in order and each once, with their chances, both (Y, O)."""
     blocks = np.where(probability > 0, blocks, -1)
     order = np.argsort(blocks, axis=1, kind="stable")
     blocks = np.take_along_axis(blocks, order, axis=1).astype(np.int64)
@@ -460,10 +457,7 @@ def back_up_states(own_pairs, other_pairs, pairs, states, rests_on):
 
 @compiled_once
 def hausdorff(some, others, pairs, least):
-    """Return the largest of all min_b and min_a over the pairs of two states, and where it is.
-
-    `least`, (A',), is work space.
-    """
+    """Return the largest of all min_b and min_a over the pairs of two states, and where it is."""
     largest, row, column = -1.0, 0, 0
     least[:] = np.inf
     for y in some:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from curricle.transfer.bisimulation import (
     MOST_WORK,
     WIDEST,
     Blocks,
-    Distances,
     Quotient,
     fixed_point,
     quotient,
@@ -163,7 +161,7 @@ def lax_bisimulation(
             "FoundMapping.bound of find_mappings holds at 1 too"
         )
     with shown(progress) as bars:
-        return _Fixed(tasks, tolerance, bars).bisimulation
+        return _nearest(tasks, tolerance, bars)[0]
 
 
 def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
@@ -181,81 +179,61 @@ def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
     >>> [proposal.how for proposal in by_lax_bisimulation(tasks)]
     ['lax bisimulation: nearest pair', 'lax bisimulation: nearest pair of the nearest state']
     """
-    fixed = _Fixed(tasks, TOLERANCE)
-    yield tasks.proposal(fixed.bisimulation.nearest, "lax bisimulation: nearest pair")
-    yield tasks.proposal(fixed.by_state, "lax bisimulation: nearest pair of the nearest state")
+    lax, by_state = _nearest(tasks, TOLERANCE)
+    yield tasks.proposal(lax.nearest, "lax bisimulation: nearest pair")
+    yield tasks.proposal(by_state, "lax bisimulation: nearest pair of the nearest state")
 
 
-@dataclass(frozen=True, eq=False)
-class _Fixed:
-    """The fixed point on the quotients of two tasks, and what it says of the tasks."""
+def _quotients(tasks: TaskPair) -> list[tuple[Quotient, Blocks]]:
+    """Return both tasks up to bisimulation; MappingError where they are too large to compare."""
+    solutions, discount = (tasks.target_solution, tasks.source_solution), tasks.target_mdp.discount
+    both = [
+        quotient(model, discount, solution.values)
+        for model, solution in zip(tasks.models, solutions, strict=True)
+    ]
+    own, other = (task for task, _ in both)
+    if (size := len(own.reward) * len(other.reward)) > LARGEST_PAIRS:
+        raise MappingError(
+            f"lax bisimulation compares up to {LARGEST_PAIRS:,} pairs with pairs: these tasks have "
+            f"{size:,}"
+        )
+    if (work := work_of_a_round(own, other)) > LARGEST_ROUND:
+        raise MappingError(
+            f"lax bisimulation couples up to {LARGEST_ROUND:,} pairs of outcomes in a round: "
+            f"these tasks have {work:,}"
+        )
+    if (widest := max(own.chance.shape[1], other.chance.shape[1])) > WIDEST:
+        raise MappingError(
+            f"lax bisimulation takes up to {WIDEST} outcomes of a pair: got {widest}"
+        )
+    return both
 
-    tasks: TaskPair
-    tolerance: float
-    bars: Bars = SILENT
 
-    @cached_property
-    def quotients(self) -> tuple[tuple[Quotient, Blocks], tuple[Quotient, Blocks]]:
-        """Both tasks up to bisimulation."""
-        tasks, discount = self.tasks, self.tasks.target_mdp.discount
-        own = quotient(tasks.models[0], discount, tasks.target_solution.values)
-        other = quotient(tasks.models[1], discount, tasks.source_solution.values)
-        size = len(own[0].reward) * len(other[0].reward)
-        if size > LARGEST_PAIRS:
-            raise MappingError(
-                f"lax bisimulation compares up to {LARGEST_PAIRS:,} pairs with pairs: these "
-                f"tasks have {size:,}"
-            )
-        work = work_of_a_round(own[0], other[0])
-        if work > LARGEST_ROUND:
-            raise MappingError(
-                f"lax bisimulation couples up to {LARGEST_ROUND:,} pairs of outcomes in a round: "
-                f"these tasks have {work:,}"
-            )
-        widest = max(own[0].chance.shape[1], other[0].chance.shape[1])
-        if widest > WIDEST:
-            raise MappingError(
-                f"lax bisimulation takes up to {WIDEST} outcomes of a pair: got {widest}"
-            )
-        return own, other
+def _nearest(
+    tasks: TaskPair, tolerance: float, bars: Bars = SILENT
+) -> tuple[LaxBisimulation, IntArray]:
+    """Return the distances between two tasks, and the nearest pair of the nearest state, (S, A)."""
+    (own, blocks), (other, source_blocks) = _quotients(tasks)
+    between, error = fixed_point(own, other, tasks.target_mdp.discount, tolerance, bars)
+    solutions = tasks.target_solution, tasks.source_solution
+    error += sum(solution.error_bound for solution in solutions)  # a source is rewritten by its V*
+    first = _first_pairs(source_blocks, len(other.reward))
+    live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
 
-    @cached_property
-    def solved(self) -> tuple[Distances, float]:
-        """The distances, and how far off they may be; so may a source rewritten by its V*."""
-        (own, _), (other, _) = self.quotients
-        discount = self.tasks.target_mdp.discount
-        distances, error = fixed_point(own, other, discount, self.tolerance, self.bars)
-        slack = self.tasks.target_solution.error_bound + self.tasks.source_solution.error_bound
-        return distances, error + slack
+    kind, distance = between.pairs.argmin(axis=1), between.pairs.min(axis=1)
+    index = np.where(live, first[kind[pairs]], ENDED)
+    bound = np.where(live, distance[pairs] + error, 0.0)
+    bound = np.maximum(bound, np.where(live, apart(index, *solutions) + error, 0.0))
+    states = between.states[blocks.states][:, source_blocks.states]
+    apart_at_least = np.subtract.outer(*(solution.values for solution in solutions))
+    states = np.maximum(states, abs(apart_at_least)) + error
 
-    @cached_property
-    def bisimulation(self) -> LaxBisimulation:
-        """The distances between the tasks' own states and pairs."""
-        (_, blocks), (other, source_blocks) = self.quotients
-        between, error = self.solved
-        kind, distance = between.pairs.argmin(axis=1), between.pairs.min(axis=1)
-        live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
-        index = np.where(live, _first_pairs(source_blocks, len(other.reward))[kind[pairs]], ENDED)
-        bound = np.where(live, distance[pairs] + error, 0.0)
-        solutions = self.tasks.target_solution, self.tasks.source_solution
-        bound = np.maximum(bound, np.where(live, apart(index, *solutions) + error, 0.0))
-        states = between.states[blocks.states][:, source_blocks.states]
-        apart_at_least = np.subtract.outer(*(solution.values for solution in solutions))
-        states = np.maximum(states, abs(apart_at_least)) + error
-        return LaxBisimulation(frozen(states), frozen(index), frozen(bound), error)
-
-    @property
-    def by_state(self) -> IntArray:
-        """The nearest pair of the nearest state, (S, A)."""
-        (_, blocks), (other, source_blocks) = self.quotients
-        between, _ = self.solved
-        state = between.states.argmin(axis=1)
-        live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
-        choices = other.pairs[state[blocks.states]]  # (S, A'')
-        distance = between.pairs[pairs[:, :, None], np.maximum(choices, 0)[:, None, :]]
-        distance = np.where(choices[:, None, :] >= 0, distance, np.inf)
-        kind = np.take_along_axis(choices, distance.argmin(axis=2), axis=1)
-        return np.where(live, _first_pairs(source_blocks, len(other.reward))[kind], ENDED)
+    choices = other.pairs[between.states.argmin(axis=1)[blocks.states]]  # (S, A'')
+    distances = between.pairs[pairs[:, :, None], np.maximum(choices, 0)[:, None, :]]
+    distances = np.where(choices[:, None, :] >= 0, distances, np.inf)
+    by_state = first[np.take_along_axis(choices, distances.argmin(axis=2), axis=1)]
+    lax = LaxBisimulation(frozen(states), frozen(index), frozen(bound), error)
+    return lax, np.where(live, by_state, ENDED)
 
 
 def _first_pairs(blocks: Blocks, kinds: int) -> IntArray:

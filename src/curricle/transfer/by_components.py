@@ -232,10 +232,7 @@ def _origin(target: Space, component: Component, renaming: Mapping[str, str]) ->
 
 
 def _values_of(origin: Component, component: Component, unequal: Unequal) -> IntArray:
-    """Return the source's value for each value of the target's, by label where both have labels.
-
-    Where a label is missing it is one below the component's lowest value.
-    """
+    """Return the source's value for each value of the target's, by label where both have labels."""
     if component.labels is None or origin.labels is None:
         values = np.arange(origin.size) + origin.low
         if unequal == "clip":
@@ -413,10 +410,7 @@ def member_mappings(
     source_task: Task,
     unmapped_value: float | None = None,
 ) -> tuple[Any, ...]:
-    """Return the mappings of :func:`family_mappings` for tasks that were made of the members.
-
-    They have the members' states and actions, and perhaps another start.
-    """
+    """Return the mappings of :func:`family_mappings` for tasks that were made of the members."""
     if target.family.factory is not source.family.factory:
         raise MappingError(
             f"members of one family map onto each other: got {target}, of {target.family.name}, "

@@ -190,10 +190,7 @@ def fit_calibration(
 
 
 def fitted_scale(rollouts: GreedyRollouts) -> tuple[float, float]:
-    """Return the c for which c phi is nearest to the returns, and what share of them it explains.
-
-    NaN where phi is 0 in all steps.
-    """
+    """Return the c for which c phi is nearest to the returns, and the share that it explains."""
     # The bootstrapped value is scaled like phi, so it moves to the other side.
     phi = rollouts.predicted - rollouts.bootstrap_discount * rollouts.bootstrapped_value
     # Steps with phi 0, in unmapped states, carry no information on the scale.
@@ -281,10 +278,7 @@ def _poor_fit(
 
 
 def _highest(potential: PairPotential) -> float:
-    """Return the highest phi(s, a), terminal states aside.
-
-    The same pairs are read of every kind of potential: all, or a sample where there are very many.
-    """
+    """Return the highest phi(s, a), terminal states aside."""
     model = generative_model(potential.task)
     n_states, n_actions = model.states.size, model.actions.size
     searched = min(n_states, max(1, LARGEST_SEARCHED // n_actions))

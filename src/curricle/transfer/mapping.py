@@ -31,10 +31,7 @@ ENDED = -2
 
 
 class TaskMapping(ABC):
-    """A mapping of batches of a target's states or observations, and of its actions.
-
-    What the rest of the library asks of a mapping of either kind.
-    """
+    """A mapping of batches of a target's states or observations, and of its actions."""
 
     target: Any
     source: Any
@@ -405,10 +402,7 @@ def pair_mapping(
     action: IntArray,
     unmapped_value: float | None = None,
 ) -> StateActionMapping:
-    """Return the mapping to these source states and actions, which broadcast to (S, A).
-
-    A pair is unmapped where either is `MISSING`, and ended where the state is terminal.
-    """
+    """Return the mapping to these source states and actions, which broadcast to (S, A)."""
     state, action = np.broadcast_arrays(state, action)
     missing = (state == MISSING) | (action == MISSING)
     ended = terminal_states(source)[np.maximum(state, 0)]

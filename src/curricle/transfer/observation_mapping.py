@@ -319,10 +319,7 @@ class ObservationMapping(TaskMapping):
 
     @cached_property
     def _fixed_actions(self) -> tuple[IntArray, IntArray, IntArray]:
-        """The source's action for each of the target's; those to read, (1, n); their columns.
-
-        Each is read once: many of a target's joint actions read one action of the source.
-        """
+        """The source's action for each of the target's; those to read, (1, n); their columns."""
         table = self._actions(None, 1)[0]
         distinct, column = np.unique(np.maximum(table, 0), return_inverse=True)
         return table, distinct[None], column
@@ -357,10 +354,7 @@ class ObservationMapping(TaskMapping):
         )
 
     def _counterparts(self, observations: Any) -> tuple[Any, IntArray | None]:
-        """Return a source observation or state for each, and the status: None if all are mapped.
-
-        What is returned for those without a counterpart can be read, but must not count.
-        """
+        """Return a source observation or state for each, and the status: None if all are mapped."""
         n = batch_size(observations)
         seen = observations if self.observations is None else self.observations(observations)
         status = None

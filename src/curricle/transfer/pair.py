@@ -214,10 +214,7 @@ class Proposal(NamedTuple):
 
 
 def search_steps(transfers: Iterable[Any]) -> int:
-    """Return the steps that the searches for the mappings of transfers took.
-
-    Mappings between the same two tasks are taken to be of one search.
-    """
+    """Return the steps that the searches for the mappings of transfers took."""
     most: dict[tuple[str, str], int] = {}
     for transfer in transfers:
         edge = transfer.source, transfer.target

@@ -87,10 +87,7 @@ class MappedPotential(PairPotential):
 
     @cached_property
     def values(self) -> FloatArray:
-        """phi(s, a) as an array, (S, A) float64, computed at first use.
-
-        0 at terminal states, where the task knows these.
-        """
+        """phi(s, a) as an array, (S, A) float64, computed at first use."""
         generative = generative_model(self.task)
         phi = np.empty((generative.states.size, generative.actions.size))
         read_table(self.lookup, phi)
@@ -113,10 +110,7 @@ class MappedPotential(PairPotential):
         return phi
 
     def rescaled(self, scale: float, shift: float = 0.0) -> Self:
-        """Return scale phi(s, a) + shift; it keeps the optimum.
-
-        PotentialError unless both are finite numbers.
-        """
+        """Return scale phi(s, a) + shift; it keeps the optimum."""
         lookup, (scale, shift) = self.lookup, finite_scale(scale, shift)
         lookup = lookup._replace(scale=scale * lookup.scale, shift=scale * lookup.shift + shift)
         return replace(self, lookup=lookup)
@@ -199,11 +193,8 @@ def mapped_potential(
     function: Aggregate,
     unknown_value: float = 0.0,
 ) -> MappedPotential | None:
-    """Return the aggregated potential, looked up while learning; None if it cannot be.
-
-    It can where all mappings, at most 64, go by component names between whole boxes and the
-    aggregate is one of the library's own.
-    """
+    """Return the aggregated potential, looked up while learning; None if it cannot be."""
+    # Only mappings by name between whole boxes, and aggregates that compiled loops know.
     by_name = [edge.mapping for edge in transfers if isinstance(edge.mapping, ComponentMapping)]
     offsets = [parts for parts in (mapping.lookups() for mapping in by_name) if parts is not None]
     known = built_in(function)
@@ -253,10 +244,7 @@ def _starts(arrays: Sequence[npt.NDArray[Any]]) -> IntArray:
 
 
 def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> FloatArray:
-    """Return what a target reads of a source, (S' + 1, A' + 1).
-
-    Pairs that are unmapped read the last row or column, which are NaN where nothing is known.
-    """
+    """Return what a target reads of a source, (S' + 1, A' + 1)."""
     mapping = transfer.mapping
     q = np.pad(np.asarray(source_values, dtype=np.float64), (0, 1))
     index = np.zeros(q.shape, dtype=np.int64)

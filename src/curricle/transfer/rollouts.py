@@ -225,10 +225,7 @@ class ObservationEpisode:
 
 
 class Environments:
-    """As many environments of a task as `episodes`, in which a policy is rolled out side by side.
-
-    Each episode is truncated after `max_steps` in any case.
-    """
+    """Environments of a task, one an episode, in which a policy is rolled out side by side."""
 
     def __init__(self, task: ObservationTask, episodes: int, max_steps: int):
         self.task, self.max_steps = task, max_steps
@@ -289,10 +286,7 @@ def greedy_episodes(
     stream: str = "greedy_rollouts",
     max_steps: int | None = None,
 ) -> list[ObservationEpisode]:
-    """Return episodes of a potential's greedy policy, which predicts phi(s_t, a_t).
-
-    Those of the first `max_steps` steps, if it is given; the last is truncated there.
-    """
+    """Return episodes of a potential's greedy policy, which predicts phi(s_t, a_t)."""
 
     def policy(observations: Any, _: Sequence[int]) -> tuple[Any, Any]:
         phi = potential.pairs(observations)
@@ -384,11 +378,10 @@ def _returns_to_go(
 
 @dataclass(frozen=True, eq=False)
 class ObservationTarget:
-    """A target whose optimum is unknown; as :class:`Target` is for tasks with tables.
+    """A target whose optimum is unknown; as :class:`Target` is for tasks with tables."""
 
-    Its `evaluation` is by rollouts, also where that of its learner is exact: tables of the
-    environment pay its own rewards, so that both are in the same units.
-    """
+    # `evaluation` is by rollouts, also where that of its learner is exact: tables of the
+    # environment pay its own rewards, so that both are in the same units.
 
     task: ObservationTask
     evaluation: GreedyEvaluation
@@ -430,11 +423,7 @@ class ObservationTarget:
 def target_of(
     task: Any, evaluation: GreedyEvaluation | None = None, *, episodes: int | None = None
 ) -> Target | ObservationTarget:
-    """Return a task of either kind as a target.
-
-    Where returns are not exact, they are the mean of `episodes` rollouts: by default 1000, or 50 of
-    a task with observations.
-    """
+    """Return a task of either kind as a target."""
     if not is_observation_task(task):
         return Target.of(task, evaluation, episodes=ROLLOUTS if episodes is None else episodes)
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
@@ -471,10 +460,7 @@ def potential_quality(
     *,
     seed: int = 0,
 ) -> PotentialQuality:
-    """Return how a potential compares with the values of its target.
-
-    All NaN where an ObservationPotential has no action values, and so no greedy policy.
-    """
+    """Return how a potential compares with the values of its target."""
     if isinstance(target, ObservationTarget):
         assert isinstance(potential, ObservationPotential)
         return _of_observations(potential, target, seed)

@@ -27,10 +27,9 @@ LARGEST_SAMPLE = 20_000
 
 @dataclass(frozen=True)
 class MappingScores:
-    """How a mapping fits its tasks; phi are the source's exact values Q* read through it.
+    """How a mapping fits its tasks; phi are the source's exact values Q* read through it."""
 
-    All means are over pairs (s, a) of the target in states that can be reached and do not end it.
-    """
+    # Means are over pairs (s, a) of the target in states that can be reached and do not end it.
 
     # Mean total variation distance, in [0, 1], between the next states that the source predicts
     # and those of the target, over the mapped pairs; NaN if nothing maps. A target state stands for
@@ -157,10 +156,7 @@ def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, floa
 
 
 def state_map(mapping: StateActionMapping, phi: FloatArray) -> IntArray:
-    """Return the source state that the best pair of each target state reads, (S,) int64.
-
-    `ENDED` where it is at the source's end, `UNMAPPED` where no pair has a counterpart.
-    """
+    """Return the source state that the best pair of each target state reads, (S,) int64."""
     known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
     pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
     return np.where(pair >= 0, pair // mapping.source.actions.size, pair)
@@ -293,10 +289,7 @@ def fitted_unmapped_value(
 def _residuals(
     phi: FloatArray, unmapped: BoolArray, constant: float, rewards: FloatArray, tasks: TaskPair
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residuals for what is greedy at this constant, before and after a step.
-
-    `rewards` are the expected ones of the target's outcome rows.
-    """
+    """Return the residuals for what is greedy at this constant, before and after a step."""
     mdp, states = tasks.target_mdp, np.arange(len(phi))
     action = np.where(unmapped, constant, phi).argmax(axis=1)
     live = ~mdp.terminal

@@ -372,10 +372,7 @@ def best_of(found: FoundMappings) -> FoundMapping:
 def with_mapping(
     transfer: Transfer, target: Any, source: Any, *, fit_unmapped: bool = True
 ) -> Transfer:
-    """Return a transfer as it is, or with the mapping that is found; what is found is printed.
-
-    Between two tasks seen through observations it is the identity, if these are of one space.
-    """
+    """Return a transfer as it is, or with the mapping that is found; what is found is printed."""
     if transfer.mapping is not None:
         return transfer
     edge = f"{transfer.source} -> {transfer.target}"
@@ -405,10 +402,7 @@ def announced(
     say: Callable[[str], Any] = print,
     **settings: Any,
 ) -> FoundMapping:
-    """Return the mapping that is found for an edge, and say what it is, and the runner-up.
-
-    `settings` are those of :func:`auto_mapping`; `say` takes each line.
-    """
+    """Return the mapping that is found for an edge, and say what it is, and the runner-up."""
     for role, task in (("target", target), ("source", source)):
         if not has_tables(task):
             raise MappingError(

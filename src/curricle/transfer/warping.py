@@ -255,10 +255,7 @@ def _assignments(tasks: TaskPair, own: list[Path], other: list[Path]) -> Iterato
 
 
 def _shares(some: list[Path], actions: Space, component: int) -> FloatArray:
-    """Return the share of a path's rises and of its falls that each value of a component makes.
-
-    (C, 2, M) float64. Shares, as a longer path has more of both.
-    """
+    """Return the share of a path's rises and of its falls that each value of a component makes."""
     values, size = numbered(actions)[component], actions.components[component].size
     made = np.array([
         [np.bincount(values, moved.sum(axis=0), size) for moved in (path.up, path.down)]
