@@ -16,7 +16,8 @@ from curricle.transfer import (
     find_mappings,
     lax_bisimulation,
 )
-from curricle.transfer.bisimulation import equivalent_pairs, model_for_refinement, refined
+from curricle.transfer.bisimulation import model_for_refinement, refined
+from curricle.transfer.by_bisimulation import equivalent_pairs
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from tests.enumeration import exact_action_values, exact_optimum
 from tests.renumbering import renumbered

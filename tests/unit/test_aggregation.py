@@ -10,15 +10,6 @@ from curricle.transfer.aggregate import aggregate
 PHI = np.array([[[1.0, 5.0]], [[3.0, -2.0]], [[2.0, 0.0]]])
 
 
-@pytest.mark.parametrize(
-    ("function", "expected"),
-    [(maximum, [3, 5]), (mean, [2, 1]), (minimum, [1, -2]), (total, [6, 3])],
-)
-def test_aggregates_by_hand(function, expected):
-    assert aggregate(function, PHI).tolist() == [expected]
-    assert aggregate(function, PHI[:1]).tolist() == [[1, 5]]
-
-
 def test_any_function_of_the_right_shape_is_an_aggregate():
     assert aggregate(lambda phi: np.median(phi, axis=0), PHI).tolist() == [[2, 0]]
     assert aggregate(lambda phi: [[1, 2]], PHI).dtype == np.float64

@@ -22,11 +22,9 @@ from curricle.transfer import (
     ObservationMapping,
     ObservationPotential,
     StateActionMapping,
-    compose,
     identity,
     relative_objects,
 )
-from curricle.transfer.mapping import Coverage
 from tests.studies import CORNER, only
 
 LINE = GridWorld("S..T")
@@ -113,15 +111,6 @@ def test_a_function_that_asks_for_an_unknown_component_is_told_those_there_are()
         project(LINE, END, x="row")
 
 
-def test_compose_maps_through_the_middle_task():
-    middle = GridWorld("S..T").crop(rows=(0, 1), columns=(1, 4))
-    both = compose(same_position(LINE, middle), same_position(middle, END))
-    assert source_states(both) == [UNMAPPED, UNMAPPED, 0, ENDED]
-    assert (both.target, both.source) == (LINE, END)
-    first = same_position(LINE, END, unmapped_value=-3)
-    assert compose(first, identity(END)).read(np.ones((2, 4)))[0].tolist() == [-3] * 4
-
-
 def test_reading_by_hand():
     q = np.arange(8.0).reshape(2, 4) + 10
     read = same_position(LINE, END, unmapped_value=-7).read(q)
@@ -137,16 +126,6 @@ def test_rows_of_terminal_target_states_do_not_count():
     mapping = StateActionMapping(LINE, END, index)
     assert mapping.index[3].tolist() == [ENDED] * 4
     assert index[3].tolist() == [999] * 4
-
-
-def test_coverage_counts_by_hand():
-    index = np.full((4, 4), UNMAPPED)
-    index[0] = [0, 0, 1, ENDED]
-    index[3] = ENDED  # terminal: not counted
-    assert StateActionMapping(LINE, END, index).coverage() == Coverage(
-        target_pairs=12, mapped=3 / 12, ended=1 / 12, unmapped=8 / 12,
-        source_pairs=4, never_used=2, most_readers=2, mean_readers=1.5,
-    )  # fmt: skip
 
 
 def chain(n=3, name="place", low=0, labels=("left", "right"), points=None):

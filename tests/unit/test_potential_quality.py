@@ -7,9 +7,8 @@ import curricle as cr
 from curricle.planning import Target, target as target_module
 from curricle.tasks.mdp import reachable_states
 from curricle.transfer import rollouts as quality
-from curricle.transfer.potential import mapped_potential
 from curricle.transfer.rollouts import potential_quality
-from tests.tasks import dense_of, predator_edges
+from tests.tasks import dense_of
 
 LINE = cr.GridWorld("S.T", discount=0.5)  # Q* = 98.5 and 199 to the east
 MAZE = cr.GridWorld(["F..T", ".P..", "S..#"], discount=0.9, time_limit=30)
@@ -256,28 +255,6 @@ def test_a_discount_of_one_with_a_time_limit_is_estimated_too():
     assert (found.start, found.excess, found.mean_absolute_value) == pytest.approx(
         (200.0, -1.0, 200.0)
     )
-
-
-def test_a_large_pursuit_is_estimated_by_rollouts():
-    """6.6 million pairs. The minimum bounds Q* from above, the maximum ignores one predator."""
-    hunt, chase = cr.Pursuit(8, 2, discount=0.9), cr.Pursuit(8, 1, discount=0.9)
-    edges = predator_edges(hunt, chase)
-    values, target = cr.solve(chase).action_values, Target.of(hunt, episodes=200)
-    assert target.solution is None
-    found = {
-        g.__name__: potential_quality(mapped_potential(hunt, edges, [values, values], g), target)
-        for g in (cr.minimum, cr.mean, cr.maximum)
-    }
-    least, middle, most = found.values()
-    assert not least.exact
-    # -1 a step and a discount of 0.9 lose less than 10 in all.
-    for one in (least, middle, most):
-        assert -10 < one.start < -1
-        assert 0 < one.mean_absolute_value < 10
-        assert 0.5 < one.optimistic <= 1
-    assert 0 < least.excess < middle.excess < most.excess
-    assert least.rank > most.rank
-    assert min(least.start, middle.start) > most.start > target.random_return
 
 
 def test_a_mapped_potential_is_followed_alike_by_lookup_and_from_an_array(monkeypatch):

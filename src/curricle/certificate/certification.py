@@ -15,6 +15,7 @@ from curricle.certificate.diagnosis import (
 )
 from curricle.certificate.sampled import sampled
 from curricle.certificate.shaped_task import (
+    ComparedTask,
     Ends,
     Reachable,
     ShapedTask,
@@ -152,7 +153,9 @@ def certify(
     with shown(progress) as bars:
         bars.bar("certifying")
         if reason is None:
-            answer: Certificate | SampledCertificate = _exact_certificate(checked, tolerance)
+            answer: Certificate | SampledCertificate = _exact_certificate(
+                checked.with_states(), tolerance
+            )
         else:
             answer = _without_comparison(checked, tolerance, steps, seed, reason)
         bars.tell(answer)
@@ -244,25 +247,27 @@ class ActionComparison:
 
 
 def compare_actions(
-    q: FloatArray, bound: float, shaped: ShapedValues, tolerance: float
+    met: Reachable, unshaped: Solution, shaped: ShapedValues, tolerance: float
 ) -> ActionComparison:
-    """Return the comparison of Q*, (N, A), known to `bound`, with the values under shaping."""
+    """Return the comparison of Q* with the values under shaping in the reachable states."""
+    q = unshaped.action_values[met.states]
     short = q.max(axis=1, keepdims=True) - q
     shaped_short = shaped.values.max(axis=1, keepdims=True) - shaped.values
-    error, shaped_error = 2 * bound, 2 * shaped.bound
+    error, shaped_error = 2 * unshaped.error_bound, 2 * shaped.bound
     optimal, chosen = short <= error, shaped_short <= shaped_error
     return ActionComparison(optimal, chosen, short, shaped_short, error, shaped_error, tolerance)
 
 
-def tied_exactly(met: Reachable, own: Solution, optimal: BoolArray) -> bool:
+def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
     """Return whether all actions that may be optimal in a state, (N, A), are proven equally good.
 
     States whose values are not known to differ are split until in each block these actions have the
     same chances of the same rewards and blocks (bisimulation: Givan, Dean, Greig 2003).
     """
-    mdp, block = met.mdp, np.empty(len(own.values), np.int64)
-    order = np.argsort(own.values)
-    block[order] = np.append(0, np.cumsum(np.diff(own.values[order]) > 2 * own.error_bound))
+    mdp, block = met.mdp, np.empty(len(unshaped.values), np.int64)
+    order = np.argsort(unshaped.values)
+    apart = np.diff(unshaped.values[order]) > 2 * unshaped.error_bound
+    block[order] = np.append(0, np.cumsum(apart))
     block[mdp.terminal] = -1
     kinds, paid = np.unique(mdp.reward + 1j * mdp.probability, return_inverse=True)
     blocks = 0
@@ -280,7 +285,7 @@ def tied_exactly(met: Reachable, own: Solution, optimal: BoolArray) -> bool:
     return False
 
 
-def total_loss(own: Solution, met: Reachable, chosen: BoolArray) -> float:
+def total_loss(unshaped: Solution, met: Reachable, chosen: BoolArray) -> float:
     """Return the largest possible loss of a policy of `chosen` actions, (N, A).
 
     max_s V*(s) - V_worst(s), where V_worst is the lowest value that such a policy has, and the
@@ -293,15 +298,15 @@ def total_loss(own: Solution, met: Reachable, chosen: BoolArray) -> float:
     row[met.states] = np.where(chosen, rows, first)
     against = replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward))
     worst = solve(against)
-    lost = (own.values + worst.values)[met.states].max(initial=0.0)
-    return float(lost) + own.error_bound + worst.error_bound
+    lost = (unshaped.values + worst.values)[met.states].max(initial=0.0)
+    return float(lost) + unshaped.error_bound + worst.error_bound
 
 
 def counterexample(
-    met: Reachable, own: Solution, shaped: ShapedValues, compared: ActionComparison
+    met: Reachable, unshaped: Solution, shaped: ShapedValues, compared: ActionComparison
 ) -> Counterexample:
     """Return the state in which most is lost, or else one whose optimal action is given up."""
-    mdp, q = met.mdp, own.action_values[met.states]
+    mdp, q = met.mdp, unshaped.action_values[met.states]
     if compared.lost.any():
         row = int(compared.lost.argmax())
         best = int(q[row].argmax())
@@ -326,12 +331,12 @@ def counterexample(
 
 
 def too_close(
-    met: Reachable, own: Solution, shaped: ShapedValues, compared: ActionComparison
+    met: Reachable, unshaped: Solution, shaped: ShapedValues, compared: ActionComparison
 ) -> str:
     """Return the sentence about the states whose actions are proven neither equal nor different."""
     rows = np.flatnonzero(compared.undecided)
     row = rows[0]
-    q, acted = own.action_values[met.states[row]], shaped.values[row]
+    q, acted = unshaped.action_values[met.states[row]], shaped.values[row]
     close = np.flatnonzero(compared.optimal[row] | compared.chosen[row])
     two = close[np.argsort(-q[close], kind="stable")[:2]]
     values = " and ".join(
@@ -347,15 +352,12 @@ def too_close(
 # -- every state -----------------------------------------------------------------------------------
 
 
-def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
-    mdp, shaping = tables(shaped.task), shaped.shaping
-    met = Reachable.of(mdp)
-    shaped = replace(shaped, ends=met.ends, met=met)
+def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
+    met, shaping = shaped.met, shaped.shaping
     findings, name = _findings(shaped), shaping.name
-    if shaping.one_way_in and (several := _several_entries(shaped, met)) is not None:
+    if shaping.one_way_in and (several := _several_entries(shaped)) is not None:
         return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
-    own = solve(shaped.task)
-    shaped, behind = replace(shaped, own=own), None
+    unshaped, behind = shaped.unshaped, None
     if shaping.any_reward:
         f = met.reward(shaped.reward())
         behind = origin(shaped.task, met, f)
@@ -365,13 +367,13 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
         findings += behind.sentences
     else:
         values = shaping.acted_on(shaped)
-    compared = compare_actions(own.action_values[met.states], own.error_bound, values, tolerance)
+    compared = compare_actions(met, unshaped, values, tolerance)
     # At discount 1 the sum of F need not vanish in an episode without an end.
-    endless = mdp.discount == 1 and improper_states(mdp).size > 0
-    from_potential = behind is None or behind.found is behind.plain
+    endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0
+    from_potential = behind is None or behind.fitting is behind.plain
     applies = not endless and from_potential and shaping.meets_conditions(shaped)
     theorem = shaping.theorem if applies else None
-    holds, undecided = _decided(met, own, values, compared, theorem, behind)
+    holds, undecided = _decided(met, unshaped, values, compared, theorem, behind)
     if shaped.changing:
         findings += ("the potential changes while learning; its last values were compared",)
     loss = 0.0 if holds and theorem is not None and behind is None else compared.loss
@@ -382,18 +384,18 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
         theorem=theorem if holds else None,
         tolerance=tolerance,
         loss=loss,
-        total_loss=total_loss(own, met, compared.chosen) if loss > 0 else 0.0,
-        error_bound=max(own.error_bound, values.bound),
+        total_loss=total_loss(unshaped, met, compared.chosen) if loss > 0 else 0.0,
+        error_bound=max(unshaped.error_bound, values.bound),
         residual=values.residual,
         findings=undecided + findings,
-        counterexample=counterexample(met, own, values, compared) if holds is False else None,
-        potential=None if behind is None or behind.found is None else behind.found.potential,
+        counterexample=counterexample(met, unshaped, values, compared) if holds is False else None,
+        potential=None if behind is None or behind.fitting is None else behind.fitting.potential,
     )
 
 
 def _decided(
     met: Reachable,
-    own: Solution,
+    unshaped: Solution,
     shaped: ShapedValues,
     compared: ActionComparison,
     theorem: str | None,
@@ -412,14 +414,15 @@ def _decided(
     if by_values and not compared.undecided.any():
         return True, ()
     if theorem is None:
-        return None, (too_close(met, own, shaped, compared),)
+        return None, (too_close(met, unshaped, shaped, compared),)
     off = 3 * EPSILON * shaped.largest + (0.0 if behind is None else behind.plain.worst)
     reach = 2 * off * _longest(met.mdp)
     vanishing = (compared.short > compared.error) & (compared.short <= reach + compared.error)
     if by_values:
         vanishing &= compared.undecided[:, None]
     hidden = float(compared.short[vanishing].max(initial=0.0))
-    if behind and behind.plain.potential.any() and not tied_exactly(met, own, compared.optimal):
+    from_potential = behind is not None and behind.plain.potential.any()
+    if from_potential and not tied_exactly(met, unshaped, compared.optimal):
         hidden = max(hidden, compared.error)
     if hidden <= compared.tolerance:
         return True, ()
@@ -437,8 +440,9 @@ def _longest(mdp: FiniteMDP) -> float:
     return float(steps.values.max()) + steps.error_bound
 
 
-def _several_entries(shaped: ShapedTask, met: Reachable) -> str | None:
+def _several_entries(shaped: ComparedTask) -> str | None:
     """Return a sentence about a state whose ways in have several phi; None without one."""
+    met = shaped.met
     on = ~met.mdp.terminal[met.target]
     pairs = met.source[on], met.action[on], met.target[on]
     phi = shaped.phi[pairs[:2]]

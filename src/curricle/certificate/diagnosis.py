@@ -176,7 +176,7 @@ class Origin:
     """The potential behind a shaping reward."""
 
     plain: Fit  # with the task's discount and Phi = 0 at the ends
-    found: Fit | None  # without residual, maybe with ends that are not 0
+    fitting: Fit | None  # without residual, maybe with ends that are not 0
     sentences: tuple[str, ...]
 
 
@@ -192,11 +192,11 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
         sentence = f"{form} with Phi = 0 at the ends, to {plain.worst:.1g}"
         return Origin(plain, plain, (sentence,))
     by_action = _depends_on_action(task, met, f)
-    found = None if by_action else fit(met, f, discount, ends_are_zero=False)
-    if found is None or found.worst > enough:
+    open_ended = None if by_action else fit(met, f, discount, ends_are_zero=False)
+    if open_ended is None or open_ended.worst > enough:
         return Origin(plain, None, (by_action or _unequal_paths(task, met, f, plain),))
-    ends = met.ends[abs(found.potential[met.ends]) > enough]
-    return Origin(plain, found, (nonzero_ends(task, ends, found.potential[ends]),))
+    ends = met.ends[abs(open_ended.potential[met.ends]) > enough]
+    return Origin(plain, open_ended, (nonzero_ends(task, ends, open_ended.potential[ends]),))
 
 
 def ends_read_as_zero(task: Any, ends: IntArray, phi: FloatArray) -> str:

@@ -20,7 +20,7 @@ from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.spaces import action_name, state_name
-from curricle.tasks.task import Task, generative_model
+from curricle.tasks.task import Task, generative_model, tables
 
 RewardFunction = Callable[..., Any]
 """F(s, a, s'), which shaping adds to the reward of E transitions, (E,) float."""
@@ -190,9 +190,18 @@ class ShapedTask:
     potential: Any  # of the library, or an array (S,) or (S, A) that keeps its values at the ends
     discount: float  # gamma of F: the task's, or another tool's
     ignored: FloatArray  # Phi that an array gives ends and learn() ignores, (S,)
-    ends: IntArray  # the terminal states: those that can be reached, if states are compared
-    met: Reachable | None = None  # where states are compared
-    own: Solution | None = None  # Q* of the task, where states are compared
+
+    compared: ClassVar[bool] = False  # whether the values of all states are at hand
+
+    def with_states(self) -> "ComparedTask":
+        """Return the same, with the reachable states and their values."""
+        return ComparedTask(self.task, self.shaping, self.potential, self.discount, self.ignored)
+
+    @cached_property
+    def ends(self) -> IntArray:
+        """The terminal states, as far as they are known."""
+        terminal = generative_model(self.task).terminal
+        return np.flatnonzero([] if terminal is None else terminal)
 
     @property
     def task_discount(self) -> float:
@@ -208,11 +217,6 @@ class ShapedTask:
     def changing(self) -> bool:
         """Whether it is a state potential that changes while learning."""
         return isinstance(self.potential, StatePotential) and self.potential.changes
-
-    @property
-    def compared(self) -> bool:
-        """Whether the values of all states are at hand."""
-        return self.met is not None
 
     @cached_property
     def phi(self) -> FloatArray:
@@ -251,17 +255,34 @@ class ShapedTask:
         function: RewardFunction = self.shaping.reward(self)
         return function
 
-    # What follows needs the reachable states and the task's solution.
+
+class ComparedTask(ShapedTask):
+    """A shaping in a task whose states are compared: what a policy acts on, with proven bounds."""
+
+    compared: ClassVar[bool] = True
+
+    @cached_property
+    def met(self) -> Reachable:
+        """The states that can be reached."""
+        return Reachable.of(tables(self.task))
+
+    @cached_property
+    def ends(self) -> IntArray:
+        """The terminal states that can be reached."""
+        return self.met.ends
+
+    @cached_property
+    def unshaped(self) -> Solution:
+        """The solution of the task itself."""
+        return solve(self.task)
 
     @property
     def terminal(self) -> BoolArray:
         """Which states are terminal, (S,) bool."""
-        assert self.met is not None
         return self.met.mdp.terminal
 
     def entered_with(self, phi: FloatArray) -> FloatArray:
         """Return phi of the pair by which each state is entered, (S,); 0 where episodes start."""
-        assert self.met is not None
         before = np.zeros(self.met.mdp.states.size)
         before[self.met.target] = phi[self.met.source, self.met.action]
         before[self.met.mdp.start > 0] = 0.0
@@ -269,16 +290,13 @@ class ShapedTask:
 
     def rewarded(self, reward: RewardFunction, off: FloatArray) -> ShapedValues:
         """Return Q* for rewards r + F(s, a, s'); by theory Q* - off, off (S,)."""
-        assert self.met is not None
         return self.with_rewards(self.met.reward(reward), off[self.met.states])
 
     def with_rewards(self, f: FloatArray, off: FloatArray) -> ShapedValues:
         """Return Q* for rewards r + F, F (E,); by theory Q* - off, off (N,)."""
-        assert self.met is not None
-        assert self.own is not None
         solution = solve(with_reward(self.met, f))
         q = solution.action_values[self.met.states]
-        expected = self.own.action_values[self.met.states] - off[:, None]
+        expected = self.unshaped.action_values[self.met.states] - off[:, None]
         largest = max(_largest(q), _largest(f))
         return ShapedValues(q, ROUNDED * solution.error_bound, _largest(q - expected), largest)
 
@@ -290,28 +308,24 @@ class ShapedTask:
         gamma max_a phi(end, a). That task is solved, and the operator then applied once as written,
         so that the bound holds for its own result.
         """
-        assert self.met is not None
-        assert self.own is not None
-        met, mdp, solution = self.met, self.met.mdp, self.own
+        met, mdp, solution = self.met, self.met.mdp, self.unshaped
         if phi[met.ends].any():
             ending = np.where(mdp.terminal, mdp.discount * phi.max(axis=1), 0.0)
             solution = solve(with_reward(met, met.reward(lambda s, a, after: ending[after])))
         q = look_ahead_sweep(mdp, phi, solution.action_values - phi)
         acted = (q + phi)[met.states]
         rounding = (mdp.probability.shape[1] + 8) * EPSILON * (_largest(phi) + _largest(acted))
-        residual = _largest(acted - self.own.action_values[met.states])
+        residual = _largest(acted - self.unshaped.action_values[met.states])
         largest = max(_largest(phi), _largest(acted))
         return ShapedValues(acted, solution.error_bound + rounding, residual, largest)
 
     def advised(self, advice: FloatArray) -> ShapedValues:
         """Return Q* + advice, (S, A), for policies that learn Q from plain rewards."""
-        assert self.met is not None
-        assert self.own is not None
         added = advice[self.met.states]
-        acted = self.own.action_values[self.met.states] + added
+        acted = self.unshaped.action_values[self.met.states] + added
         rounding = EPSILON * (_largest(acted) + _largest(added))
         largest = max(_largest(acted), _largest(added))
-        return ShapedValues(acted, self.own.error_bound + rounding, _largest(added), largest)
+        return ShapedValues(acted, self.unshaped.error_bound + rounding, _largest(added), largest)
 
 
 def look_ahead_sweep(mdp: FiniteMDP, phi: FloatArray, q: FloatArray) -> FloatArray:
@@ -357,7 +371,7 @@ def check_shaping(
             )
         discount = number("shaping_discount", shaping_discount, SettingError, low=0, high=1)
     potential: Any = None if by_function else shaping.for_task(task).potential
-    ignored, known = np.zeros(0), np.flatnonzero([] if terminal is None else terminal)
+    ignored = np.zeros(0)
     if not (by_function or isinstance(shaping.potential, StatePotential | PairPotential)):
         array = np.array(shaping.potential, dtype=np.float64)
         if isinstance(potential, StatePotential) and array.ndim == 2:
@@ -367,4 +381,4 @@ def check_shaping(
         elif terminal is not None:
             at_states = array if array.ndim == 1 else array.max(axis=1)
             ignored = np.where(terminal, at_states, 0.0)
-    return ShapedTask(task, shaping, potential, discount, ignored, known)
+    return ShapedTask(task, shaping, potential, discount, ignored)

@@ -266,19 +266,19 @@ def _pivot(p, q, row, column, parent, order, space):
     for k in range(1, nodes):
         depth[order[k]] = depth[parent[order[k]]] + 1
     # The path between the two has an odd number of edges; every other one loses, first and last.
-    one, other = row, column
-    from_one, from_other = 0, 0
-    least, leaving, on_one = np.inf, -1, True
-    while one != other:
-        if depth[one] >= depth[other]:
-            if from_one % 2 == 0 and flow[one] < least:
-                least, leaving, on_one = flow[one], one, True
-            one, from_one = parent[one], from_one + 1
+    left, right = row, column
+    from_left, from_right = 0, 0
+    least, leaving, on_left = np.inf, -1, True
+    while left != right:
+        if depth[left] >= depth[right]:
+            if from_left % 2 == 0 and flow[left] < least:
+                least, leaving, on_left = flow[left], left, True
+            left, from_left = parent[left], from_left + 1
         else:
-            if from_other % 2 == 0 and flow[other] < least:
-                least, leaving, on_one = flow[other], other, False
-            other, from_other = parent[other], from_other + 1
-    current, above = (row, column) if on_one else (column, row)
+            if from_right % 2 == 0 and flow[right] < least:
+                least, leaving, on_left = flow[right], right, False
+            right, from_right = parent[right], from_right + 1
+    current, above = (row, column) if on_left else (column, row)
     while True:
         following = parent[current]
         parent[current] = above
@@ -376,32 +376,32 @@ class Choices(NamedTuple):
     difference: FloatArray  # (B B',) of the rewards
 
 
-def work_of_a_round(own: Quotient, other: Quotient) -> int:
+def work_of_a_round(target: Quotient, source: Quotient) -> int:
     """Return how many pairs of outcomes a backup of all pairs couples, at most."""
-    return own.chance.size * other.chance.size
+    return target.chance.size * source.chance.size
 
 
 def fixed_point(
-    own: Quotient, other: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
+    target: Quotient, source: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
 ) -> tuple[Distances, float]:
     """Return the distances, and how far from the fixed point they may be.
 
     Iteration ends where that is at most `tolerance` times the largest distance, or after the most
     rounds: the distances are then further from the fixed point, by no more than is said.
     """
-    nodes = own.chance.shape[1] + other.chance.shape[1]
-    random = own.chance.shape[1] > 1 and other.chance.shape[1] > 1
-    pairs = np.empty((len(own.reward), len(other.reward)))
+    nodes = target.chance.shape[1] + source.chance.shape[1]
+    random = target.chance.shape[1] > 1 and source.chance.shape[1] > 1
+    pairs = np.empty((len(target.reward), len(source.reward)))
     shape = (*pairs.shape, 2, nodes) if random else (1, 1, 2, 1)
-    states = abs(own.best[:, None] - other.best)
+    states = abs(target.best[:, None] - source.best)
     distances = Distances(states, pairs, np.full(shape, UNSET, np.uint8))
     rests_on = np.empty((states.size, 2), np.int64)
     most = float(max(states.max(), 1e-300))
     last, helps = np.inf, True
-    rounds = max(1, min(MOST_ROUNDS, MOST_WORK // work_of_a_round(own, other)))
+    rounds = max(1, min(MOST_ROUNDS, MOST_WORK // work_of_a_round(target, source)))
     for left in reversed(range(rounds)):
-        back_up_pairs(own, other, distances, discount)
-        change = back_up_states(own.pairs, other.pairs, distances.pairs, states, rests_on)
+        back_up_pairs(target, source, distances, discount)
+        change = back_up_states(target.pairs, source.pairs, distances.pairs, states, rests_on)
         error = discount / (1 - discount) * change
         most = max(most, float(states.max()))
         bars.at("rounds", rounds - left)
@@ -410,47 +410,47 @@ def fixed_point(
             break
         helps, last = helps and change < last, change
         if helps:
-            chosen = coupled(own, other, distances, rests_on)
+            chosen = coupled(target, source, distances, rests_on)
             follow(chosen, states.reshape(-1), discount, SWEEPS)
     return distances, error
 
 
 @compiled_once
-def back_up_pairs(own, other, distances, discount):
+def back_up_pairs(target, source, distances, discount):
     """Compute d of all pairs from d of states."""
     states, pairs, tree = distances
-    space = scratch(own.chance.shape[1], other.chance.shape[1])
-    for y in range(len(own.reward)):
-        n = own.width[y]
-        for z in range(len(other.reward)):
-            m = other.width[z]
+    space = scratch(target.chance.shape[1], source.chance.shape[1])
+    for y in range(len(target.reward)):
+        n = target.width[y]
+        for z in range(len(source.reward)):
+            m = source.width[z]
             total = 0.0
             if n == 1 or m == 1:
                 for i in range(n):
                     for j in range(m):
-                        mass = own.chance[y, i] * other.chance[z, j]
-                        total += mass * states[own.after[y, i], other.after[z, j]]
+                        mass = target.chance[y, i] * source.chance[z, j]
+                        total += mass * states[target.after[y, i], source.after[z, j]]
             else:
                 for i in range(n):
                     for j in range(m):
-                        space.cost[i, j] = states[own.after[y, i], other.after[z, j]]
+                        space.cost[i, j] = states[target.after[y, i], source.after[z, j]]
                 total = transport_cost(
-                    own.chance[y, :n], other.chance[z, :m], tree[y, z, 0], tree[y, z, 1], space
+                    target.chance[y, :n], source.chance[z, :m], tree[y, z, 0], tree[y, z, 1], space
                 )
-            pairs[y, z] = abs(own.reward[y] - other.reward[z]) + discount * total
+            pairs[y, z] = abs(target.reward[y] - source.reward[z]) + discount * total
 
 
 @compiled_once
-def back_up_states(own_pairs, other_pairs, pairs, states, rests_on):
+def back_up_states(target_pairs, source_pairs, pairs, states, rests_on):
     """Compute d of states from d of pairs, and which pair it rests on; return the change."""
-    least = np.empty(other_pairs.shape[1])
+    least = np.empty(source_pairs.shape[1])
     change = 0.0
-    for s in range(len(own_pairs)):
-        for u in range(len(other_pairs)):
-            value, y, z = hausdorff(own_pairs[s], other_pairs[u], pairs, least)
+    for s in range(len(target_pairs)):
+        for u in range(len(source_pairs)):
+            value, y, z = hausdorff(target_pairs[s], source_pairs[u], pairs, least)
             change = max(change, abs(value - states[s, u]))
             states[s, u] = value
-            cell = s * len(other_pairs) + u
+            cell = s * len(source_pairs) + u
             rests_on[cell, 0], rests_on[cell, 1] = y, z
     return change
 
@@ -484,42 +484,44 @@ def hausdorff(some, others, pairs, least):
     return largest, row, column
 
 
-def coupled(own: Quotient, other: Quotient, distances: Distances, rests_on: IntArray) -> Choices:
+def coupled(
+    target: Quotient, source: Quotient, distances: Distances, rests_on: IntArray
+) -> Choices:
     """Return the pairs that distances rest on, with their optimal couplings."""
     y, z = rests_on.T
-    counts = np.maximum(own.width[y], other.width[z])
-    both = (own.width[y] > 1) & (other.width[z] > 1)
-    counts = np.where(both, own.width[y] + other.width[z] - 1, counts)
+    counts = np.maximum(target.width[y], source.width[z])
+    both = (target.width[y] > 1) & (source.width[z] > 1)
+    counts = np.where(both, target.width[y] + source.width[z] - 1, counts)
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     cell, mass = np.empty(first[-1], np.int64), np.empty(first[-1])
     fill_couplings(
-        own, other, distances.tree, rests_on, distances.states.shape[1], first, cell, mass
+        target, source, distances.tree, rests_on, distances.states.shape[1], first, cell, mass
     )
-    return Choices(first, cell, mass, abs(own.reward[y] - other.reward[z]))
+    return Choices(first, cell, mass, abs(target.reward[y] - source.reward[z]))
 
 
 @compiled_once
-def fill_couplings(own, other, tree, rests_on, n_other, first, cell, mass):
+def fill_couplings(target, source, tree, rests_on, n_source, first, cell, mass):
     """Write the coupling of each pair that a distance rests on."""
-    space = scratch(own.chance.shape[1], other.chance.shape[1])
+    space = scratch(target.chance.shape[1], source.chance.shape[1])
     for k in range(len(rests_on)):
         y, z = rests_on[k, 0], rests_on[k, 1]
-        n, m = own.width[y], other.width[z]
+        n, m = target.width[y], source.width[z]
         at = first[k]
         if n == 1 or m == 1:
             for i in range(n):
                 for j in range(m):
-                    cell[at] = own.after[y, i] * n_other + other.after[z, j]
-                    mass[at] = own.chance[y, i] * other.chance[z, j]
+                    cell[at] = target.after[y, i] * n_source + source.after[z, j]
+                    mass[at] = target.chance[y, i] * source.chance[z, j]
                     at += 1
             continue
         parent, order = tree[y, z, 0], tree[y, z, 1]
-        flows_of(own.chance[y, :n], other.chance[z, :m], parent, order, 0.0, space.flow)
+        flows_of(target.chance[y, :n], source.chance[z, :m], parent, order, 0.0, space.flow)
         for k_node in range(1, n + m):
             node = order[k_node]
             up = parent[node]
             i, j = (node, up - n) if node < n else (up, node - n)
-            cell[at] = own.after[y, i] * n_other + other.after[z, j]
+            cell[at] = target.after[y, i] * n_source + source.after[z, j]
             mass[at] = max(space.flow[node], 0.0)
             at += 1
 

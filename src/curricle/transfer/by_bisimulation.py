@@ -55,8 +55,8 @@ def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
         raise MappingError(
             f"tasks are refined together up to {LARGEST:,} pairs: these have {sum(sizes):,}"
         )
-    own, other = refined(tasks.models)
-    index = equivalent_pairs(own, other)
+    target, source = refined(tasks.models)
+    index = equivalent_pairs(target, source)
     solutions = tasks.target_solution, tasks.source_solution
     error = 2 * sum(solution.error_bound for solution in solutions)
     index = np.where(apart(index, *solutions) <= error, index, UNMAPPED)
@@ -68,18 +68,18 @@ def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
     yield tasks.proposal(index, how)
 
 
-def equivalent_pairs(own: Blocks, other: Blocks) -> IntArray:
+def equivalent_pairs(target: Blocks, source: Blocks) -> IntArray:
     """Return for each target pair an equivalent source pair, or `UNMAPPED`, (S, A) int64."""
-    most = int(max(own.pairs.max(), other.pairs.max())) + 2
+    most = int(max(target.pairs.max(), source.pairs.max())) + 2
 
     def keys(blocks: Blocks) -> IntArray:
         key = blocks.states[:, None] * most + blocks.pairs
         return np.where(blocks.pairs < 0, -1, key).ravel()
 
-    index = _first_of(keys(other), keys(own))
-    elsewhere = _first_of(other.pairs.ravel(), own.pairs.ravel())
+    index = _first_of(keys(source), keys(target))
+    elsewhere = _first_of(source.pairs.ravel(), target.pairs.ravel())
     index = np.where(index == UNMAPPED, elsewhere, index)
-    return np.where(own.pairs.ravel() < 0, UNMAPPED, index).reshape(own.pairs.shape)
+    return np.where(target.pairs.ravel() < 0, UNMAPPED, index).reshape(target.pairs.shape)
 
 
 def _first_of(keys: IntArray, wanted: IntArray) -> IntArray:
@@ -122,21 +122,19 @@ def lax_bisimulation(
     The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the
     Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
     nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
-    solves the equation of the target's discount, which keeps the bound. Transport problems are
-    solved exactly; the work grows with the number of states that are not bisimilar to others. It
-    ends after some minutes of one core at most; `error` is larger then. States count as bisimilar
-    where numbers agree to 1e-9 of the largest, and no distance is below the known difference of
-    two values, so that the bound holds all the same.
+    solves the equation of the target's discount, which keeps the bound. The work grows with the
+    number of states that are not bisimilar to others (to 1e-9 of the largest number). It ends after
+    some minutes of one core at most, with a larger `error`; the bound holds in any case.
 
     Parameters
     ----------
     target, source : Task
     tolerance : float
         How far below the fixed point iteration may end, in units of the largest distance. What is
-        missing is added, so that the bound holds.
+        missing is added.
     progress : bool or callable, optional
-        True counts the rounds, as nobody knows how many there will be; a function is called after
-        each with how far from the fixed point the distances may be, a float.
+        True counts the rounds; a function is called after each with how far from the fixed point
+        the distances may be, a float.
 
     Raises
     ------
@@ -191,18 +189,18 @@ def _quotients(tasks: TaskPair) -> list[tuple[Quotient, Blocks]]:
         quotient(model, discount, solution.values)
         for model, solution in zip(tasks.models, solutions, strict=True)
     ]
-    own, other = (task for task, _ in both)
-    if (size := len(own.reward) * len(other.reward)) > LARGEST_PAIRS:
+    target, source = (task for task, _ in both)
+    if (size := len(target.reward) * len(source.reward)) > LARGEST_PAIRS:
         raise MappingError(
             f"lax bisimulation compares up to {LARGEST_PAIRS:,} pairs with pairs: these tasks have "
             f"{size:,}"
         )
-    if (work := work_of_a_round(own, other)) > LARGEST_ROUND:
+    if (work := work_of_a_round(target, source)) > LARGEST_ROUND:
         raise MappingError(
             f"lax bisimulation couples up to {LARGEST_ROUND:,} pairs of outcomes in a round: "
             f"these tasks have {work:,}"
         )
-    if (widest := max(own.chance.shape[1], other.chance.shape[1])) > WIDEST:
+    if (widest := max(target.chance.shape[1], source.chance.shape[1])) > WIDEST:
         raise MappingError(
             f"lax bisimulation takes up to {WIDEST} outcomes of a pair: got {widest}"
         )
@@ -213,11 +211,11 @@ def _nearest(
     tasks: TaskPair, tolerance: float, bars: Bars = SILENT
 ) -> tuple[LaxBisimulation, IntArray]:
     """Return the distances between two tasks, and the nearest pair of the nearest state, (S, A)."""
-    (own, blocks), (other, source_blocks) = _quotients(tasks)
-    between, error = fixed_point(own, other, tasks.target_mdp.discount, tolerance, bars)
+    (target, blocks), (source, source_blocks) = _quotients(tasks)
+    between, error = fixed_point(target, source, tasks.target_mdp.discount, tolerance, bars)
     solutions = tasks.target_solution, tasks.source_solution
     error += sum(solution.error_bound for solution in solutions)  # a source is rewritten by its V*
-    first = _first_pairs(source_blocks, len(other.reward))
+    first = _first_pairs(source_blocks, len(source.reward))
     live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
 
     kind, distance = between.pairs.argmin(axis=1), between.pairs.min(axis=1)
@@ -228,7 +226,7 @@ def _nearest(
     apart_at_least = np.subtract.outer(*(solution.values for solution in solutions))
     states = np.maximum(states, abs(apart_at_least)) + error
 
-    choices = other.pairs[between.states.argmin(axis=1)[blocks.states]]  # (S, A'')
+    choices = source.pairs[between.states.argmin(axis=1)[blocks.states]]  # (S, A'')
     distances = between.pairs[pairs[:, :, None], np.maximum(choices, 0)[:, None, :]]
     distances = np.where(choices[:, None, :] >= 0, distances, np.inf)
     by_state = first[np.take_along_axis(choices, distances.argmin(axis=2), axis=1)]

@@ -138,12 +138,14 @@ class TaskPair:
         V* of the source also solves V = max_a r' + gamma_t P V, with r' = r + (gamma_s - gamma_t)
         P V: a task with the target's discount. Where discounts agree nothing changes.
         """
-        own, other = self.target_mdp, self.source_mdp
-        rewards = (other.probability * other.reward).sum(axis=1)
-        if own.discount != other.discount:
-            after = (other.probability * self.source_solution.values[other.next_state]).sum(axis=1)
-            rewards = rewards + (other.discount - own.discount) * after
-        return model_for_refinement(own), model_for_refinement(other, rewards)
+        target, source = self.target_mdp, self.source_mdp
+        rewards = (source.probability * source.reward).sum(axis=1)
+        if target.discount != source.discount:
+            after = (source.probability * self.source_solution.values[source.next_state]).sum(
+                axis=1
+            )
+            rewards = rewards + (source.discount - target.discount) * after
+        return model_for_refinement(target), model_for_refinement(source, rewards)
 
     @cached_property
     def source_blocks(self) -> IntArray:
@@ -157,10 +159,12 @@ class TaskPair:
             return None
         judged = (self.target, self.target_solution), (self.source, self.source_solution)
         try:
-            own, other = (s if tables(task).discount < 1 else solve(task) for task, s in judged)
+            of_target, of_source = (
+                s if tables(task).discount < 1 else solve(task) for task, s in judged
+            )
         except SettingError:
             return None
-        return own, other
+        return of_target, of_source
 
     def bound(self, index: IntArray) -> float:
         """Return a bound of how far Q* of any mapped pair is from what it reads; or `NOT_PROVEN`.
@@ -181,10 +185,10 @@ class TaskPair:
         return Proposal(mapping, how, self.bound(index))
 
 
-def apart(index: IntArray, own: Solution, other: Solution) -> FloatArray:
+def apart(index: IntArray, of_target: Solution, of_source: Solution) -> FloatArray:
     """Return abs(Q*(s, a) - Q* of the pair that it reads), (S, A); NaN where it reads none."""
-    read = np.where(index >= 0, other.action_values.ravel()[np.maximum(index, 0)], 0.0)
-    return np.asarray(abs(own.action_values - np.where(index == UNMAPPED, np.nan, read)))
+    read = np.where(index >= 0, of_source.action_values.ravel()[np.maximum(index, 0)], 0.0)
+    return np.asarray(abs(of_target.action_values - np.where(index == UNMAPPED, np.nan, read)))
 
 
 def discounted(mdp: FiniteMDP) -> FiniteMDP:

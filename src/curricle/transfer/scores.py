@@ -142,17 +142,17 @@ def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, floa
     """Return the start value of phi's greedy policy, what it regains, and that where known."""
     filled = np.where(np.isnan(phi), 0.0, phi)
     policy = greedy_policy(filled, tolerance=TIED * float(abs(filled).max()))
-    found = evaluate(tasks.target_mdp, policy)
+    of_policy = evaluate(tasks.target_mdp, policy)
     known = ~np.isnan(phi).all(axis=1) & tasks.judged
     best = tasks.target_solution.values
-    most, gained = (values - tasks.values_without for values in (best, found.values))
+    most, gained = (values - tasks.values_without for values in (best, of_policy.values))
 
     def share(states: BoolArray) -> float:
         whole = float(most[states].sum())
         nothing = whole <= TIED * max(1.0, float(abs(best[states]).sum()))
         return NAN if nothing else float(gained[known].sum()) / whole
 
-    return found.start_value, share(tasks.judged), share(known)
+    return of_policy.start_value, share(tasks.judged), share(known)
 
 
 def state_map(mapping: StateActionMapping, phi: FloatArray) -> IntArray:
@@ -191,9 +191,11 @@ def _dynamics_error(
     )
 
 
-def total_variation(one: IntArray, p: FloatArray, other: IntArray, q: FloatArray) -> FloatArray:
+def total_variation(
+    outcomes_p: IntArray, p: FloatArray, outcomes_q: IntArray, q: FloatArray
+) -> FloatArray:
     """Return the total variation distance of two distributions in each row, (n,) float64."""
-    outcomes = np.concatenate([one, other], axis=1)
+    outcomes = np.concatenate([outcomes_p, outcomes_q], axis=1)
     masses = np.concatenate([p, -q], axis=1)
     # Equal outcomes add up before their difference counts, once.
     same: BoolArray = outcomes[:, :, None] == outcomes[:, None, :]
@@ -218,16 +220,16 @@ def fitted_constant(stated: FloatArray, factor: FloatArray) -> float:
     These are the Bellman residuals of n states for fixed greedy policies, (n,) each; 0 where the
     constant does not act.
     """
-    found = 0.0
+    constant = 0.0
     for _ in range(SWEEPS):
-        weight = np.where(stated > factor * found, EXPECTILE, 1 - EXPECTILE)
+        weight = np.where(stated > factor * constant, EXPECTILE, 1 - EXPECTILE)
         curvature = float((weight * factor**2).sum())
         if curvature == 0:
             return 0.0
-        last, found = found, float((weight * factor * stated).sum()) / curvature
-        if abs(found - last) <= SETTLED * max(abs(found), abs(last)):
+        last, constant = constant, float((weight * factor * stated).sum()) / curvature
+        if abs(constant - last) <= SETTLED * max(abs(constant), abs(last)):
             break
-    return found
+    return constant
 
 
 def fitted_unmapped_value(
@@ -276,14 +278,14 @@ def fitted_unmapped_value(
         return None
     rewards = (tasks.target_mdp.probability * tasks.target_mdp.reward).sum(axis=1)
     lowest = min(0.0, float(rewards.min())) / (1 - tasks.target_mdp.discount)
-    found = 0.0
+    constant = 0.0
     for _ in range(SWEEPS):
-        last = found
-        found = fitted_constant(*_residuals(phi, unmapped, found, rewards, tasks))
-        found = min(0.0, max(lowest, found))
-        if abs(found - last) <= SETTLED * max(abs(found), abs(last)):
+        last = constant
+        constant = fitted_constant(*_residuals(phi, unmapped, constant, rewards, tasks))
+        constant = min(0.0, max(lowest, constant))
+        if abs(constant - last) <= SETTLED * max(abs(constant), abs(last)):
             break
-    return found if found < 0 else None
+    return constant if constant < 0 else None
 
 
 def _residuals(

@@ -127,11 +127,10 @@ def find_mappings(
     Candidates of all searches are scored by one measure (:func:`score_mapping`), from the tables of
     both tasks and their exact values; no step is taken in either, unless `samples` asks for it.
     Those that clear the bar of :func:`auto_mapping` come first, and of these the ones that are as
-    good as exact where they know anything and have a value that fits elsewhere, as a learner has to
-    unlearn wrong values, but not missing ones. Then they are ordered by their worth, which is what
-    the greedy policy of the source's values regains of the optimum, times the share of the target
-    that the values explain; by the dynamics error; and by the Bellman inconsistency. Of candidates
-    through which the source's values are read alike, the first search's is kept.
+    good as exact where they know anything and have a value that fits elsewhere. Then they are
+    ordered by their worth, which is what the greedy policy of the source's values regains of the
+    optimum, times the share that the values explain; by the dynamics error; and by the Bellman
+    inconsistency. Of candidates that read the source's values alike, the first is kept.
 
     Parameters
     ----------
@@ -145,18 +144,17 @@ def find_mappings(
     unmapped_value : float, optional
         Of the mappings.
     samples : int, optional
-        Steps of the random policy to take in each task that has no tables, to estimate them: for
-        live tasks. Scores are then of the estimated tables, over the states in which every action
-        was tried; nothing is proven. Mappings carry the steps, which a curriculum charges.
+        Steps of the random policy in each task that has no tables, to estimate them. Scores are
+        then of the estimated tables, over the states in which every action was tried; nothing is
+        proven. Mappings carry the steps, which a curriculum charges.
     progress : bool or callable, optional
         True shows a bar of the searches, a function is called with the name of each that has ended.
 
     Raises
     ------
     SettingError
-        When `keep` is less than 1, `seed` is negative, no search is given or one is no function, or
-        a search yields anything but a :class:`Proposal` for these tasks, or `progress` is none of
-        these.
+        When a number is out of range, `searches` are no functions, or a search yields anything but
+        a :class:`Proposal` for these tasks.
     TaskError
         When a task has no tables and `samples` is not given.
 
@@ -249,23 +247,17 @@ def different(proposed: Iterable[Proposal], tasks: TaskPair) -> Iterator[Proposa
 
 
 def clears_bar(scores: MappingScores) -> bool:
-    """Return whether a mapping fits well enough to be used unseen.
-
-    Where it knows anything its greedy policy must regain at least 25 %, and its values must explain
-    at least a quarter of what a constant leaves unexplained. Either alone does not do: two tasks
-    may look alike nearly everywhere and have goals in different places, and a policy that follows
-    wrong values may gain by avoiding what costs most.
-    """
+    """Return whether a mapping fits well enough to be used unseen."""
+    # Either alone does not do: two tasks may look alike nearly everywhere and have goals in
+    # different places, and a policy that follows wrong values may gain by avoiding what costs most.
     return scores.regained_where_known >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
 
 
 def as_good_as_exact(candidate: FoundMapping) -> bool:
-    """Return whether a mapping is right where it knows anything, and fits elsewhere.
-
-    Where steps cost, pairs that were tried fall below the value that fits, so that a learner goes
-    on to others. Without such a value it walks at random until it meets a mapped state: then a
-    rough mapping of many states is better than an exact one of few.
-    """
+    """Return whether a mapping is right where it knows anything, and fits elsewhere."""
+    # Where steps cost, pairs that were tried fall below the value that fits, so that a learner goes
+    # on to others. Without such a value it walks at random until it meets a mapped state: then a
+    # rough mapping of many states is better than an exact one of few.
     scores = candidate.scores
     right = scores.regained_where_known >= 1 - MOST_MISSED
     right = right and scores.unexplained <= LEFT_BY_EXACT
@@ -324,8 +316,6 @@ def auto_mapping(
     ------
     MappingError
         When no mapping that is found clears that bar.
-    SettingError
-        When `progress` is none of what it may be.
 
     Examples
     --------
@@ -351,15 +341,15 @@ def auto_mapping(
     )
 
 
-def best_of(found: FoundMappings) -> FoundMapping:
+def best_of(candidates: FoundMappings) -> FoundMapping:
     """Return the first candidate if it clears the bar, or raise MappingError."""
     bar = (
         f"a mapping is used unseen if it regains at least {LEAST_REGAINED:.0%} where it is known "
         f"and leaves at most {MOST_UNEXPLAINED:.0%} unexplained"
     )
-    if not len(found):
+    if not len(candidates):
         raise MappingError(f"{bar}: none is found between these tasks")
-    best: FoundMapping = found[0]
+    best: FoundMapping = candidates[0]
     if not clears_bar(best.scores):
         raise MappingError(
             f"{bar}: the best that is found, {best.how}, regains "
@@ -410,9 +400,9 @@ def announced(
                 "find_mappings(..., samples=20_000) estimates them from steps"
             )
     best = auto_mapping(target, source, unmapped_value=unmapped_value, **settings)
-    found = _found(target, source, unmapped_value)
+    candidates = _found(target, source, unmapped_value)
     say(f"mapping found for {edge}: {best}")
-    say(f"  runner-up: {found[1] if len(found) > 1 else 'none'}")
+    say(f"  runner-up: {candidates[1] if len(candidates) > 1 else 'none'}")
     return best
 
 
