@@ -119,11 +119,7 @@ class Reachable:
 
 
 def shaping_rewards(
-    task: Any,
-    function: RewardFunction,
-    s: IntArray,
-    a: IntArray,
-    after: IntArray,
+    task: Any, function: RewardFunction, s: IntArray, a: IntArray, after: IntArray
 ) -> FloatArray:
     """Return F(s, a, s') of E transitions, (E,), or raise PotentialError where there is none."""
     try:

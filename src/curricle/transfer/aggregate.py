@@ -115,12 +115,12 @@ def total(potentials: FloatArray) -> FloatArray:
     return np.where(unknown.all(axis=0), np.nan, known)
 
 
-def _checked(potentials: FloatArray) -> FloatArray:
+def _checked(values: FloatArray) -> FloatArray:
     """Return potentials as an array of at least one, or raise CurriculumError."""
-    array = np.asarray(potentials)
+    array = np.asarray(values)
     if array.dtype.kind not in "fiu" or array.ndim == 0 or len(array) == 0:
         raise CurriculumError(
-            f"an aggregate takes numbers of shape (N, S, A), N at least 1: got {potentials!r}"
+            f"an aggregate takes numbers of shape (N, S, A), N at least 1: got {values!r}"
         )
     return array
 

@@ -200,10 +200,7 @@ def project(
 
 
 def source_points(
-    target: Space,
-    source: Space,
-    renaming: Mapping[str, str],
-    unequal: Unequal = "unmapped",
+    target: Space, source: Space, renaming: Mapping[str, str], unequal: Unequal = "unmapped"
 ) -> IntArray:
     """Return the source's point for each of the target's, `MISSING` where there is none."""
     values, read = target.decode(), {}
@@ -433,11 +430,7 @@ def member_mappings(
 
 
 def _made(
-    declared: Any,
-    target: Task,
-    source: Task,
-    unmapped_value: float | None,
-    member: FamilyMember,
+    declared: Any, target: Task, source: Task, unmapped_value: float | None, member: FamilyMember
 ) -> Any:
     """Return one declared mapping as the library checks it."""
     if isinstance(declared, ComponentsByName):

@@ -334,10 +334,7 @@ def auto_mapping(
         return best
     mapping = best.mapping.with_unmapped_value(value)
     return replace(
-        best,
-        mapping=mapping,
-        how=f"{best.how}, {value:.3g} where unmapped",
-        unmapped_value=None,
+        best, mapping=mapping, how=f"{best.how}, {value:.3g} where unmapped", unmapped_value=None
     )
 
 
