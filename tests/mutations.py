@@ -288,7 +288,7 @@ MUTATIONS = [
         "transfer/aggregate.py",
         "np.fmin.reduce(_checked(potentials)",
         "np.fmax.reduce(_checked(potentials)",
-        ("tests/unit/test_aggregation.py",),
+        ("tests/unit/test_potential.py::test_a_source_that_knows_nothing_is_skipped",),
     ),
     Mutation(
         "bootstrapping without discount",

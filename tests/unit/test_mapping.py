@@ -1,4 +1,4 @@
-"""Mappings between tasks: source pairs, unmapped pairs, coverage, the edge, the identity."""
+"""Mappings between tasks: source pairs, unmapped pairs, coverage, the identity; refusals."""
 
 import gymnasium as gym
 import numpy as np
@@ -7,9 +7,13 @@ import pytest
 import curricle as cr
 from curricle import (
     CurricleError,
+    Curriculum,
     FiniteMDP,
     GridWorld,
+    Pursuit,
+    Transfer,
     from_function,
+    learn,
     project,
     same_position,
 )
@@ -22,9 +26,11 @@ from curricle.transfer import (
     ObservationMapping,
     ObservationPotential,
     StateActionMapping,
+    compose,
     identity,
     relative_objects,
 )
+from tests.refusals import check_refusal
 from tests.studies import CORNER, only
 
 LINE = GridWorld("S..T")
@@ -311,3 +317,89 @@ def test_observations_without_counterpart_are_skipped_too():
     assert phi(to_the_left, to_the_right, function=cr.maximum) == [1, 0, 10]
     assert phi(to_the_left, unknown_value=-3.0) == [1, -3, -3]
     assert phi(to_the_left, unknown_value=-3.0, scale=2.0, shift=1.0) == [3, -5, -5]
+
+
+ROW = GridWorld("S.T")
+
+
+HUNT, CHASE = Pursuit(size=2, predators=2), Pursuit(size=2, predators=1)
+
+
+FIRST = project(HUNT, CHASE, predator="predator_1")
+
+
+INDEX = identity(ROW).index
+
+
+def pursuits(**changes):
+    settings = {"tasks": {"chase": CHASE, "hunt": HUNT}, "budget": 50}
+    settings["transfers"] = [Transfer("chase", "hunt", FIRST)]
+    return Curriculum(**(settings | changes))
+
+
+def around(*names):
+    """A pursuits of one task under several names, each the source of the next, in a ring."""
+    here = identity(ROW)
+    edges = [Transfer(s, t, here) for s, t in zip(names, names[1:] + names[:1], strict=True)]
+    return Curriculum(dict.fromkeys(names, ROW), edges)
+
+
+MAPPINGS = [
+    (lambda: StateActionMapping(ROW, ROW, INDEX[:2]), r"\(3, 4\): got int64 of shape \(2, 4\)"),
+    (lambda: StateActionMapping(ROW, ROW, INDEX * 1.0), "integer array .*got float64"),
+    (lambda: StateActionMapping(ROW, ROW, np.where(INDEX == 5, 12, INDEX)), r"action 1 has 12"),
+    (
+        lambda: StateActionMapping(ROW, ROW, np.where(INDEX == 2, -3, INDEX)),
+        "0, action 2 has -3",
+    ),
+    (lambda: StateActionMapping(ROW, ROW, np.where(INDEX == 4, 8, INDEX)), "at source state 2"),
+    (lambda: identity(ROW).read(np.ones((4, 3))), r"\(3, 4\): got \(4, 3\)"),
+    (lambda: same_position(ROW, CHASE), "GridWorld: the source is Pursuit"),
+    (lambda: project(HUNT, CHASE), "must be read .*prey, predator_1, predator_2.*got 'predator'"),
+    (lambda: from_function(ROW, ROW, lambda s, a: ({"row": s["row"]}, a)), "column: got row"),
+    (
+        lambda: from_function(cr.Pursuit(10, predators=3), ROW, lambda s, a: (s, a)),
+        "lists all pairs of the target, at most 1,000,000,000: it has 12,500,000,000",
+    ),
+    (lambda: compose(identity(ROW), FIRST), "source to be the second's"),
+]
+
+
+CURRICULA = [
+    (lambda: Curriculum({}), "at least one task"),
+    (lambda: pursuits(transfers=[Transfer("x", "hunt", FIRST)]), "one of chase, hunt: got 'x'"),
+    (lambda: pursuits(transfers=[Transfer("hunt", "chase", FIRST)]), "'hunt' in hunt -> chase"),
+    (lambda: around("a", "b", "c"), "cycle: (a -> b -> c -> a|b -> c -> a -> b|c -> a -> b -> c)$"),
+    (lambda: pursuits(budget={"x": 9}), "budget .*chase, hunt: got 'x'"),
+    (
+        lambda: Transfer("chase", "hunt", FIRST, scale=np.nan),
+        "chase -> hunt must be finite: got nan",
+    ),
+    (lambda: pursuits().train(trained={"hunt": learn(CHASE, budget=9)}), "'hunt' does not"),
+    (
+        lambda: pursuits().train(2, trained={"chase": learn(CHASE, budget=9)}),
+        r"seeds asked for, \(0, 1\): 'chase' has \(0,\)",
+    ),
+    (lambda: pursuits().train()["x"], "one of chase, hunt: got 'x'"),
+]
+
+
+@pytest.mark.parametrize(("call", "says"), MAPPINGS)
+def test_bad_mappings_are_refused_in_one_sentence(call, says):
+    check_refusal(MappingError, call, says)
+
+
+@pytest.mark.parametrize(("call", "says"), CURRICULA)
+def test_bad_curricula_are_refused_in_one_sentence(call, says):
+    check_refusal(CurriculumError, call, says)
+
+
+@pytest.mark.parametrize("wrong", [{"seeds": []}, {"seeds": 2, "trained": "other seeds"}])
+def test_a_refused_curriculum_trains_nothing(wrong):
+    seen, kept = [], {"chase": learn(CHASE, budget=9)}
+    if "trained" in wrong:
+        wrong = wrong | {"trained": kept}
+    with pytest.raises(cr.CurricleError):
+        pursuits().train(**wrong, progress=seen.append)
+    assert seen == []
+    assert set(kept) == {"chase"}

@@ -148,8 +148,6 @@ class PairPotential(Frozen, ABC):
     values: Any  # phi(s, a) as an array, (S, A) float64; 0 at terminal states that the task knows
     of_actions = True
 
-    __repr__ = brief_repr
-
     @property
     def kernel(self) -> ValueLookup | None:
         """What tables read that are filled row by row, while learning; None for an array."""
@@ -214,6 +212,8 @@ class StateActionPotential(PairPotential):
 
     task: Task
     values: FloatArray
+
+    __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         generative = generative_model(self.task)

@@ -69,6 +69,8 @@ class MappedPotential(PairPotential):
     task: Task
     lookup: ValueLookup
 
+    __repr__ = brief_repr
+
     def __post_init__(self) -> None:
         generative = generative_model(self.task)
         if not fits_task(self.lookup, generative.states, generative.actions.size):
