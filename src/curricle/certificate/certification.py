@@ -8,7 +8,6 @@ import numpy as np
 from curricle.array_types import BoolArray, FloatArray
 from curricle.certificate.diagnosis import (
     Origin,
-    ends_read_as_zero,
     nonzero_ends,
     origin,
     several_entries,
@@ -190,7 +189,10 @@ def _findings(shaped: ShapedTask) -> tuple[str, ...]:
         )
     if shaped.ignored.any():
         nonzero = np.flatnonzero(shaped.ignored)
-        sentences.append(ends_read_as_zero(shaped.task, nonzero, shaped.ignored[nonzero]))
+        named = nonzero_ends(shaped.task, nonzero, shaped.ignored[nonzero], "")
+        sentences.append(
+            f"{named}, which learn() reads as 0; ends='given' judges a tool that does not"
+        )
     if shaped.shaping.at_ends and not shaped.zero_at_ends:
         phi = shaped.phi_at_ends
         sentences.append(nonzero_ends(shaped.task, shaped.ends[phi != 0], phi[phi != 0]))

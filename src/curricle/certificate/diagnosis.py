@@ -199,20 +199,10 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
     return Origin(plain, open_ended, (nonzero_ends(task, ends, open_ended.potential[ends]),))
 
 
-def ends_read_as_zero(task: Any, ends: IntArray, phi: FloatArray) -> str:
-    """Return the sentence about ends whose given potential is not 0 and that learning ignores."""
-    named = _ends(task, ends, phi, "has Phi = {:.4g}")
-    return f"{named}, which learn() reads as 0; ends='given' judges a tool that does not"
-
-
-def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray) -> str:
+def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray, rule: str = ", must be 0") -> str:
     """Return the sentence about ends whose potential is not 0."""
-    return _ends(task, ends, phi, "has Phi = {:.4g}, must be 0")
-
-
-def _ends(task: Any, ends: IntArray, phi: FloatArray, form: str) -> str:
     parts = [
-        f"terminal {state_name(task.states, int(end))} {form.format(value)}"
+        f"terminal {state_name(task.states, int(end))} has Phi = {value:.4g}{rule}"
         for end, value in zip(ends[:NAMED], phi[:NAMED], strict=True)
     ]
     if len(ends) > NAMED:

@@ -115,20 +115,15 @@ def score_mapping(
     )
 
 
-def backed_up(phi: FloatArray, tasks: TaskPair) -> FloatArray:
-    """Return r + gamma sum_s' P(s') max_a' phi(s', a') in the target, (S, A); NaN where unknown."""
+def bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
+    """Return the mean of abs(T phi - phi), and what share it is of abs(T phi - its median)."""
     mdp = tasks.target_mdp
     best = np.where(np.isnan(phi), -np.inf, phi).max(axis=1)
     best[np.isneginf(best)] = np.nan
     best[mdp.terminal] = 0.0
     after = np.where(mdp.probability > 0, mdp.probability * best[mdp.next_state], 0.0)
     expected = (mdp.probability * mdp.reward).sum(axis=1) + mdp.discount * after.sum(axis=1)
-    return np.asarray(expected[mdp.outcome_row])
-
-
-def bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
-    """Return the mean of abs(T phi - phi), and what share it is of abs(T phi - its median)."""
-    expected, stated = backed_up(phi, tasks)[tasks.judged], phi[tasks.judged]
+    expected, stated = expected[mdp.outcome_row][tasks.judged], phi[tasks.judged]
     known = ~np.isnan(expected - stated)
     if not known.any():
         return NAN, NAN

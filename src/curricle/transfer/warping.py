@@ -167,9 +167,7 @@ def by_component_warping(tasks: TaskPair) -> Iterator[Proposal]:
     >>> next(by_component_warping(tasks)).how
     'components in order, warped: row is row, column is column, key is key, lock is lock; ...'
     """
-    _check_sizes(tasks)
-    target_paths, source_paths = paths(tasks.target_mdp), paths(tasks.source_mdp)
-    _check_paths(tasks, target_paths, source_paths)
+    target_paths, source_paths = _checked_paths(tasks)
     cheapest = attrgetter("cost")
     assignments = sorted(_assignments(tasks, target_paths, source_paths), key=cheapest)
     warped, windows = list[Laid](), list[Laid]()
@@ -179,31 +177,28 @@ def by_component_warping(tasks: TaskPair) -> Iterator[Proposal]:
             warped.append(match.warped())
             windows += match.windows()
     fit = min((window.mismatch for window in windows), default=np.inf)
-    better = [warp for warp in warped if warp.mismatch < fit]
+    better = [way for way in warped if way.mismatch < fit]
     for kind, ways in (("warped", better), ("window", windows)):
         for laid in sorted(ways, key=cheapest)[:KEPT]:
             yield _proposal(tasks, laid, source_paths, kind)
 
 
-def _check_sizes(tasks: TaskPair) -> None:
-    """Raise MappingError where the tasks are too large."""
-    for mdp in (tasks.target_mdp, tasks.source_mdp):
+def _checked_paths(tasks: TaskPair) -> tuple[list[Path], list[Path]]:
+    """Return the paths of both tasks; MappingError if none can be laid, or too many."""
+    target, source = tasks.target_mdp, tasks.source_mdp
+    for mdp in (target, source):
         if mdp.outcome_row.size > LARGEST:
             raise MappingError(
                 f"components are laid side by side in tasks of up to {LARGEST:,} pairs: one has "
                 f"{mdp.outcome_row.size:,}"
             )
-    combinations = np.prod(tasks.source_mdp.states.shape)
+    combinations = np.prod(source.states.shape)
     if combinations > LARGEST_BOX:
         raise MappingError(
             f"components are laid side by side for up to {LARGEST_BOX:,} combinations of a "
             f"source's values: got {combinations:,}"
         )
-
-
-def _check_paths(tasks: TaskPair, target_paths: list[Path], source_paths: list[Path]) -> None:
-    """Raise MappingError where there are no paths to lay beside the source's, or too many."""
-    target, source = tasks.target_mdp, tasks.source_mdp
+    target_paths, source_paths = paths(target), paths(source)
     on_paths = [path.place for path in source_paths]
     for place, component in enumerate(source.states.components):
         if place not in on_paths:
@@ -223,6 +218,7 @@ def _check_paths(tasks: TaskPair, target_paths: list[Path], source_paths: list[P
         raise MappingError(
             f"components are assigned in up to {MOST_ASSIGNMENTS:,} ways: there are {ways:,}"
         )
+    return target_paths, source_paths
 
 
 # -- which component is which ----------------------------------------------------------------------
