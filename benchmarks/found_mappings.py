@@ -42,9 +42,9 @@ from curricle.transfer import (
     family_mappings,
     find_mappings,
 )
-from curricle.transfer.bisimulation import by_lax_bisimulation
-from curricle.transfer.found_mappings import SEARCHES, clears_bar
-from curricle.transfer.partition_refinement import model_for_refinement, refined
+from curricle.transfer.bisimulation import model_for_refinement, refined
+from curricle.transfer.by_bisimulation import by_lax_bisimulation
+from curricle.transfer.search import SEARCHES, clears_bar
 from examples import cliff_walking, taxi
 from tests.renumbering import nameless, renumbered
 from tests.tasks import random_mdp

@@ -285,10 +285,10 @@ MUTATIONS = [
     ),
     Mutation(
         "maximum for minimum",
-        "transfer/aggregation.py",
-        "np.fmin.reduce(_given(potentials)",
-        "np.fmax.reduce(_given(potentials)",
-        ("tests/unit/test_aggregation.py",),
+        "transfer/aggregate.py",
+        "np.fmin.reduce(_checked(potentials)",
+        "np.fmax.reduce(_checked(potentials)",
+        ("tests/unit/test_potential.py::test_a_source_that_knows_nothing_is_skipped",),
     ),
     Mutation(
         "bootstrapping without discount",
@@ -494,7 +494,7 @@ MUTATIONS = [
     ),
     Mutation(
         "the order in which states were found is read by name",
-        "transfer/component_mapping.py",
+        "transfer/by_components.py",
         "if component.arbitrary or origin.arbitrary:",
         "if component.arbitrary and origin.arbitrary:",
         (f"{TABULATE}::test_states_in_the_order_of_discovery_are_never_mapped_by_name",),
@@ -614,7 +614,7 @@ MUTATIONS = [
     ),
     Mutation(
         "a bound of mappings at another discount than the task's",
-        "transfer/task_pair.py",
+        "transfer/pair.py",
         "s if tables(task).discount < 1 else solve(task)",
         "s",
         (
@@ -623,7 +623,7 @@ MUTATIONS = [
     ),
     Mutation(
         "pairs of different values in a homomorphism",
-        "transfer/bisimulation.py",
+        "transfer/by_bisimulation.py",
         "apart(index, *solutions) <= error",
         "apart(index, *solutions) < np.inf",
         (
@@ -632,8 +632,8 @@ MUTATIONS = [
     ),
     Mutation(
         "distances below the difference of two values",
-        "transfer/bisimulation.py",
-        "np.maximum(states, abs(between)) + error",
+        "transfer/by_bisimulation.py",
+        "np.maximum(states, abs(apart_at_least)) + error",
         "states + error",
         (
             "tests/property/test_found_mappings.py::test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks",
@@ -651,8 +651,8 @@ MUTATIONS = [
     Mutation(
         "a tie that is not proven is called safe",
         "certificate/certification.py",
-        "if behind and behind.plain.potential.any() and not tied_exactly(met, own, found.optimal):",
-        "if False:",
+        "and not tied_exactly(met, unshaped, compared.optimal):",
+        "and False:",
         (
             "tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",
         ),
@@ -663,7 +663,7 @@ MUTATIONS = [
         "if apart == 0:",
         "if apart <= 1e-12 * abs(phi).max():",
         (
-            "tests/unit/test_certificate_advice.py::test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree",
+            "tests/unit/test_certificate.py::test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree",
         ),
     ),
     Mutation(

@@ -31,7 +31,7 @@ from curricle.comparison.forecasts import ForecastRow, anti_knowledge
 from curricle.comparison.trial import run_trial
 from curricle.planning.target import Target
 from curricle.statistics import mean_interval
-from curricle.transfer.quality import potential_quality
+from curricle.transfer.rollouts import potential_quality
 
 SOURCE_SEEDS = (0, 1, 2)
 CLOSE = 0.1

@@ -26,8 +26,8 @@ from curricle.learning.stopping import SETTLED, StoppingRule
 from curricle.tasks.family import FamilyMember, Parameter
 from curricle.tasks.mdp import same_task
 from curricle.transfer import family_mappings
-from curricle.transfer.aggregation import maximum, mean, minimum, total
-from curricle.transfer.edges import Calibrate, Transfer
+from curricle.transfer.aggregate import maximum, mean, minimum, total
+from curricle.transfer.transfer import Calibrate, Transfer
 
 AGGREGATES = {"mean": mean, "minimum": minimum, "maximum": maximum, "total": total}
 SHAPINGS: dict[str, Callable[[], Shaping]] = {

@@ -16,7 +16,7 @@ from curricle.deep.learner import LIBRARIES
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues, acting
 from curricle.tasks.kernel import splitmix64, stream_start
-from curricle.transfer.observation_rollouts import Environments, mean_episode_return
+from curricle.transfer.rollouts import Environments, mean_episode_return
 
 from .worlds import one_hot, table_potential
 

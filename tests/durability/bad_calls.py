@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 import curricle as cr
-from curricle.learning.potential_rollouts import greedy_rollouts
+from curricle.transfer.rollouts import greedy_rollouts
 
 NAN, INF = float("nan"), float("inf")
 MEMORY = 24 * 2**30
@@ -225,7 +225,7 @@ CALLS = {  # what to call, and arguments that it works with
     "rescaled mapped": (lambda **f: mapped().rescaled(**f), lambda: {"scale": 2.0, "shift": 1.0}),
     "rows mapped": (lambda **f: mapped().rows(**f), lambda: {"states": [0, 1]}),
     "MappedPotential": (
-        lambda **f: cr.learning.MappedPotential(**f).values,
+        lambda **f: cr.transfer.MappedPotential(**f).values,
         lambda: {"task": HUNT, "lookup": mapped().lookup},
     ),
     "StateActionMapping": (

@@ -6,8 +6,8 @@ import pytest
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 
 import curricle as cr
-from curricle.learning.potential_rollouts import greedy_rollouts
 from curricle.tasks.kernel import stream_start
+from curricle.transfer.rollouts import greedy_rollouts
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 EXPLORATIONS = [{"epsilon": 0.2}, {"inverse_temperature": 2.0}]

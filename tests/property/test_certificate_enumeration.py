@@ -10,8 +10,8 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.certificate import ShapingReward, certify, shaped_task
-from curricle.certificate.shaped_task import Reachable
+from curricle.certificate import ShapingReward, certify
+from curricle.certificate.shaped_task import check_shaping
 from curricle.tasks.mdp import reachable_states
 from tests.certificates import difference
 from tests.enumeration import (
@@ -87,10 +87,9 @@ def test_look_ahead_on_open_ends_agrees_with_its_literal_operator(mdp, data):
         bootstrapped = mdp.discount * np.where(mdp.terminal, 0.0, q[everywhere, best])
         q = mdp.zero_at_ends((mdp.p * (mdp.r + paid + bootstrapped)).sum(axis=2))
     task = mdp.task()
-    met = Reachable.of(task)
-    own = cr.solve(task)
-    acted = shaped_task.with_look_ahead(own, met, phi)
-    np.testing.assert_array_equal(met.states, met_states(mdp))
+    shaped = check_shaping(task, cr.LookAheadAdvice(phi), ends="given").with_states()
+    acted = shaped.looking_ahead(phi)
+    np.testing.assert_array_equal(shaped.met.states, met_states(mdp))
     np.testing.assert_allclose(acted.values, (q + phi)[met_states(mdp)], atol=acted.bound + 1e-9)
     found = certify(task, cr.LookAheadAdvice(phi), ends="given")
     ending = fractions(mdp.discount) * fractions(np.where(mdp.terminal, phi.max(axis=1), 0.0))

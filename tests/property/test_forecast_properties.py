@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 import curricle as cr
 from curricle.planning import Target
-from curricle.transfer.quality import potential_quality
+from curricle.transfer.rollouts import potential_quality
 from tests.tasks import random_mdp
 
 seeds = st.integers(0, 2**32 - 1)

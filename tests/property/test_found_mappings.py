@@ -16,9 +16,9 @@ from curricle.transfer import (
     find_mappings,
     lax_bisimulation,
 )
-from curricle.transfer.bisimulation import equivalent_pairs
+from curricle.transfer.bisimulation import model_for_refinement, refined
+from curricle.transfer.by_bisimulation import equivalent_pairs
 from curricle.transfer.mapping import ENDED, UNMAPPED
-from curricle.transfer.partition_refinement import model_for_refinement, refined
 from tests.enumeration import exact_action_values, exact_optimum
 from tests.renumbering import renumbered
 from tests.tasks import mdps
@@ -216,7 +216,8 @@ def test_lax_bisimulation_of_a_renumbered_task_is_zero_where_it_is_the_same(dens
     task = dense.task()
     copy, new, _ = renumbered(task, np.random.default_rng(seed))
     found = lax_bisimulation(copy, task)
-    largest = 1 + abs(solve(task).values).max()  # iteration begins with differences of values
+    # Iteration begins with differences of values; distances of unlike states may be larger.
+    largest = 1 + max(abs(solve(task).values).max(), found.states.max())
     assert found.error <= 1.1e-3 * largest  # TOLERANCE, and the error of both solutions
     assert found.states[new, np.arange(len(new))].max() <= 2 * found.error
     assert found.pairs.max() <= 2 * found.error

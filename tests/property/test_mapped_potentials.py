@@ -1,18 +1,24 @@
-"""Mapped potentials against the same potentials as arrays, on random mappings by component name."""
+"""Mapped potentials against the same as arrays, on random mappings by name; their calibration."""
 
 import itertools
 import tracemalloc
 
 import numpy as np
 from hypothesis import given, settings, strategies as st
+from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.learning.potential import MappedPotential
-from curricle.transfer.aggregation import aggregate
-from curricle.transfer.potentials import mapped_potential
+from curricle.transfer import Calibrate
+from curricle.transfer.aggregate import aggregate
+from curricle.transfer.calibration import fit_calibration
+from curricle.transfer.potential import mapped_potential
 
 AGGREGATES = [cr.minimum, cr.maximum, cr.mean, cr.total]
+
+
 NUMBERS = st.sampled_from([0.0, -1.0, 0.1, 3.7, -12.3])
+
+
 UNMAPPED_VALUES = st.sampled_from([None, None, -12.3])
 
 
@@ -136,26 +142,6 @@ def test_both_are_what_the_sources_know_of_each_pair(transfers, function, seed):
     np.testing.assert_array_equal(rescaled.values, expected)
 
 
-@settings(max_examples=15)
-@given(pursuit_transfers() | space_transfers(), st.sampled_from(AGGREGATES), st.integers(0, 99))
-def test_learning_with_either_is_the_same(transfers, function, seed):
-    task, edges = transfers
-    rng = np.random.default_rng(seed)
-    values = [values_of(edge.mapping.source, rng) for edge in edges]
-    evaluation = cr.GreedyEvaluation("rollouts", 3)
-    potentials = [
-        make(task, edges, values, function) for make in (mapped_potential, array_potential)
-    ]
-    learnt = [
-        cr.learn(
-            task, budget=300, shaping=cr.QInitialisation(phi), eval_freq=50, evaluation=evaluation
-        )
-        for phi in potentials
-    ]
-    np.testing.assert_array_equal(learnt[0].values, learnt[1].values)
-    np.testing.assert_array_equal(learnt[0].greedy_return, learnt[1].greedy_return)
-
-
 def index_point_by_point(mapping):
     """Return the index array of a mapping by name, component by component of each pair."""
     target, source, renaming = mapping.target, mapping.source, mapping.renaming
@@ -198,18 +184,6 @@ def test_the_index_is_that_of_reading_each_point(transfers):
         assert edge.mapping.coverage() == kept.coverage()
 
 
-def test_the_index_between_pursuits_is_that_of_reading_each_point():
-    hunt, chase, wide = cr.Pursuit(2, 2), cr.Pursuit(2, 1), cr.Pursuit(3, 1)
-    cases = [
-        cr.project(hunt, chase, predator="predator_2"),
-        cr.project(hunt, wide, predator="predator_1"),
-        cr.project(wide, chase),
-        cr.project(hunt, hunt, predator_1="predator_2", predator_2="predator_1"),
-    ]
-    for mapping in cases:
-        assert mapping.index.tolist() == index_point_by_point(mapping).tolist()
-
-
 def line_by_points(points, n_actions=2, seed=0):
     rng = np.random.default_rng(seed)
     box = [cr.Component("row", 3), cr.Component("column", 3)]
@@ -233,37 +207,6 @@ def test_listed_spaces_need_arrays():
             np.testing.assert_array_equal(phi.values, expected.values)
 
 
-def test_a_curriculum_learns_the_same_as_with_arrays():
-    hunt, chase, wide = cr.Pursuit(2, 2), cr.Pursuit(2, 1), cr.Pursuit(3, 1)
-    for function in AGGREGATES:
-        edges = [
-            cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"), 1.5),
-            cr.Transfer("wide", "hunt", cr.project(hunt, wide, predator="predator_2"), shift=-2),
-        ]
-        tasks = {"chase": chase, "wide": wide, "hunt": hunt}
-        curriculum = cr.Curriculum(
-            tasks, edges, function, budget=2000, shaping=cr.QInitialisation()
-        )
-        result = curriculum.train(2)
-        assert all(isinstance(p, MappedPotential) for p in result.potentials["hunt"])
-        arrays = [
-            array_potential(
-                hunt, edges, [result[edge.source].values[k] for edge in edges], function
-            )
-            for k in range(2)
-        ]
-        again = cr.learn(
-            hunt,
-            budget=2000,
-            seeds=2,
-            shaping=[cr.QInitialisation(phi) for phi in arrays],
-            stream="hunt",
-        )
-        np.testing.assert_array_equal(result["hunt"].values, again.values)
-        np.testing.assert_array_equal(result["hunt"].greedy_return, again.greedy_return)
-        np.testing.assert_array_equal(result["hunt"].training_return, again.training_return)
-
-
 def test_a_users_aggregate_needs_arrays():
     hunt, chase = cr.Pursuit(2, 2), cr.Pursuit(2, 1)
     edge = cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"))
@@ -285,3 +228,41 @@ def test_mappings_and_potentials_of_huge_targets_need_little_memory():
     tracemalloc.stop()
     assert phi is not None
     assert peak < 20 * q.nbytes
+
+
+@st.composite
+def tasks(draw):
+    """Draw an MDP of up to 4 states, the last of which may be terminal."""
+    n, actions = draw(st.integers(2, 4)), draw(st.integers(1, 3))
+    weights = draw(arrays(np.int64, (n, actions, n), elements=st.integers(0, 2)))
+    weights[:, :, 0] += weights.sum(axis=2) == 0
+    rewards = draw(arrays(np.int64, (n, actions), elements=st.integers(-3, 1)))
+    terminal = np.arange(n) == (n - 1 if draw(st.booleans()) else n)
+    return cr.FiniteMDP.from_dense(
+        weights / weights.sum(axis=2, keepdims=True),
+        rewards,
+        terminal=terminal,
+        start=~terminal / np.sum(~terminal),
+        discount=draw(st.sampled_from([0.5, 0.9])),
+        time_limit=6,
+    )
+
+
+@given(tasks(), st.data(), st.integers(1, 30), st.sampled_from([None, 1, 7, 60]), st.integers(0, 9))
+def test_a_calibration_keeps_to_its_steps_and_scales_or_leaves_phi_alone(
+    task, data, episodes, max_steps, seed
+):
+    shape = (task.states.size, task.actions.size)
+    phi = cr.StateActionPotential(
+        task, data.draw(arrays(np.float64, shape, elements=st.integers(-9, 2)))
+    )
+    fitted = fit_calibration(phi, Calibrate(episodes, max_steps), seed=seed)
+    assert fitted.episodes <= episodes
+    assert 0 < fitted.steps <= (6 * episodes if max_steps is None else max_steps)
+    assert fitted.steps == fitted.warm_up.lengths.sum()
+    if fitted.refusal:
+        assert fitted.potential is phi
+        assert fitted.scale == 1
+    else:
+        assert fitted.scale > 0
+        np.testing.assert_array_equal(fitted.potential.values, fitted.scale * phi.values)

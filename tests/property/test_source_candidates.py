@@ -15,7 +15,7 @@ from curricle.errors import CurriculumError, TaskError
 from curricle.planning import visit_distribution
 from curricle.tasks import frozen_lake_family, maze_family, random_maze
 from curricle.tasks.mdp import reachable_states, same_task
-from curricle.transfer.partition_refinement import model_for_refinement, refined
+from curricle.transfer.bisimulation import model_for_refinement, refined
 from tests.tasks import mdps, random_mdp
 
 MAZES = st.builds(

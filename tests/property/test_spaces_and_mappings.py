@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from curricle import Component, FiniteMDP, Space
-from curricle.transfer import ENDED, UNMAPPED, StateActionMapping, compose, identity
-from curricle.transfer.aggregation import maximum, mean, minimum, total
+from curricle.transfer import ENDED, UNMAPPED, StateActionMapping, TableValues, compose, identity
 
 VALUES = st.floats(-100, 100)
 
@@ -99,6 +98,16 @@ def test_reading_through_a_composition_is_reading_twice_where_mapped(chain, seed
     assert (once.read(q)[once.index == ENDED] == 0).all()
 
 
+@given(chains_of_mappings(1), st.integers(0, 1000), VALUES, VALUES)
+def test_a_batch_of_states_reads_what_the_whole_table_reads(chain, seed, scale, shift):
+    (f,) = chain
+    rng = np.random.default_rng(seed)
+    q = rng.normal(size=(f.source.states.size, f.source.actions.size))
+    batch = rng.integers(f.target.states.size, size=7)
+    by_batch = f.pairs(TableValues(q), batch, scale, shift)
+    np.testing.assert_array_equal(by_batch, f.read(q, scale, shift)[batch])
+
+
 @given(chains_of_mappings(1))
 def test_coverage_agrees_with_counting_pair_by_pair(chain):
     (f,) = chain
@@ -113,14 +122,3 @@ def test_coverage_agrees_with_counting_pair_by_pair(chain):
     assert (c.source_pairs, c.never_used) == (available, available - len(set(read)))
     assert c.most_readers == max((read.count(p) for p in read), default=0)
     assert np.isclose(c.mean_readers, len(read) / len(set(read)) if read else 0)
-
-
-@given(st.integers(1, 4), st.integers(0, 1000))
-def test_aggregates_are_ordered_and_do_not_depend_on_the_order_of_sources(n, seed):
-    rng = np.random.default_rng(seed)
-    phi = rng.normal(size=(n, 3, 2))
-    shuffled = phi[rng.permutation(n)]
-    assert (minimum(phi) <= mean(phi) + 1e-12).all()
-    assert (mean(phi) <= maximum(phi) + 1e-12).all()
-    for g in (maximum, mean, minimum, total):
-        np.testing.assert_allclose(g(phi), g(shuffled), atol=1e-12)

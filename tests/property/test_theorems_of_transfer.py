@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.transfer.aggregation import aggregate
+from curricle.transfer.aggregate import aggregate
 from tests.tasks import mdps
 
 

@@ -11,7 +11,7 @@ from gymnasium.wrappers import TransformAction
 import curricle as cr
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.networks import acting
-from curricle.transfer.observation_rollouts import Environments
+from curricle.transfer.rollouts import Environments
 
 
 class Countdown(gym.Env):

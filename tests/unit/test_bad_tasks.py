@@ -180,7 +180,7 @@ def test_a_lookup_of_another_task_is_refused():
     edge = cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"))
     trained = cr.Curriculum({"chase": chase, "hunt": hunt}, [edge], budget=50).train()
     lookup = trained.potentials["hunt"][0].lookup
-    assert cr.learning.MappedPotential(hunt, lookup).values.shape == (729, 25)
+    assert cr.transfer.MappedPotential(hunt, lookup).values.shape == (729, 25)
     for task, given in (
         (Pursuit(4, 2), lookup),
         (hunt, lookup._replace(first=lookup.first + 10**6)),
@@ -190,7 +190,7 @@ def test_a_lookup_of_another_task_is_refused():
         (hunt, None),
     ):
         with pytest.raises(cr.errors.PotentialError, match="lookup must be one for its task"):
-            cr.learning.MappedPotential(task, given)
+            cr.transfer.MappedPotential(task, given)
 
 
 @pytest.mark.parametrize("state", [-1, 6, 0.5, None, "x", [[1], [1, 2]], 2**64])

@@ -1,4 +1,4 @@
-"""Certificates of large tasks, from sampled steps, and the random rollouts that they use."""
+"""Certificates of large tasks, from sampled steps and random rollouts; what certify refuses."""
 
 import sys
 from pathlib import Path
@@ -8,14 +8,19 @@ import pytest
 
 import curricle as cr
 from curricle.certificate import SampledCertificate, ShapingReward, certify
-from curricle.certificate.checked_shaping import CHUNK, check_shaping
 from curricle.certificate.diagnosis import widest
-from curricle.errors import TaskError
+from curricle.certificate.shaped_task import check_shaping
+from curricle.deep import WeightTransfer
+from curricle.errors import PotentialError, SettingError, TaskError
+from curricle.learning.potential import STATES_READ
 from curricle.planning.rollouts import random_rollouts
-from curricle.transfer.potentials import mapped_potential
-from tests.certificates import MAZE, RNG, difference
+from curricle.transfer.potential import mapped_potential
+from tests.certificates import ENDED, MAZE, PAIRS, RNG, difference
+from tests.refusals import check_refusal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
 LARGE = cr.Pursuit(size=10, predators=3)
 
 
@@ -83,25 +88,16 @@ def test_a_mapped_potential_of_a_large_task_in_other_ways():
     assert str(advice).endswith("In the long run the policy acts on Q + phi.")
 
 
-def test_decaying_advice_needs_no_tables():
-    task, _ = boat()
-    fading = cr.learning.exponential(1.0, half_life=9)
-    found = certify(task, cr.DecayingAdvice(np.ones((task.states.size, 5)), weight=fading))
-    assert found.holds
-    assert found.theorem == "Behboudian et al. 2020"
-    assert str(found).endswith("In the long run the policy acts on Q alone.")
-
-
 def test_phi_is_read_where_rollouts_go():
     small, alone = cr.Pursuit(size=3, predators=2), cr.Pursuit(size=3, predators=1)
     edge = cr.Transfer("a", "b", cr.project(small, alone, predator="predator_2"))
     phi = mapped_potential(small, [edge], [RNG.normal(size=(81, 5))], cr.maximum)
     live = np.flatnonzero(~small.terminal)
-    np.testing.assert_array_equal(phi.rows(live), phi.values[live])
+    np.testing.assert_array_equal(phi.pairs(live), phi.values[live])
     pairs = np.repeat(live, 25), np.tile(np.arange(25), len(live))
-    assert len(pairs[0]) > CHUNK  # more than one chunk
+    assert len(pairs[0]) > STATES_READ  # more than one chunk
     np.testing.assert_array_equal(
-        check_shaping(small, cr.RewardBonus(phi)).at_pairs(*pairs), phi.values[pairs]
+        check_shaping(small, cr.RewardBonus(phi)).phi_of(*pairs), phi.values[pairs]
     )
     whole, by_array = (
         certify(small, cr.RewardBonus(potential), method="sampled", steps=5_000)
@@ -240,3 +236,87 @@ def test_rollouts_follow_the_task():
 def test_the_widest_difference_is_of_equal_keys():
     keys, values = np.array([[1], [2], [1]]), np.array([5.0, 0.0, 3.0])
     assert widest(keys, values) == (2.0, 0, 2)
+
+
+OTHER = cr.GridWorld("S.T")
+
+
+NOT_A_NUMBER = ShapingReward(lambda s, a, t: np.where(s == t, np.nan, 0))
+
+
+def at_4(value):
+    """Return a Phi of the maze that is 0 but in state 4."""
+    return np.where(np.arange(8) == 4, value, 0)
+
+
+POTENTIALS = [
+    (
+        lambda: cr.StateShaping(at_4(-1e285)),
+        r"at most 1e\+15 in size, .*: entry \(4,\) is -1e\+285",
+    ),
+    (lambda: ShapingReward(lambda s, a, t: 2e285), r"at most 1e\+15 in size: it is 2e\+285 from"),
+    (lambda: cr.StateShaping(difference(ENDED)), "phi must be an array of numbers"),
+    (lambda: NOT_A_NUMBER, "must be finite: it is nan from state 0 .* by north to state 0"),
+    (lambda: ShapingReward(lambda s, a, t: np.zeros(2)), r"28 transitions: got \(2,\)"),
+]
+
+
+SHAPINGS = [
+    (lambda: cr.StateShaping(), "have a potential"),
+    (lambda: ENDED, "must be a shaping, such as StateShaping"),
+    (lambda: WeightTransfer(ENDED), "must be for tables"),
+    (lambda: ShapingReward(ENDED), "ShapingReward takes a function"),
+    (lambda: cr.StateShaping(cr.StatePotential(OTHER, [0, 0, 0])), "made for the task it shapes"),
+]
+
+
+SETTINGS = [
+    ({"shaping_discount": 2}, r"shaping_discount must lie in \[0, 1\]: got 2"),
+    ({"tolerance": -1}, "tolerance must be at least 0: got -1"),
+    ({"ends": "open"}, "ends must be one of zero, given: got 'open'"),
+    ({"method": "guess"}, "method must be one of auto, exact, sampled: got 'guess'"),
+    ({"steps": 0}, "steps to sample must be a whole number, at least 1: got 0"),
+    ({"seed": -1}, "seed must be a whole number"),
+]
+
+
+@pytest.mark.parametrize(("shaping", "says"), POTENTIALS)
+def test_bad_potentials_are_refused_in_one_sentence(shaping, says):
+    check_refusal(PotentialError, lambda: certify(MAZE, shaping()), says)
+
+
+@pytest.mark.parametrize(("shaping", "says"), SHAPINGS)
+def test_bad_shapings_are_refused_in_one_sentence(shaping, says):
+    check_refusal(SettingError, lambda: certify(MAZE, shaping()), says)
+
+
+@pytest.mark.parametrize(("settings", "says"), SETTINGS)
+def test_bad_settings_are_refused_in_one_sentence(settings, says):
+    check_refusal(SettingError, lambda: certify(MAZE, cr.StateShaping(ENDED), **settings), says)
+
+
+def test_bad_tasks_and_what_does_not_go_with_a_task_or_shaping_are_refused():
+    phi = cr.StateShaping(ENDED)
+    check_refusal(TaskError, lambda: certify(3, phi), "a task must be")
+    seen = cr.observation_task("CartPole-v1")
+    check_refusal(TaskError, lambda: certify(seen, phi), "a FiniteMDP .* got ObservationTask")
+    huge = cr.QInitialisation(np.full((8, 4), 1e308))
+    says = r"phi must be at most 1e\+15 in size, .*: entry \(0, 0\) is 1e\+308"
+    check_refusal(PotentialError, lambda: cr.learn(MAZE, budget=10, shaping=huge), says)
+    says = "must be finite: it is nan from state"
+    check_refusal(PotentialError, lambda: certify(LARGE, NOT_A_NUMBER, steps=5_000), says)
+    fades, says = cr.DecayingAdvice(PAIRS), "goes with StateShaping: got DecayingAdvice"
+    check_refusal(SettingError, lambda: certify(MAZE, fades, shaping_discount=0.9), says)
+    impatient, back = cr.GridWorld("ST", discount=0), cr.LookBackAdvice(np.zeros((2, 4)))
+    check_refusal(SettingError, lambda: certify(impatient, back), "must be positive: got 0")
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"length": 1, "starts": np.array([0])}, "starts must be as many as episodes, 2: got 1"),
+        ({"length": 0}, "length of a random rollout in steps must be"),
+    ],
+)
+def test_bad_rollouts_are_refused_in_one_sentence(settings, says):
+    check_refusal(SettingError, lambda: random_rollouts(MAZE, episodes=2, **settings), says)

@@ -7,8 +7,8 @@ from numba import njit
 import curricle as cr
 from curricle import Component, ComputedMDP, QLearning, Space, Storage
 from curricle.errors import TaskError
-from curricle.learning.potential_rollouts import greedy_rollouts
 from curricle.planning.rollouts import random_rollouts
+from curricle.transfer.rollouts import greedy_rollouts
 from tests.tasks import ring, ring_by_tables, ring_start, ring_step
 
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=5)

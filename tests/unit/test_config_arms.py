@@ -17,7 +17,7 @@ from curricle.study.config.merging import Positions, merged
 from curricle.study.config.reading import configured
 from curricle.study.config.study_config import json_schema
 from curricle.study.config.templates import KINDS, template
-from curricle.transfer import aggregation
+from curricle.transfer import aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
 
 # Seeds.

@@ -7,7 +7,7 @@ import curricle as cr
 from curricle import Pursuit, QInitialisation, compare
 from curricle.comparison.levels import Level, VisitedPairs
 from curricle.transfer import FunctionValues, ObservationMapping
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
 from tests.comparisons import ALL, HERE, MAZE, copied, corner, pursuit
 from tests.tasks import ring
 
@@ -197,7 +197,7 @@ def test_sparse_tables_are_sampled_and_a_constant_is_looked_up(calls):
     assert {type(one).__name__ for one in used} == {"MappedPotential"}
     for label, phi in zip(CONSTANTS, used[1:], strict=True):
         level = found[f"transfer, {label}"].level.mean
-        np.testing.assert_allclose(phi.rows(np.arange(9)), level, rtol=1e-12)
+        np.testing.assert_allclose(phi.pairs(np.arange(1, 9)), level, rtol=1e-12)
     sampled, all_of_them = VisitedPairs.of(plan), VisitedPairs.of(pursuit())
     assert (sampled.dense, all_of_them.dense) == (False, True)
     assert set(sampled.states.tolist()) <= set(all_of_them.states.tolist())

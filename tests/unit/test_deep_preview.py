@@ -167,7 +167,7 @@ def test_checking_needs_no_torch_and_says_what_does(tmp_path):
 
 
 def test_random_play_draws_from_the_space_alone():
-    from curricle.transfer.observation_rollouts import random_episodes
+    from curricle.transfer.rollouts import random_episodes
 
     car = cr.observation_task("MountainCarContinuous-v0", time_limit=5)
     state = gymnasium.make("CartPole-v1").action_space.sample()

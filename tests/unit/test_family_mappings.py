@@ -35,7 +35,6 @@ from curricle.transfer import (
     StateActionMapping,
     family_mappings,
     identity,
-    same_position,
 )
 from tests.refusals import check_refusal
 
@@ -220,28 +219,7 @@ def test_moves_keep_their_names_where_staying_is_no_move():
     assert names == [hunt.task.actions.label(action) for action in range(1, 5)]
 
 
-def test_a_smaller_pursuit_is_worth_reading():
-    """The values of a 3x3 pursuit order those of a 5x5 one; cells by label do not."""
-    hunt, small = pursuit_family(size=5, predators=1), pursuit_family(size=3, predators=1)
-    alive = ~hunt.task.terminal
-    own = solve(hunt.task).action_values[alive].ravel()
-
-    def correlation(mapping):
-        phi = np.nan_to_num(mapping.read(solve(small.task).action_values))[alive].ravel()
-        return np.corrcoef(phi, own)[0, 1]
-
-    (mapping,) = family_mappings(hunt, small)
-    assert correlation(mapping) > 0.8 > 0.3 > correlation(project(hunt.task, small.task))
-
-
 # -- mazes -----------------------------------------------------------------------------------------
-
-
-def test_mazes_map_cell_by_cell():
-    target, source = maze_family(size=7, seed=3), maze_family(size=4, seed=3, start="uniform")
-    (mapping,) = family_mappings(target, source)
-    assert (mapping.index == same_position(target.task, source.task).index).all()
-    assert mapping.coverage().mapped > 0.2
 
 
 # -- the families that come with the library -------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 
 import curricle as cr
 from curricle.planning import target as target_module
-from curricle.transfer.quality import potential_quality
+from curricle.transfer.rollouts import potential_quality
 from tests.tasks import predator_edges
 
 SUMMED = cr.GreedyEvaluation(discounted=False)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from curricle.study.arms import arms_from_json
-from curricle.transfer import UNMAPPED, found_mappings
+from curricle.transfer import UNMAPPED, search as found_mappings
 from tests.unit.test_resuming import again
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

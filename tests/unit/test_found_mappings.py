@@ -1,26 +1,34 @@
-"""The search for mappings: what is found, in which order, with which scores, what is refused."""
+"""Mappings that searches find: in which order, with which scores, and what each search refuses."""
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle.errors import MappingError, SettingError, TaskError
+from curricle import Transfer, read_study
+from curricle.errors import CurriculumError, MappingError, SettingError, TaskError
+from curricle.study.config.study_config import StudyConfig
 from curricle.transfer import (
+    UNMAPPED,
     Proposal,
+    StateActionMapping,
     TaskPair,
+    auto_mapping,
     by_homomorphism,
     find_mappings,
     find_projections,
+    fitted_unmapped_value,
     identity,
     score_mapping,
 )
-from curricle.transfer.edges import mapping_words, mappings_digest, numbered
-from curricle.transfer.mapping_scores import total_variation
+from curricle.transfer.bisimulation import levels, model_for_refinement, refined
 from curricle.transfer.observation_mapping import ObservationCoverage
-from curricle.transfer.partition_refinement import levels, model_for_refinement, refined
-from curricle.transfer.task_pair import SearchedMapping, search_steps
+from curricle.transfer.pair import sampled_tables, search_steps
+from curricle.transfer.scores import EXPECTILE, fitted_constant
+from curricle.transfer.transfer import mappings_digest, numbered, transfer_words
 from tests.refusals import check_refusal
-from tests.tasks import ring
+from tests.studies import CORNER
+from tests.tasks import mdps, ring, ring_by_tables
 
 MAZE = cr.GridWorld(["S..P", ".F..", "...T"], time_limit=50)
 
@@ -167,22 +175,19 @@ def test_states_that_behave_alike_are_one_block():
     assert levels(np.array([0.1 + 0.2, 0.3, 5.0])).tolist() == [0, 0, 1]
 
 
-def test_equal_outcomes_count_once_in_a_distance():
-    rows = [[1, 2]], [[0.5, 0.5]], [[2]], [[1.0]]
-    assert total_variation(*map(np.array, rows)).tolist() == [0.5]
-
-
 def test_a_search_of_two_tasks_is_charged_once():
     line = cr.GridWorld("ST")
     index = [[0, 1, 2, 3], [-2, -2, -2, -2]]
-    edge = cr.Transfer("a", "b", SearchedMapping(line, line, index, how="nearest pair", steps=50))
+    edge = cr.Transfer(
+        "a", "b", StateActionMapping(line, line, index, how="nearest pair", steps=50)
+    )
     assert search_steps([edge] * 2) == 50
-    assert mapping_words(edge) == "found: nearest pair"
+    assert edge.mapping.words == "found: nearest pair"
 
 
 def test_mappings_in_words_and_digests():
     chase = cr.project(cr.Pursuit(3, 2), cr.Pursuit(3, 1), predator="predator_2")
-    words = mapping_words(cr.Transfer("chase", "hunt", chase))
+    words = chase.words
     assert words == "predator is predator_2, prey by name"
     assert numbered(["a", "b", "a"]) == ["a [1]", "b", "a [2]"]
     line = cr.GridWorld("S.T")
@@ -192,3 +197,219 @@ def test_mappings_in_words_and_digests():
     covered = str(ObservationCoverage(200, 0.75, 0.0, 0.25, 0.5))
     assert covered.startswith("75.0% of the pairs of 200 observations mapped, 0.0% at the source's")
     assert covered.endswith("25.0% unmapped; 50.0% of the counterparts outside the source's space")
+
+
+MIRRORED_MAZE = cr.GridWorld([row[::-1] for row in MAZE.map], time_limit=50)
+
+
+def test_a_transfer_without_a_mapping_gets_the_best_and_says_so(capsys):
+    edge = Transfer("mirrored", "maze", scale=2)
+    made = cr.Curriculum({"maze": MAZE, "mirrored": MIRRORED_MAZE}, [edge], budget=100)
+    out = capsys.readouterr().out
+    assert out.startswith("mapping found for mirrored -> maze: exact homomorphism: 100%")
+    assert "regains 100%" in out
+    assert "\n  runner-up: " in out
+    (found,) = made.transfers
+    assert found.scale == 2
+    assert "found: exact homomorphism" in transfer_words(found)
+    assert (found.mapping.index == auto_mapping(MAZE, MIRRORED_MAZE).mapping.index).all()
+    made.train()
+    assert made.replace("maze", budget=50).transfers == made.transfers
+
+
+def test_a_transfer_that_is_not_in_a_curriculum_has_no_potential_yet():
+    with pytest.raises(CurriculumError, match="found when a curriculum is made"):
+        Transfer("a", "b").potential([[0.0]])
+
+
+def test_a_source_with_another_goal_is_refused_in_one_sentence():
+    other = cr.GridWorld(["T...", "....", "...S"], rewards=cr.Rewards(treasure=-50, step=1))
+    with pytest.raises(MappingError, match=r"the best that is found, .*, regains .*% and leaves"):
+        auto_mapping(MAZE, other)
+    with pytest.raises(CurriculumError, match="no mapping for other -> maze: a mapping is used"):
+        cr.Curriculum({"maze": MAZE, "other": other}, [Transfer("other", "maze")])
+
+
+def test_a_task_without_tables_is_refused():
+    edge = Transfer("ring", "maze")
+    with pytest.raises(CurriculumError, match="with tables: the source has none, find_mappings"):
+        cr.Curriculum({"maze": MAZE, "ring": ring()}, [edge])
+
+
+STUDY = """
+name = "mirror"
+[tasks.maze]
+type = "maze"
+map = "S..P\\n.F..\\n...T"
+budget = 100
+[tasks.mirrored]
+type = "maze"
+map = "P..S\\n..F.\\nT..."
+budget = 100
+[[transfers]]
+source = "mirrored"
+target = "maze"
+mapping = "auto"
+"""
+
+
+def test_a_study_file_finds_its_mapping(tmp_path, capsys):
+    path = tmp_path / "mirror.toml"
+    path.write_text(STUDY)
+    study = read_study(path)
+    (arm,) = study.arms
+    (edge,) = study.curriculum(arm).transfers
+    assert edge.mapping.how.startswith("exact homomorphism: 100%")
+    assert "mapping found for mirrored -> maze" in capsys.readouterr().out
+
+
+def test_tables_come_near_the_true_ones():
+    truth, found = ring_by_tables(), sampled_tables(ring(), 40_000)
+    assert found.steps == 40_000
+    assert found.tried.tolist() == (~truth.terminal).tolist()
+    np.testing.assert_array_equal(found.mdp.terminal, truth.terminal)
+    near = cr.solve(found.mdp).values - cr.solve(truth).values
+    assert abs(near).max() < 0.1
+    np.testing.assert_allclose(found.mdp.start, truth.start, atol=0.03)
+
+
+def test_a_pair_that_was_not_tried_is_not_judged():
+    found = sampled_tables(ring(), 3, seed=1)
+    tried = np.flatnonzero(found.tried)
+    assert len(tried) <= 1
+    assert found.mdp.probability.sum(axis=1) == pytest.approx(1)
+
+
+def test_the_mapping_of_a_task_that_is_only_played_is_found():
+    found = find_mappings(ring(), ring_by_tables(), samples=20_000)
+    assert found.steps == 20_000  # the source has tables
+    best = found[0]
+    assert best.how == "components by name"
+    assert best.scores.regained > 0.99
+    assert best.scores.dynamics_error < 0.03
+    assert np.isnan(best.bound)
+    assert best.mapping.steps == 20_000
+
+
+def test_the_steps_of_the_search_are_charged():
+    task, source = ring(), ring_by_tables()
+    mapping = find_mappings(task, source, samples=700)[0].mapping
+    edge = cr.Transfer("source", "ring", mapping)
+    budget = {"source": cr.StoppingRule(500), "ring": 2_000}
+    plan = cr.Curriculum({"source": source, "ring": task}, [edge], budget=budget)
+    result = plan.train(seeds=2, charge=True)
+    assert result.source_steps("ring").tolist() == [1_200, 1_200]
+    assert result["ring"].steps_used.tolist() == [800, 800]
+
+
+def test_what_cannot_be_sampled_is_refused():
+    with pytest.raises(TaskError, match="no state was met in which every action was tried"):
+        find_mappings(ring(), ring(), samples=1)
+    with pytest.raises(TaskError, match="estimated for up to 2,000,000 pairs"):
+        sampled_tables(cr.Pursuit(10, 3), 10)
+    with pytest.raises(SettingError, match="steps to sample must be a whole number, at least 1"):
+        sampled_tables(ring(), 0)
+
+
+COSTS = cr.Rewards(step=-1, treasure=0)
+
+
+LINE = cr.GridWorld("S.......T", rewards=COSTS, time_limit=50)
+
+
+END = LINE.crop(rows=(0, 1), columns=(5, 9))
+
+
+def without(task, states):
+    """Return the identity, these states left out."""
+    index = identity(task).index.copy()
+    index[states] = UNMAPPED
+    return StateActionMapping(task, task, index)
+
+
+def test_one_state_is_worth_its_step_into_what_is_known():
+    line = cr.GridWorld("S.T", rewards=COSTS)
+    known = cr.solve(line).values[1]
+    value = fitted_unmapped_value(without(line, [0]))
+    # u = -1 + gamma V(1) would leave no residual there; only state 1 pulls, and it has none either.
+    assert value == pytest.approx(-1 + line.discount * known)
+
+
+def test_it_lies_among_the_values_and_is_read_through_the_transfer():
+    mapping = cr.same_position(LINE, END)
+    values = cr.solve(LINE).values[:5]
+    assert values.min() < fitted_unmapped_value(mapping) < values.max()
+    mapping = cr.same_position(LINE, END)
+    doubled = fitted_unmapped_value(mapping, scale=2.0)
+    assert doubled < fitted_unmapped_value(mapping) - 1
+    assert fitted_unmapped_value(mapping, shift=-5.0) < fitted_unmapped_value(mapping) - 3
+
+
+def test_where_nothing_costs_or_leads_to_what_is_known_there_is_none():
+    paid = cr.GridWorld("S.......T", rewards=cr.Rewards(step=0, treasure=1))
+    end = paid.crop(rows=(0, 1), columns=(5, 9))
+    assert fitted_unmapped_value(cr.same_position(paid, end)) is None
+    assert fitted_unmapped_value(identity(LINE)) is None
+    parted = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, 1, -1.0)]], [[]], [[(1.0, 3, -1.0)]], [[]]],
+        terminal=[False, True, False, True], start=[0.5, 0, 0.5, 0], discount=0.9,
+    )  # fmt: skip
+    assert fitted_unmapped_value(without(parted, [0])) is None
+
+
+@given(st.lists(st.tuples(st.floats(-9, 9), st.floats(0.01, 1)), min_size=1, max_size=9))
+def test_the_expectile_of_the_residuals_is_zero(drawn):
+    stated, factor = np.array(drawn).T
+    constant = fitted_constant(stated, factor)
+    left = stated - factor * constant
+    weight = np.where(left > 0, EXPECTILE, 1 - EXPECTILE)
+    assert abs((weight * factor * left).sum()) < 1e-6
+
+
+@given(mdps(max_states=6), st.integers(0, 2**32 - 1))
+def test_it_is_within_what_can_be_earned(dense, seed):
+    task = dense.task()
+    left_out = np.random.default_rng(seed).random(task.states.size) < 0.5
+    tasks = TaskPair(task, task)
+    value = fitted_unmapped_value(without(task, left_out), tasks=tasks)
+    lowest = min(0.0, dense.r.min()) / (1 - tasks.target_mdp.discount)
+    assert value is None or lowest - 1e-9 <= value < 0
+
+
+def test_auto_states_it_unless_it_is_told_not_to():
+    found = auto_mapping(LINE, END)
+    unfitted = auto_mapping(LINE, END, fit_unmapped=False)
+    assert found.mapping.unmapped_value == fitted_unmapped_value(unfitted.mapping)
+    assert auto_mapping(LINE, END, fit_unmapped=False).mapping.unmapped_value is None
+    assert auto_mapping(LINE, END, unmapped_value=-1.0).mapping.unmapped_value == -1
+
+
+def curriculum_of(*transfers, **settings):
+    return cr.Curriculum({"end": END, "line": LINE}, transfers, budget=100, **settings)
+
+
+def test_a_curriculum_states_it_where_one_transfer_says_all():
+    auto = cr.Transfer("end", "line")
+    (edge,) = curriculum_of(auto).transfers
+    assert edge.mapping.unmapped_value < -3
+    (scaled,) = curriculum_of(cr.Transfer("end", "line", scale=2.0)).transfers
+    assert scaled.mapping.unmapped_value < edge.mapping.unmapped_value - 1
+    one, _ = curriculum_of(auto, cr.Transfer("end", "line", cr.same_position(LINE, END))).transfers
+    assert one.mapping.unmapped_value is None  # which an aggregate skips
+    for stated in (-2.0, 0.0, {"line": 0.0}):  # 0 is the default
+        (edge,) = curriculum_of(auto, unknown_value=stated).transfers
+        assert edge.mapping.unmapped_value is None
+    (edge,) = curriculum_of(auto, unknown_value={"end": 0.0}).transfers
+    assert edge.mapping.unmapped_value < -3
+    assert curriculum_of(auto).setting("unknown_value", "line") == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "stated"),
+    [([], True), (["unknown_value=-2.0"], False), (["unknown_value=0.0"], False)],
+)
+def test_a_study_states_it_as_a_curriculum_does(read, tmp_path, more, stated):
+    costs = "tasks.maze.rewards={ step = -1.0, treasure = 0.0 }"
+    study = read(CORNER, set=["transfers.0.mapping=auto", costs, *more])
+    (edge,) = StudyConfig.from_data(study.to_data(), tmp_path).curriculum("transfer").transfers
+    assert (edge.mapping.unmapped_value is not None) is stated

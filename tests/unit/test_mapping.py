@@ -1,32 +1,41 @@
-"""Mappings between tasks, by hand: source pairs, unmapped pairs, coverage, and the edge."""
+"""Mappings between tasks: source pairs, unmapped pairs, coverage, the identity; refusals."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+import curricle as cr
 from curricle import (
-    Component,
     CurricleError,
+    Curriculum,
     FiniteMDP,
     GridWorld,
     Pursuit,
-    Space,
     Transfer,
     from_function,
+    learn,
     project,
     same_position,
 )
-from curricle.errors import MappingError
+from curricle.errors import CurriculumError, MappingError
+from curricle.interop.gymnasium import observation_task
 from curricle.transfer import (
     ENDED,
     UNMAPPED,
+    FunctionValues,
+    ObservationMapping,
+    ObservationPotential,
     StateActionMapping,
     compose,
     identity,
     relative_objects,
 )
-from curricle.transfer.mapping import Coverage
+from tests.refusals import check_refusal
+from tests.studies import CORNER, only
 
 LINE = GridWorld("S..T")
+
+
 END = LINE.crop(rows=(0, 1), columns=(2, 4))
 
 
@@ -34,9 +43,6 @@ def source_states(mapping):
     """The source state each target state reads its first action from, or UNMAPPED or ENDED."""
     first = mapping.index[:, 0]
     return np.where(first >= 0, first // mapping.source.actions.size, first).tolist()
-
-
-# -- identity and same_position ------------------------------------------------------------------
 
 
 def test_same_position_by_hand():
@@ -49,51 +55,6 @@ def test_same_position_by_hand():
     deadly, mild = GridWorld("SPT"), GridWorld("SPT", ends=("treasure",))
     assert source_states(same_position(mild, deadly)) == [0, ENDED, ENDED]
     assert source_states(same_position(deadly, mild)) == [0, ENDED, ENDED]
-
-
-# -- project -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["predator_1", "predator_2"])
-def test_project_reads_one_predator_of_two(name):
-    hunt, chase = Pursuit(size=2, predators=2), Pursuit(size=2, predators=1)
-    mapping = project(hunt, chase, predator=name)
-    where, move = hunt.states.decode(), hunt.actions.decode()
-    for s in range(hunt.states.size):
-        for a in range(hunt.actions.size):
-            pair = chase.states.encode(prey=where["prey"][s], predator=where[name][s]) * 5
-            pair += move[name][a]
-            touching = where[name][s] == where["prey"][s]
-            assert mapping.index[s, a] == (ENDED if touching else pair)
-
-
-def test_project_matches_cells_by_their_labels_across_grid_sizes():
-    big, small = Pursuit(size=3, predators=1), Pursuit(size=2, predators=1)
-    mapping = project(big, small)
-    inside = big.states.encode(prey=4, predator=1)  # (1,1) and (0,1)
-    outside = big.states.encode(prey=4, predator=2)  # (0,2) is not on the small grid
-    assert mapping.index[inside, 0] == small.states.encode(prey=3, predator=1) * 5
-    assert (mapping.index[outside] == UNMAPPED).all()
-
-
-def test_project_without_labels_or_with_other_moves():
-    five, four = Pursuit(size=2, predators=1), Pursuit(size=2, predators=1, moves=4)
-    state = five.states.encode(prey=0, predator=1)
-    assert project(five, four).index[state].tolist() == [UNMAPPED, *range(4 * state, 4 * state + 4)]
-    assert project(four, five).index[state].tolist() == list(range(5 * state + 1, 5 * state + 5))
-    assert project(plain(4), plain(2, low=1)).index[:, 0].tolist() == [UNMAPPED, 0, 1, UNMAPPED]
-    assert project(plain(2), plain(2, "other"), other="state").index[:, 0].tolist() == [0, 1]
-
-
-def plain(n, name="state", low=0):
-    moves = Space([Component("action", 1)])
-    return FiniteMDP.from_dense(
-        np.eye(n)[:, None, :], np.zeros(n), terminal=np.zeros(n, bool), start=0, discount=0.5,
-        states=Space([Component(name, n, low=low)]), actions=moves,
-    )  # fmt: skip
-
-
-# -- relative_objects ----------------------------------------------------------------------------
 
 
 def test_relative_objects_by_hand():
@@ -118,9 +79,6 @@ def test_relative_objects_takes_the_smallest_shift_that_maps_a_cell():
     wide = GridWorld("S.T..", ends=())
     # Shift -2 maps columns 0, 1, 2 and comes first; shift 0 adds 3 and 4.
     assert source_states(relative_objects(both, wide)) == [2, 3, 4, 3, 4]
-
-
-# -- from_function -------------------------------------------------------------------------------
 
 
 def test_from_function_gets_broadcastable_components():
@@ -159,21 +117,6 @@ def test_a_function_that_asks_for_an_unknown_component_is_told_those_there_are()
         project(LINE, END, x="row")
 
 
-# -- compose -------------------------------------------------------------------------------------
-
-
-def test_compose_maps_through_the_middle_task():
-    middle = GridWorld("S..T").crop(rows=(0, 1), columns=(1, 4))
-    both = compose(same_position(LINE, middle), same_position(middle, END))
-    assert source_states(both) == [UNMAPPED, UNMAPPED, 0, ENDED]
-    assert (both.target, both.source) == (LINE, END)
-    first = same_position(LINE, END, unmapped_value=-3)
-    assert compose(first, identity(END)).read(np.ones((2, 4)))[0].tolist() == [-3] * 4
-
-
-# -- reading and coverage ------------------------------------------------------------------------
-
-
 def test_reading_by_hand():
     q = np.arange(8.0).reshape(2, 4) + 10
     read = same_position(LINE, END, unmapped_value=-7).read(q)
@@ -191,23 +134,272 @@ def test_rows_of_terminal_target_states_do_not_count():
     assert index[3].tolist() == [999] * 4
 
 
-def test_coverage_counts_by_hand():
-    index = np.full((4, 4), UNMAPPED)
-    index[0] = [0, 0, 1, ENDED]
-    index[3] = ENDED  # terminal: not counted
-    assert StateActionMapping(LINE, END, index).coverage() == Coverage(
-        target_pairs=12, mapped=3 / 12, ended=1 / 12, unmapped=8 / 12,
-        source_pairs=4, never_used=2, most_readers=2, mean_readers=1.5,
-    )  # fmt: skip
+def chain(n=3, name="place", low=0, labels=("left", "right"), points=None):
+    """A chain whose states have a name; entering the last one ends the episode."""
+    states = cr.Space([cr.Component(name, n, low)], points)
+    size = states.size
+    outcomes = [[[(1.0, min(s + 1, size - 1), -1.0)]] * 2 for s in range(size)]
+    terminal = np.arange(size) == size - 1
+    actions = cr.Space([cr.Component("move", 2, labels=labels)])
+    return FiniteMDP.from_outcomes(
+        outcomes, terminal=terminal, start=0, discount=0.9, states=states, actions=actions
+    )
 
 
-# -- the edge ------------------------------------------------------------------------------------
+def test_each_pair_reads_the_same_pair_whatever_names_are():
+    target, source = chain(), chain(name="cell")
+    mapping = identity(target, source)
+    assert mapping.target is target
+    assert mapping.source is source
+    assert mapping.index.tolist() == [[0, 1], [2, 3], [cr.transfer.ENDED, cr.transfer.ENDED]]
 
 
-def test_scale_and_shift_apply_to_mapped_pairs_only():
-    mapping = same_position(LINE, END, unmapped_value=-7)
-    phi = Transfer("end", "line", mapping, scale=2, shift=-1).potential(np.full((2, 4), 5.0))
-    assert phi[:3, 0].tolist() == [-7, -7, 9]
-    deadly, mild = GridWorld("SPT"), GridWorld("SPT", ends=("treasure",))
-    edge = Transfer("deadly", "mild", same_position(mild, deadly), scale=2, shift=3)
-    assert edge.potential(np.full((3, 4), 5.0))[:2, 0].tolist() == [13, 3]
+def test_the_end_of_the_source_has_value_0():
+    target, source = cr.GridWorld("S.PT", ends=["treasure"]), cr.GridWorld("S.PT")
+    assert identity(target, source).index[2].tolist() == [cr.transfer.ENDED] * 4
+
+
+def test_live_tasks_and_tables_may_be_mixed():
+    lake = {live: cr.from_gymnasium("FrozenLake-v1", discount=0.9, live=live) for live in (0, 1)}
+    assert identity(lake[1], lake[0]).coverage().ended > 0
+    assert identity(lake[0], lake[1]).coverage().mapped == 1
+
+
+WRONG = {
+    "components": (
+        lambda: (cr.Pursuit(3, 2), cr.Pursuit(3, 1)),
+        "the target's states have prey, predator_1, predator_2, the source's prey, predator; ",
+    ),
+    "sizes": (lambda: (chain(4), chain()), r"states have place\[4\], the source's place\[3\]; "),
+    "ranges": (lambda: (chain(low=1), chain()), r"place\[3 from 1\], the source's place\[3\]; "),
+    "points": (
+        lambda: (cr.GridWorld("S#.T"), cr.GridWorld("S.#T")),
+        "states of row, column are 3 in the target and 3 in the source, not the same ones in the",
+    ),
+    "order of actions": (
+        lambda: (chain(), chain(labels=("right", "left"))),
+        "values of move are left, right in the target and right, left in the source; ",
+    ),
+    "observations": (
+        lambda: (cr.observation_task("MountainCar-v0"), cr.observation_task("CartPole-v1")),
+        r"target's observations are Box\(\[-1.2  -0.07\].*, the source's Box\(.*; a function of",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_shapes_that_differ_are_told(name):
+    make, sentence = WRONG[name]
+    with pytest.raises(MappingError, match=sentence):
+        identity(*make())
+
+
+def test_observations_of_one_shape_are_left_as_they_are():
+    slow, fast = (cr.observation_task("MountainCar-v0", goal_velocity=v) for v in (0, 0.01))
+    mapping = identity(fast, slow)
+    assert mapping.is_identity
+    assert mapping.source == slow
+    assert identity(slow).target == slow
+
+
+def test_dicts_of_observations_must_have_the_same_keys():
+    def boxes(**parts):
+        return cr.observation_task(lambda: Shown(gym.spaces.Dict(parts)))
+
+    box = gym.spaces.Box(0, 1, (2,))
+    assert identity(boxes(a=box), boxes(a=gym.spaces.Box(0, 5, (2,)))).is_identity
+    with pytest.raises(MappingError, match="identity needs tasks of one shape"):
+        identity(boxes(a=box), boxes(b=box))
+
+
+class Shown(gym.Env):
+    """Only its spaces are looked at."""
+
+    def __init__(self, space):
+        self.observation_space, self.action_space = space, gym.spaces.Discrete(2)
+
+
+FIVE = cr.GridWorld("S...T")
+
+
+LAST_THREE = FIVE.crop(rows=(0, 1), columns=(2, 5))
+
+
+VALUES = {"end": np.full((1, 3, 4), -4.0), "line": np.full((1, 5, 4), -2.0)}
+
+
+def curriculum(unmapped_value=None, **settings):
+    """Return two sources of `far`: one knows its end, the other all of it."""
+    mapping = cr.same_position(FIVE, LAST_THREE, unmapped_value=unmapped_value)
+    return cr.Curriculum(
+        {"end": LAST_THREE, "line": FIVE, "far": FIVE},
+        [
+            cr.Transfer("end", "far", mapping),
+            cr.Transfer("line", "far", cr.transfer.identity(FIVE)),
+        ],
+        **settings,
+    )
+
+
+def potential(plan, sources=("end", "line")):
+    learnt = {
+        name: cr.curriculum.SourceValues(plan.tasks[name], (0,), VALUES[name], np.array([0]))
+        for name in sources
+    }
+    edges = [edge for edge in plan.in_edges("far") if edge.source in sources]
+    (phi,) = plan.potentials("far", learnt, transfers=edges)
+    return phi.values[:, 0].tolist()
+
+
+@pytest.mark.parametrize(
+    ("aggregate", "skipped", "as_published"),
+    [
+        (cr.mean, [-2, -2, -3, -3, 0], [-1, -1, -3, -3, 0]),
+        (cr.minimum, [-2, -2, -4, -4, 0], [-2, -2, -4, -4, 0]),
+        (cr.maximum, [-2, -2, -2, -2, 0], [0, 0, -2, -2, 0]),
+        (cr.total, [-2, -2, -6, -6, 0], [-2, -2, -6, -6, 0]),
+    ],
+)
+def test_an_unmapped_pair_is_skipped_or_a_vote_for_the_value_stated(
+    aggregate, skipped, as_published
+):
+    assert potential(curriculum(aggregate=aggregate)) == skipped
+    assert potential(curriculum(0.0, aggregate=aggregate)) == as_published
+
+
+def test_one_value_stands_where_no_source_knows_anything():
+    assert potential(curriculum(), ["end"]) == [0, 0, -4, -4, 0]
+    for value in (-9.0, {"far": -9}):
+        plan = curriculum(unknown_value=value)
+        assert potential(plan, ["end"]) == [-9, -9, -4, -4, 0]  # and 0 where the episode has ended
+        assert potential(plan) == [-2, -2, -3, -3, 0]
+    with pytest.raises(CurriculumError, match="unknown_value of far must be finite: got nan"):
+        curriculum(unknown_value={"far": np.nan})
+    with pytest.raises(MappingError, match="unmapped_value must be finite: got inf"):
+        curriculum(np.inf)
+
+
+def test_a_users_aggregate_skips_or_has_the_values_stated():
+    def median(potentials):
+        return np.median(potentials, axis=0)
+
+    with pytest.raises(CurriculumError, match=r"must skip NaN.*median returned nan at state 0"):
+        potential(curriculum(aggregate=median))
+    assert potential(curriculum(0.0, aggregate=median)) == [-1, -1, -3, -3, 0]
+
+
+def test_a_study_file_states_either(read):
+    plan = only(read(CORNER))
+    assert plan.transfers[0].mapping.unmapped_value is None
+    assert plan.setting("unknown_value", "maze") == 0
+    as_published = only(read(CORNER + "unmapped_value = 0\n"))
+    assert as_published.transfers[0].mapping.unmapped_value == 0
+    plan = only(read(CORNER, set=["tasks.maze.unknown_value=-9"]))
+    assert plan.setting("unknown_value", "maze") == -9
+
+
+def test_observations_without_counterpart_are_skipped_too():
+    car = observation_task("MountainCar-v0")
+    speed = FunctionValues(state_values=lambda cars: cars[:, 1])
+    everywhere = ObservationMapping(car, car)
+    to_the_left = ObservationMapping(car, car, status=lambda cars: cars[:, 0] < 0)
+    to_the_right = ObservationMapping(car, car, status=lambda cars: cars[:, 0] > 0.25)
+
+    def phi(*mappings, **settings):
+        edges = [
+            cr.Transfer("source", "car", mapping, scale=10.0**i)
+            for i, mapping in enumerate(mappings)
+        ]
+        potential = ObservationPotential(car, edges, [speed] * len(edges), **settings)
+        return potential.v(np.array([[-1.0, 1.0], [0.125, 1.0], [0.5, 1.0]])).tolist()
+
+    assert phi(everywhere, to_the_left) == [5.5, 1, 1]
+    assert phi(to_the_left, to_the_right, function=cr.maximum) == [1, 0, 10]
+    assert phi(to_the_left, unknown_value=-3.0) == [1, -3, -3]
+    assert phi(to_the_left, unknown_value=-3.0, scale=2.0, shift=1.0) == [3, -5, -5]
+
+
+ROW = GridWorld("S.T")
+
+
+HUNT, CHASE = Pursuit(size=2, predators=2), Pursuit(size=2, predators=1)
+
+
+FIRST = project(HUNT, CHASE, predator="predator_1")
+
+
+INDEX = identity(ROW).index
+
+
+def pursuits(**changes):
+    settings = {"tasks": {"chase": CHASE, "hunt": HUNT}, "budget": 50}
+    settings["transfers"] = [Transfer("chase", "hunt", FIRST)]
+    return Curriculum(**(settings | changes))
+
+
+def around(*names):
+    """A pursuits of one task under several names, each the source of the next, in a ring."""
+    here = identity(ROW)
+    edges = [Transfer(s, t, here) for s, t in zip(names, names[1:] + names[:1], strict=True)]
+    return Curriculum(dict.fromkeys(names, ROW), edges)
+
+
+MAPPINGS = [
+    (lambda: StateActionMapping(ROW, ROW, INDEX[:2]), r"\(3, 4\): got int64 of shape \(2, 4\)"),
+    (lambda: StateActionMapping(ROW, ROW, INDEX * 1.0), "integer array .*got float64"),
+    (lambda: StateActionMapping(ROW, ROW, np.where(INDEX == 5, 12, INDEX)), r"action 1 has 12"),
+    (
+        lambda: StateActionMapping(ROW, ROW, np.where(INDEX == 2, -3, INDEX)),
+        "0, action 2 has -3",
+    ),
+    (lambda: StateActionMapping(ROW, ROW, np.where(INDEX == 4, 8, INDEX)), "at source state 2"),
+    (lambda: identity(ROW).read(np.ones((4, 3))), r"\(3, 4\): got \(4, 3\)"),
+    (lambda: same_position(ROW, CHASE), "GridWorld: the source is Pursuit"),
+    (lambda: project(HUNT, CHASE), "must be read .*prey, predator_1, predator_2.*got 'predator'"),
+    (lambda: from_function(ROW, ROW, lambda s, a: ({"row": s["row"]}, a)), "column: got row"),
+    (
+        lambda: from_function(cr.Pursuit(10, predators=3), ROW, lambda s, a: (s, a)),
+        "lists all pairs of the target, at most 1,000,000,000: it has 12,500,000,000",
+    ),
+    (lambda: compose(identity(ROW), FIRST), "source to be the second's"),
+]
+
+
+CURRICULA = [
+    (lambda: Curriculum({}), "at least one task"),
+    (lambda: pursuits(transfers=[Transfer("x", "hunt", FIRST)]), "one of chase, hunt: got 'x'"),
+    (lambda: pursuits(transfers=[Transfer("hunt", "chase", FIRST)]), "'hunt' in hunt -> chase"),
+    (lambda: around("a", "b", "c"), "cycle: (a -> b -> c -> a|b -> c -> a -> b|c -> a -> b -> c)$"),
+    (lambda: pursuits(budget={"x": 9}), "budget .*chase, hunt: got 'x'"),
+    (
+        lambda: Transfer("chase", "hunt", FIRST, scale=np.nan),
+        "chase -> hunt must be finite: got nan",
+    ),
+    (lambda: pursuits().train(trained={"hunt": learn(CHASE, budget=9)}), "'hunt' does not"),
+    (
+        lambda: pursuits().train(2, trained={"chase": learn(CHASE, budget=9)}),
+        r"seeds asked for, \(0, 1\): 'chase' has \(0,\)",
+    ),
+    (lambda: pursuits().train()["x"], "one of chase, hunt: got 'x'"),
+]
+
+
+@pytest.mark.parametrize(("call", "says"), MAPPINGS)
+def test_bad_mappings_are_refused_in_one_sentence(call, says):
+    check_refusal(MappingError, call, says)
+
+
+@pytest.mark.parametrize(("call", "says"), CURRICULA)
+def test_bad_curricula_are_refused_in_one_sentence(call, says):
+    check_refusal(CurriculumError, call, says)
+
+
+@pytest.mark.parametrize("wrong", [{"seeds": []}, {"seeds": 2, "trained": "other seeds"}])
+def test_a_refused_curriculum_trains_nothing(wrong):
+    seen, kept = [], {"chase": learn(CHASE, budget=9)}
+    if "trained" in wrong:
+        wrong = wrong | {"trained": kept}
+    with pytest.raises(cr.CurricleError):
+        pursuits().train(**wrong, progress=seen.append)
+    assert seen == []
+    assert set(kept) == {"chase"}

@@ -1,27 +1,86 @@
-"""Potentials: zero at the end, frames in time, shaping rewards by hand."""
+"""Potentials and aggregates of several: by hand, and how far they are from the truth."""
 
 import numpy as np
 import pytest
 
-from curricle import GridWorld, StateActionPotential, StatePotential
-from curricle.errors import PotentialError
+import curricle as cr
+from curricle import GridWorld, StateActionPotential, StatePotential, maximum, mean, minimum, total
+from curricle.errors import CurriculumError, PotentialError
 from curricle.learning import linear
-from tests.tasks import ring, ring_by_tables
+from curricle.planning import Target, target as target_module
+from curricle.tasks.mdp import reachable_states
+from curricle.transfer import rollouts as quality
+from curricle.transfer.aggregate import aggregate
+from curricle.transfer.rollouts import potential_quality
+from tests.tasks import dense_of, ring, ring_by_tables
 
-MAZE = GridWorld("S.T", discount=0.5)
+THREE = np.array([[[1.0, 5.0]], [[3.0, -2.0]], [[2.0, 0.0]]])
+
+
+def test_any_function_of_the_right_shape_is_an_aggregate():
+    assert aggregate(lambda phi: np.median(phi, axis=0), THREE).tolist() == [[2, 0]]
+    assert aggregate(lambda phi: [[1, 2]], THREE).dtype == np.float64
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_an_aggregate_must_be_finite(value):
+    def broken(phi):
+        return np.where([[False, True]], value, phi[0])
+
+    with pytest.raises(CurriculumError, match=r"finite.*broken returned .* at state 0, action 1"):
+        aggregate(broken, THREE)
+
+
+def test_an_aggregate_must_have_the_targets_shape():
+    with pytest.raises(CurriculumError, match=r"shape \(1, 2\): <lambda> returned \(3, 1, 2\)"):
+        aggregate(lambda phi: phi, THREE)
+
+
+UNKNOWN = np.array([[[np.nan, 5.0, np.nan]], [[3.0, -2.0, np.nan]], [[2.0, np.nan, np.nan]]])
+
+
+@pytest.mark.parametrize(
+    ("function", "expected"),
+    [
+        (maximum, [3, 5, -9]),
+        (mean, [2.5, 1.5, -9]),
+        (minimum, [2, -2, -9]),
+        (total, [5, 3, -9]),
+        (lambda phi: np.nanmedian(phi, axis=0), [2.5, 1.5, -9]),
+    ],
+)
+def test_a_source_that_knows_nothing_is_skipped(function, expected):
+    assert aggregate(function, UNKNOWN, -9.0).tolist() == [expected]
+    assert aggregate(function, UNKNOWN).tolist() == [[*expected[:2], 0]]
+
+
+def test_no_aggregate_is_asked_of_pairs_that_no_source_knows():
+    """nanargmax raises there, and nanmean warns."""
+    chosen = []
+
+    def most_optimistic(phi):
+        chosen.append(np.nanargmax(phi, axis=0))
+        return np.nanmax(phi, axis=0)
+
+    assert aggregate(most_optimistic, UNKNOWN).tolist() == [[3, 5, 0]]
+    assert aggregate(lambda phi: np.nanmean(phi, axis=0), UNKNOWN).tolist() == [[2.5, 1.5, 0]]
+    assert chosen[0][0, :2].tolist() == [1, 0]
+
+
+LINE_OF_3 = GridWorld("S.T", discount=0.5)
 
 
 def test_the_shaping_reward_is_the_discounted_difference():
-    phi = StatePotential(MAZE, [4, 6, 9])
+    phi = StatePotential(LINE_OF_3, [4, 6, 9])
     assert phi.shaping_reward(0, 1) == 0.5 * 6 - 4
     assert phi.shaping_reward([0, 1], [0, 2]).tolist() == [0.5 * 4 - 4, -6]
 
 
 def test_frames_and_weights_change_with_time():
-    phi = StatePotential(MAZE, [[1, 1, 0], [8, 8, 0]], frame_steps=(0, 10))
+    phi = StatePotential(LINE_OF_3, [[1, 1, 0], [8, 8, 0]], frame_steps=(0, 10))
     assert [phi.at(t)[0] for t in (0, 9, 10, 99)] == [1, 1, 8, 8]
     assert phi.shaping_reward(0, 1, step=9) == 0.5 * 8 - 1
-    phi = StatePotential(MAZE, [4, 4, 0], weight=linear(1, 0, steps=4))
+    phi = StatePotential(LINE_OF_3, [4, 4, 0], weight=linear(1, 0, steps=4))
     assert phi.at(1).tolist() == [3, 3, 0]
     assert phi.shaping_reward(0, 1, step=1) == 0.5 * 2 - 3
 
@@ -42,6 +101,245 @@ def test_where_only_steps_tell_the_ends_they_must_be_given():
 
 
 def test_the_state_potential_of_a_pair_potential_is_its_maximum():
-    phi = StateActionPotential(MAZE, [[1, -5, 2, 0], [-3, -1, -2, -9], [7] * 4])
+    phi = StateActionPotential(LINE_OF_3, [[1, -5, 2, 0], [-3, -1, -2, -9], [7] * 4])
     state = phi.to_state()
     assert state.values.tolist() == [[2, -1, 0]]
+
+
+LINE = cr.GridWorld("S.T", discount=0.5)  # Q* = 98.5 and 199 to the east
+
+
+MAZE = cr.GridWorld(["F..T", ".P..", "S..#"], discount=0.9, time_limit=30)
+
+
+def random_task(seed, *, n_states=8, n_actions=3, discount=0.9, time_limit=20):
+    """Return a task with rewards of both signs, the last two states terminal, few successors."""
+    rng = np.random.default_rng(seed)
+    p = rng.dirichlet(np.full(n_states, 0.3), size=(n_states, n_actions))
+    return cr.FiniteMDP.from_dense(
+        np.where(p < 0.05, 0.0, p) / np.where(p < 0.05, 0.0, p).sum(axis=2, keepdims=True),
+        rng.normal(-0.5, 1.0, size=p.shape),
+        terminal=np.arange(n_states) >= n_states - 2,
+        start=[0.5, 0.5] + [0.0] * (n_states - 2),
+        discount=discount,
+        time_limit=time_limit,
+    )
+
+
+def random_potential(task, seed):
+    shape = task.mdp.outcome_row.shape
+    return cr.StateActionPotential(task, np.random.default_rng([seed, 1]).normal(size=shape))
+
+
+def optimum(task, shift=0.0):
+    return cr.StateActionPotential(task, cr.solve(task, tolerance=1e-6).action_values + shift)
+
+
+def naive_optimum(mdp):
+    """Return Q* by value iteration; 400 sweeps at discount 0.9 leave 5e-19 of the start."""
+    p, r = dense_of(mdp)
+    q = r
+    for _ in range(400):
+        q = r + mdp.discount * p @ q.max(axis=1)
+    return q
+
+
+def naive_quality(phi, mdp):
+    """Return optimistic, excess, size, right, and the largest underestimate and its state."""
+    q = naive_optimum(mdp)
+    optimal = q > q.max(axis=1, keepdims=True) - 1e-6
+    above, excess, size, right, alive = 0, 0.0, 0.0, 0, 0
+    for s in np.flatnonzero(~mdp.terminal):
+        alive += 1
+        size += abs(q[s].max())
+        right += all(optimal[s, a] for a in range(q.shape[1]) if phi[s, a] == phi[s].max())
+        for a in range(q.shape[1]):
+            above += phi[s, a] > q[s, a] + 1e-6
+            excess += phi[s, a] - q[s, a]
+    visited = reachable_states(mdp, optimal)
+    worst = (0.0, -1)
+    for s in np.flatnonzero(visited & ~mdp.terminal):
+        below = min(q[s].max(), 0.0) - phi[s].max()
+        if below > worst[0]:
+            worst = (below, s)
+    pairs = alive * q.shape[1]
+    return above / pairs, excess / pairs, size / alive, right / alive, *worst
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_every_measure_agrees_with_a_plain_loop(seed):
+    task = random_task(seed) if seed else MAZE
+    phi = random_potential(task, seed)
+    if seed % 2:
+        phi = phi.rescaled(1.0, -2.0)
+    found = potential_quality(phi, Target.of(task))
+    optimistic, excess, size, right, below, where = naive_quality(phi.values, task.mdp)
+    assert found.exact
+    assert (found.optimistic, found.greedy_agreement, found.most_underestimated_state) == (
+        optimistic,
+        right,
+        where,
+    )
+    # Both Q* are within the tolerance that a target is solved to, 1e-6, of the truth.
+    assert (found.excess, found.mean_absolute_value, found.largest_underestimate) == pytest.approx(
+        (excess, size, below), abs=2e-6
+    )
+
+
+def test_an_underestimate_counts_only_where_optimal_policies_lead():
+    """A cell off the way does not count; of two cells on the way the worse one is named."""
+    maze = cr.GridWorld(["...", "S.T"], discount=0.5)
+    target = Target.of(maze)
+    q = target.solution.action_values.copy()
+    q[0] = -1000.0
+    assert potential_quality(cr.StateActionPotential(maze, q), target).largest_underestimate == 0.0
+    q[3:5] = [[-40.0], [-50.0]]  # worth 98.5 and 199, but only values below 0 count
+    found = potential_quality(cr.StateActionPotential(maze, q), target)
+    assert (found.largest_underestimate, found.most_underestimated_state) == (50.0, 4)
+
+
+def test_an_underestimate_must_be_below_zero_too():
+    """Where the truth is 98.5, values of 10 and 0 do not count; -10 does."""
+    for value, expected in ((10.0, 0.0), (0.0, 0.0), (-10.0, 10.0)):
+        phi = cr.StateActionPotential(LINE, np.full((3, 4), value))
+        assert potential_quality(phi, Target.of(LINE)).largest_underestimate == expected
+
+
+@pytest.mark.parametrize("task", [LINE, MAZE, cr.Pursuit(3, 2), *map(random_task, range(20))])
+def test_the_optimum_has_no_error(task):
+    target = Target.of(task)
+    phi = cr.StateActionPotential(task, target.solution.action_values)
+    found = potential_quality(phi, target)
+    assert (found.optimistic, found.excess) == (0.0, 0.0)
+    assert (found.greedy_agreement, found.largest_underestimate) == (1.0, 0.0)
+    assert found.rank == pytest.approx(1.0)
+    assert found.most_underestimated_state == -1
+    assert found.start == pytest.approx(target.optimum)
+
+
+def test_a_difference_within_the_proven_error_is_not_optimistic():
+    target = Target.of(MAZE)
+    error = target.solution.error_bound
+    assert 0 < error <= 1e-6
+    values = target.solution.action_values
+    for shift, share in ((error / 2, 0.0), (error * 2 + 1e-9, 1.0)):
+        found = potential_quality(cr.StateActionPotential(MAZE, values + shift), target)
+        assert found.optimistic == share
+
+
+def test_optimum_and_random_return_of_a_target():
+    """Of the line: the first cell is worth 98.5 at best and x at random, the second y."""
+    target = Target.of(LINE)
+    assert target.optimum == 98.5
+    # x = -1 + (3 x + y) / 8, y = (199 - 3) / 4 + (x + 2 y) / 8
+    x, _ = np.linalg.solve([[5 / 8, -1 / 8], [-1 / 8, 6 / 8]], [-1.0, 49.0])
+    assert target.random_return == pytest.approx(x)
+    assert target.typical_reward == 1.0  # cells pay -1, -1 and 199
+
+
+def test_the_typical_reward_is_the_median_of_those_not_0():
+    outcomes = [[[(0.5, 0, 0.0), (0.5, 0, -2.0)], [(0.5, 0, 4.0), (0.5, 0, 7.0)]]]
+    task = cr.FiniteMDP.from_outcomes(outcomes, start=0, discount=0.5, terminal=[False])
+    assert Target.of(task).typical_reward == 4.0
+    idle = cr.FiniteMDP.from_outcomes([[[(1.0, 0, 0.0)]]], start=0, discount=0.5, terminal=[False])
+    assert Target.of(idle).typical_reward == 1.0
+
+
+def naive_rank(phi, target):
+    """Return Pearson's correlation of the mean ranks."""
+    alive = ~target.task.mdp.terminal
+    each = [phi.values[alive].ravel(), target.solution.action_values[alive].ravel()]
+    ranks = [np.searchsorted(np.sort(x), x) + np.searchsorted(np.sort(x), x, "right") for x in each]
+    return np.corrcoef(ranks)[0, 1]
+
+
+@pytest.mark.parametrize("levels", [2, 5, 1000])
+@pytest.mark.parametrize("task", [MAZE, random_task(3)])
+def test_ranks_with_ties(task, levels):
+    """With 2 levels nearly all of phi is tied; in the maze Q* has ties of its own."""
+    target = Target.of(task)
+    rng = np.random.default_rng(levels)
+    noisy = target.solution.action_values + rng.normal(size=target.solution.action_values.shape)
+    edges = np.quantile(noisy, np.linspace(0, 1, levels + 1)[1:-1])
+    phi = cr.StateActionPotential(task, np.searchsorted(edges, noisy).astype(float))
+    found = potential_quality(phi, target).rank
+    assert found == pytest.approx(naive_rank(phi, target), abs=1e-12)
+    assert 0.2 < abs(found) < 0.9999
+
+
+def test_a_constant_potential_has_no_rank_and_is_right_nowhere():
+    phi = cr.StateActionPotential(MAZE, np.full((11, 4), -3.0))
+    found = potential_quality(phi, Target.of(MAZE))
+    assert np.isnan(found.rank)
+    assert found.greedy_agreement == 0.0  # wrong actions are greedy too
+
+
+def test_many_pairs_are_ranked_by_a_sample(monkeypatch):
+    hunt = cr.Pursuit(3, 2, discount=0.9)
+    target, phi = Target.of(hunt), random_potential(hunt, 0)
+    phi = cr.StateActionPotential(hunt, target.solution.action_values + phi.values)
+    full = potential_quality(phi, target).rank
+    assert full == pytest.approx(naive_rank(phi, target), abs=1e-12)
+    monkeypatch.setattr(quality, "MAX_RANKED", 2000)
+    one, same, other = (potential_quality(phi, target, seed=seed).rank for seed in (0, 0, 1))
+    assert one == same != other
+    # The standard error of a correlation of 2,000 pairs is below 1 / sqrt(2000) = 0.022.
+    assert one == pytest.approx(full, abs=0.09)
+
+
+@pytest.mark.parametrize("discounted", [True, False])
+@pytest.mark.parametrize("largest", [target_module.LARGEST_EVALUATED, 0], ids=["exact", "rollouts"])
+@pytest.mark.parametrize("task", [MAZE, random_task(5)])
+def test_the_start_is_the_first_checkpoint_of_learning(task, largest, discounted, monkeypatch):
+    monkeypatch.setattr(target_module, "LARGEST_EVALUATED", largest)
+    target = Target.of(task, cr.GreedyEvaluation(discounted=discounted), episodes=50)
+    assert target.evaluation.method == ("exact" if largest else "rollouts")
+    for seed in (0, 3):
+        phi = random_potential(task, seed)
+        learnt = cr.learn(
+            task,
+            budget=1,
+            seeds=[seed],
+            shaping=cr.QInitialisation(phi),
+            evaluation=target.evaluation,
+        )
+        assert potential_quality(phi, target, seed=seed).start == learnt.greedy_return[0, 0]
+
+
+@pytest.fixture
+def unsolved(monkeypatch):
+    monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
+
+
+@pytest.mark.usefixtures("unsolved")
+@pytest.mark.parametrize("shift", [0.0, 2.0, -2.0])
+def test_the_estimate_of_a_deterministic_optimum_is_exact(shift):
+    """The returns of its own policy are Q* then, and a shift of phi is the excess."""
+    target = Target.of(MAZE)
+    assert target.solution is None
+    assert target.evaluation.method == "rollouts"
+    found = potential_quality(optimum(MAZE, shift), target)
+    assert not found.exact
+    assert found.excess == pytest.approx(shift, abs=1e-5)
+    assert found.rank == pytest.approx(1.0, abs=0.01)  # pairs equal but for rounding may swap
+    if shift:
+        assert found.optimistic == (shift > 0)
+    best = cr.solve(MAZE, tolerance=1e-6)
+    assert found.start == pytest.approx(best.start_value, abs=1e-5)
+    assert np.isnan([found.greedy_agreement, found.largest_underestimate, target.optimum]).all()
+    assert found.most_underestimated_state == -1
+
+
+def test_a_mapped_potential_is_followed_alike_by_lookup_and_from_an_array(monkeypatch):
+    hunt, chase = cr.Pursuit(3, 2, time_limit=20), cr.Pursuit(3, 1, time_limit=20)
+    transfer = cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"))
+    plan = cr.Curriculum({"chase": chase, "hunt": hunt}, [transfer], budget=1000)
+    (phi,) = plan.potentials("hunt", plan.train(seeds=1, only="chase").sources)
+    found = []
+    for largest in (0, 10**6):
+        monkeypatch.setattr(quality, "LARGEST_ARRAY", largest)
+        rollouts = quality.greedy_rollouts(phi, episodes=20)
+        start = quality.greedy_start(phi, cr.GreedyEvaluation(method="rollouts"))
+        found.append((*vars(rollouts).values(), start))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -9,7 +9,7 @@ import curricle as cr
 from curricle import GreedyEvaluation, QLearning, Storage
 from curricle.errors import SettingError
 from curricle.learning import SparseValues
-from curricle.transfer.potentials import mapped_potential
+from curricle.transfer.potential import mapped_potential
 from tests.refusals import check_values
 
 # By their tables, which share compiled loops with other tests.

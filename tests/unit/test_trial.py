@@ -308,7 +308,7 @@ def test_anti_knowledge_is_named_per_transfer():
 
 def test_one_seed_against_the_others_is_noise():
     from curricle.comparison.forecasts import ForecastRow, anti_knowledge
-    from curricle.transfer.quality import PotentialQuality
+    from curricle.transfer.rollouts import PotentialQuality
 
     def row(*pairs):
         seeds = tuple(PotentialQuality(s, 0.0, 0.0, 1.0, r, exact=True) for s, r in pairs)

@@ -1,5 +1,5 @@
 from .certification import certify as certify
-from .checked_shaping import ShapingReward as ShapingReward
+from .shaped_task import ShapingReward as ShapingReward
 from .verdict import (
     Certificate as Certificate,
     Counterexample as Counterexample,

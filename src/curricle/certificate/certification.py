@@ -5,23 +5,28 @@ from typing import Literal
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.certificate import shaped_task
-from curricle.certificate.checked_shaping import CheckedShaping, Ends, ShapingReward, check_shaping
+from curricle.array_types import BoolArray, FloatArray
 from curricle.certificate.diagnosis import (
     Origin,
-    ends_read_as_zero,
     nonzero_ends,
     origin,
     several_entries,
 )
 from curricle.certificate.sampled import sampled
-from curricle.certificate.shaped_task import Reachable, ShapedValues
+from curricle.certificate.shaped_task import (
+    ComparedTask,
+    Ends,
+    Reachable,
+    ShapedTask,
+    ShapedValues,
+    ShapingReward,
+    check_shaping,
+)
 from curricle.certificate.verdict import Certificate, Counterexample, SampledCertificate
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.frozen_arrays import frozen
-from curricle.learning.shaping import Claim, Shaping
+from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.mdp import (
@@ -33,28 +38,13 @@ from curricle.tasks.mdp import (
     tables,
 )
 from curricle.tasks.spaces import action_name, state_name, values_of
-from curricle.transfer.partition_refinement import numbered_rows
+from curricle.transfer.bisimulation import numbered_rows
 
 LARGEST_EXACT = 20_000_000
 """Outcomes (S x A x O) up to which ``method="auto"`` compares every state (2 GB, seconds)."""
 
 MOST_REFINEMENTS = 100
 """Rounds after which equally good actions are not proven equal."""
-THEOREMS: dict[Claim, str] = {
-    "telescoping": "Ng, Harada, Russell 1999",
-    "fixed_point": "Wiewiora 2003",
-    "one_way_in": "Wiewiora, Cottrell, Elkan 2003",
-    "added_values": "Behboudian et al. 2020",
-    "added_rewards": "Ng, Harada, Russell 1999",
-}
-"""What proves that a shaping is safe, where its conditions hold."""
-READ_AT_ENDS = {
-    "telescoping": "a tool is assumed that adds gamma Phi(end) to the reward there",
-    "fixed_point": (
-        "a learner is assumed that bootstraps from phi at the ends; one that masks terminated "
-        "steps, as Stable-Baselines3 does, never reads it"
-    ),
-}
 
 
 def certify(
@@ -83,11 +73,8 @@ def certify(
     - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, if all ways into a state
       have one phi; otherwise nothing is proven, and such a state is named;
     - :class:`DecayingAdvice`: Q* + xi phi with the last weight xi (Behboudian et al. 2020);
-    - :class:`RewardBonus`: Q* for r + phi(s, a), which need not be safe;
-    - :class:`ShapingReward`: Q* for r + F(s, a, s').
-
-    For the last two the findings tell whether F comes from a potential, from one whose ends are not
-    0 (Grzes 2017), or from none with the task's discount, and then where.
+    - :class:`RewardBonus`, :class:`ShapingReward`: Q* for r + F, F any reward. The findings tell
+      whether F comes from a potential, from one whose ends are not 0 (Grzes 2017), or from none.
 
     Parameters
     ----------
@@ -109,10 +96,8 @@ def certify(
         where tables of up to 20 million outcomes (states x actions x outcomes of a pair) can be
         solved. Only look-back advice, a bonus and a reward are sampled: of the other shapings,
         where states are not compared, the theorem alone decides.
-    steps : int
-        Steps to sample, about.
-    seed : int
-        Of the sample.
+    steps, seed : int
+        Of the sample: about so many steps.
     progress : bool or callable, optional
         True shows a bar that moves until the answer is there; a function is called with the answer.
 
@@ -133,19 +118,17 @@ def certify(
 
     Notes
     -----
-    Both solutions have a proven error bound, rounding included. Two actions whose values differ by
-    less than twice the bound may both be optimal. The certificate holds if in every state one
-    action can be optimal in both problems and no other in either; with a tolerance, if all that can
-    be optimal fall short by no more. It fails if all actions that can be optimal in one problem
-    fall short by more in the other. Between the two it is undecided, unless a theorem proves the
-    shaping safe: F comes from a potential that is 0 at the ends, with the task's discount; or
-    advice has a last weight of 0 or one value for all actions. It is undecided also then if a known
-    difference of two actions above the tolerance vanishes, in double precision, beside what the
-    potential adds to it in all steps of an episode. A bonus or reward is taken as its numbers are,
-    which rounding keeps from being F of a potential exactly: no action that they make optimal loses
-    anything, but they may prefer one of equally good actions. Actions too close to be told apart
-    must therefore be proven equally good, by leading alike, or it is undecided. Where states are
-    not compared, a finding says so.
+    Two actions whose values differ by less than twice the proven error may both be optimal. The
+    certificate holds if in every state one action can be optimal in both problems and no other in
+    either; with a tolerance, if all that can be optimal fall short by no more. It fails if all
+    actions that can be optimal in one problem fall short by more in the other. Between the two it
+    is undecided, unless a theorem proves the shaping safe: F comes from a potential that is 0 at
+    the ends, with the task's discount; or advice has a last weight of 0 or one value for all
+    actions. It is undecided also then if a known difference of two actions above the tolerance
+    vanishes, in double precision, beside what the potential adds to it in all steps of an episode.
+    A bonus or reward is taken as its numbers are, which rounding keeps from being F of a potential
+    exactly: actions too close to be told apart must therefore be proven equally good, by leading
+    alike, or it is undecided. Where states are not compared, a finding says so.
 
     Examples
     --------
@@ -172,20 +155,21 @@ def certify(
     reason = "as asked for" if method == "sampled" else None
     if method == "auto":
         reason = _reason_to_sample(checked)
-    found: Certificate | SampledCertificate
     with shown(progress) as bars:
         bars.bar("certifying")
         if reason is None:
-            found = _exact_certificate(checked, tolerance)
+            answer: Certificate | SampledCertificate = _exact_certificate(
+                checked.with_states(), tolerance
+            )
         else:
-            found = _without_comparison(checked, tolerance, steps, seed, reason)
-        bars.tell(found)
-    return found
+            answer = _without_comparison(checked, tolerance, steps, seed, reason)
+        bars.tell(answer)
+    return answer
 
 
-def _reason_to_sample(shaping: CheckedShaping) -> str | None:
+def _reason_to_sample(shaped: ShapedTask) -> str | None:
     """Return why not every state of a task can be compared; None if all can."""
-    task = shaping.task
+    task = shaped.task
     generative = generative_model(task)
     if not isinstance(generative, FiniteMDP) and not has_tables(task):
         return "the task has no tables"
@@ -201,54 +185,36 @@ def _reason_to_sample(shaping: CheckedShaping) -> str | None:
     return None
 
 
-def _findings(shaping: CheckedShaping, ends: IntArray) -> tuple[str, ...]:
+def _findings(shaped: ShapedTask) -> tuple[str, ...]:
     """Return findings that need no solution: a second discount, nonzero ends, the last weight."""
-    sentences = list[str]()
-    claim, own = shaping.shaping.claim, shaping.task_discount
-    if shaping.discount != own:
+    sentences, discount = list[str](), shaped.task_discount
+    if shaped.discount != discount:
         sentences.append(
-            f"shaped with a second discount: F = {shaping.discount:.6g} Phi(s') - Phi(s), the "
-            f"task's discount is {own:.6g}"
+            f"shaped with a second discount: F = {shaped.discount:.6g} Phi(s') - Phi(s), the "
+            f"task's discount is {discount:.6g}"
         )
-    if shaping.ignored.any():
-        nonzero = np.flatnonzero(shaping.ignored)
-        sentences.append(ends_read_as_zero(shaping.task, nonzero, shaping.ignored[nonzero]))
-    if shaping.is_array and claim in ("telescoping", "fixed_point"):
-        phi = shaping.end_values()[ends]
-        if phi.any():
-            sentences.append(nonzero_ends(shaping.task, ends[phi != 0], phi[phi != 0]))
-            sentences.append(READ_AT_ENDS[claim])
-    if claim == "added_values":
-        weight = shaping.last_weight
-        acted_on = f"Q + {'' if weight == 1 else f'{weight:g} '}phi" if weight else "Q alone"
-        sentences.append(f"in the long run the policy acts on {acted_on}")
-    return tuple(sentences)
-
-
-def _theorem(shaping: CheckedShaping, ends: IntArray, behind: Origin | None) -> str | None:
-    """Return the source of the theorem that proves a shaping safe; None if none applies."""
-    claim = shaping.shaping.claim
-    if claim in ("telescoping", "fixed_point"):
-        applies = shaping.discount == shaping.task_discount and not (
-            shaping.is_array and shaping.end_values()[ends].any()
+    if shaped.ignored.any():
+        nonzero = np.flatnonzero(shaped.ignored)
+        named = nonzero_ends(shaped.task, nonzero, shaped.ignored[nonzero], "")
+        sentences.append(
+            f"{named}, which learn() reads as 0; ends='given' judges a tool that does not"
         )
-    elif claim == "added_values":  # the same for all actions changes no order
-        applies = shaping.last_weight == 0 or not np.ptp(shaping.last_values(), axis=1).any()
-    else:
-        applies = behind is None or behind.found is behind.plain
-    return THEOREMS[claim] if applies else None
+    if shaped.shaping.at_ends and not shaped.zero_at_ends:
+        phi = shaped.phi_at_ends
+        sentences.append(nonzero_ends(shaped.task, shaped.ends[phi != 0], phi[phi != 0]))
+        sentences.append(shaped.shaping.at_ends)
+    return *sentences, *filter(None, [shaped.shaping.long_run()])
 
 
-# -- the optimal actions of both tasks, compared in every state -----------------------------------
+# -- the optimal actions of both tasks, compared in every state ------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class ActionComparison:
-    """The optimal actions of a task and of its shaped version, N states.
+    """The optimal actions of a task and of its shaped version, N states."""
 
-    A difference of two values is known to twice their bound. An action whose value falls short of
-    the best by no more may be optimal; where it is the only such action, it is.
-    """
+    # A difference of two values is known to twice their bound. An action that falls short of the
+    # best by no more may be optimal; where it is the only such action, it is.
 
     optimal: BoolArray  # (N, A), may be optimal in the task
     chosen: BoolArray  # (N, A), may be optimal in the shaped task
@@ -289,25 +255,27 @@ class ActionComparison:
 
 
 def compare_actions(
-    q: FloatArray, bound: float, shaped: ShapedValues, tolerance: float
+    met: Reachable, unshaped: Solution, shaped: ShapedValues, tolerance: float
 ) -> ActionComparison:
-    """Return the comparison of Q*, (N, A), known to `bound`, with the values under shaping."""
+    """Return the comparison of Q* with the values under shaping in the reachable states."""
+    q = unshaped.action_values[met.states]
     short = q.max(axis=1, keepdims=True) - q
     shaped_short = shaped.values.max(axis=1, keepdims=True) - shaped.values
-    error, shaped_error = 2 * bound, 2 * shaped.bound
+    error, shaped_error = 2 * unshaped.error_bound, 2 * shaped.bound
     optimal, chosen = short <= error, shaped_short <= shaped_error
     return ActionComparison(optimal, chosen, short, shaped_short, error, shaped_error, tolerance)
 
 
-def tied_exactly(met: Reachable, own: Solution, optimal: BoolArray) -> bool:
+def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
     """Return whether all actions that may be optimal in a state, (N, A), are proven equally good.
 
     States whose values are not known to differ are split until in each block these actions have the
     same chances of the same rewards and blocks (bisimulation: Givan, Dean, Greig 2003).
     """
-    mdp, block = met.mdp, np.empty(len(own.values), np.int64)
-    order = np.argsort(own.values)
-    block[order] = np.append(0, np.cumsum(np.diff(own.values[order]) > 2 * own.error_bound))
+    mdp, block = met.mdp, np.empty(len(unshaped.values), np.int64)
+    order = np.argsort(unshaped.values)
+    apart = np.diff(unshaped.values[order]) > 2 * unshaped.error_bound
+    block[order] = np.append(0, np.cumsum(apart))
     block[mdp.terminal] = -1
     kinds, paid = np.unique(mdp.reward + 1j * mdp.probability, return_inverse=True)
     blocks = 0
@@ -319,13 +287,13 @@ def tied_exactly(met: Reachable, own: Solution, optimal: BoolArray) -> bool:
         if (optimal & (alike != most[:, None])).any():
             return False  # and smaller blocks only tell more apart
         finer = numbered_rows(np.column_stack([block[met.states], most]))
-        if (found := int(finer.max(initial=-1)) + 1) == blocks:
+        if (refined := int(finer.max(initial=-1)) + 1) == blocks:
             return True
-        block[met.states], blocks = finer, found
+        block[met.states], blocks = finer, refined
     return False
 
 
-def total_loss(own: Solution, met: Reachable, chosen: BoolArray) -> float:
+def total_loss(unshaped: Solution, met: Reachable, chosen: BoolArray) -> float:
     """Return the largest possible loss of a policy of `chosen` actions, (N, A).
 
     max_s V*(s) - V_worst(s), where V_worst is the lowest value that such a policy has, and the
@@ -338,24 +306,24 @@ def total_loss(own: Solution, met: Reachable, chosen: BoolArray) -> float:
     row[met.states] = np.where(chosen, rows, first)
     against = replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward))
     worst = solve(against)
-    lost = (own.values + worst.values)[met.states].max(initial=0.0)
-    return float(lost) + own.error_bound + worst.error_bound
+    lost = (unshaped.values + worst.values)[met.states].max(initial=0.0)
+    return float(lost) + unshaped.error_bound + worst.error_bound
 
 
 def counterexample(
-    met: Reachable, own: Solution, shaped: ShapedValues, found: ActionComparison
+    met: Reachable, unshaped: Solution, shaped: ShapedValues, compared: ActionComparison
 ) -> Counterexample:
     """Return the state in which most is lost, or else one whose optimal action is given up."""
-    mdp, q = met.mdp, own.action_values[met.states]
-    if found.lost.any():
-        row = int(found.lost.argmax())
+    mdp, q = met.mdp, unshaped.action_values[met.states]
+    if compared.lost.any():
+        row = int(compared.lost.argmax())
         best = int(q[row].argmax())
-        other = int(np.where(found.chosen[row], found.short[row], np.inf).argmin())
-        lost = float(found.short[row, other])
+        other = int(np.where(compared.chosen[row], compared.short[row], np.inf).argmin())
+        lost = float(compared.short[row, other])
     else:
-        row = int(found.given_up.argmax())
+        row = int(compared.given_up.argmax())
         other, lost = int(shaped.values[row].argmax()), 0.0
-        best = int(np.where(found.optimal[row], found.shaped_short[row], np.inf).argmin())
+        best = int(np.where(compared.optimal[row], compared.shaped_short[row], np.inf).argmin())
     state = int(met.states[row])
     return Counterexample(
         state=state,
@@ -370,12 +338,14 @@ def counterexample(
     )
 
 
-def too_close(met: Reachable, own: Solution, shaped: ShapedValues, found: ActionComparison) -> str:
+def too_close(
+    met: Reachable, unshaped: Solution, shaped: ShapedValues, compared: ActionComparison
+) -> str:
     """Return the sentence about the states whose actions are proven neither equal nor different."""
-    rows = np.flatnonzero(found.undecided)
+    rows = np.flatnonzero(compared.undecided)
     row = rows[0]
-    q, acted = own.action_values[met.states[row]], shaped.values[row]
-    close = np.flatnonzero(found.optimal[row] | found.chosen[row])
+    q, acted = unshaped.action_values[met.states[row]], shaped.values[row]
+    close = np.flatnonzero(compared.optimal[row] | compared.chosen[row])
     two = close[np.argsort(-q[close], kind="stable")[:2]]
     values = " and ".join(
         f"{action_name(met.mdp.actions, int(a))} is worth {q[a]:.6g}, under shaping {acted[a]:.6g}"
@@ -387,34 +357,34 @@ def too_close(met: Reachable, own: Solution, shaped: ShapedValues, found: Action
     )
 
 
-# -- every state ---------------------------------------------------------------------------------
+# -- every state -----------------------------------------------------------------------------------
 
 
-def _exact_certificate(shaping: CheckedShaping, tolerance: float) -> Certificate:
-    mdp, claim, name = tables(shaping.task), shaping.shaping.claim, shaping.shaping.name
-    met = Reachable.of(mdp)
-    findings = _findings(shaping, met.ends)
-    if claim == "one_way_in" and (several := _several_entries(shaping, met)) is not None:
+def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
+    met, shaping = shaped.met, shaped.shaping
+    findings, name = _findings(shaped), shaping.name
+    if shaping.one_way_in and (several := _several_entries(shaped)) is not None:
         return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
-    own = solve(shaping.task)
-    behind = None
-    if claim == "added_rewards":
-        f = met.reward(shaping.reward())
-        behind = origin(shaping.task, met, f)
-        shaped = shaped_task.with_reward(own, met, f, np.zeros(len(met.states)))
-        largest = max(shaped.largest, float(abs(behind.plain.potential).max()))
-        shaped = replace(shaped, residual=behind.plain.worst, largest=largest)
+    unshaped, behind = shaped.unshaped, None
+    if shaping.any_reward:
+        f = met.reward(shaped.reward())
+        behind = origin(shaped.task, met, f)
+        values = shaped.with_rewards(f, np.zeros(len(met.states)))
+        largest = max(values.largest, float(abs(behind.plain.potential).max()))
+        values = replace(values, residual=behind.plain.worst, largest=largest)
         findings += behind.sentences
     else:
-        shaped = shaped_task.shaped_values(shaping, own, met)
-    found = compare_actions(own.action_values[met.states], own.error_bound, shaped, tolerance)
+        values = shaping.acted_on(shaped)
+    compared = compare_actions(met, unshaped, values, tolerance)
     # At discount 1 the sum of F need not vanish in an episode without an end.
-    endless = mdp.discount == 1 and improper_states(mdp).size > 0
-    theorem = None if endless else _theorem(shaping, met.ends, behind)
-    holds, undecided = _decided(met, own, shaped, found, theorem, behind)
-    if shaping.changing:
+    endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0
+    from_potential = behind is None or behind.fitting is behind.plain
+    applies = not endless and from_potential and shaping.meets_conditions(shaped)
+    theorem = shaping.theorem if applies else None
+    holds, undecided = _decided(met, unshaped, values, compared, theorem, behind)
+    if shaped.changing:
         findings += ("the potential changes while learning; its last values were compared",)
-    loss = 0.0 if holds and theorem is not None and behind is None else found.loss
+    loss = 0.0 if holds and theorem is not None and behind is None else compared.loss
     return Certificate(
         holds,
         name,
@@ -422,20 +392,20 @@ def _exact_certificate(shaping: CheckedShaping, tolerance: float) -> Certificate
         theorem=theorem if holds else None,
         tolerance=tolerance,
         loss=loss,
-        total_loss=total_loss(own, met, found.chosen) if loss > 0 else 0.0,
-        error_bound=max(own.error_bound, shaped.bound),
-        residual=shaped.residual,
+        total_loss=total_loss(unshaped, met, compared.chosen) if loss > 0 else 0.0,
+        error_bound=max(unshaped.error_bound, values.bound),
+        residual=values.residual,
         findings=undecided + findings,
-        counterexample=counterexample(met, own, shaped, found) if holds is False else None,
-        potential=None if behind is None or behind.found is None else behind.found.potential,
+        counterexample=counterexample(met, unshaped, values, compared) if holds is False else None,
+        potential=None if behind is None or behind.fitting is None else behind.fitting.potential,
     )
 
 
 def _decided(
     met: Reachable,
-    own: Solution,
+    unshaped: Solution,
     shaped: ShapedValues,
-    found: ActionComparison,
+    compared: ActionComparison,
     theorem: str | None,
     behind: Origin | None,
 ) -> tuple[bool | None, tuple[str, ...]]:
@@ -446,22 +416,23 @@ def _decided(
     that in every step of an episode. Up to there no known difference is certain; and where F was
     given none that is too small to be known, unless it is proven to be 0.
     """
-    if found.lost.any() or found.given_up.any():
+    if compared.lost.any() or compared.given_up.any():
         return False, ()
-    compared = theorem is None or behind is not None  # the very rewards, with their rounding
-    if compared and not found.undecided.any():
+    by_values = theorem is None or behind is not None  # the very rewards, with their rounding
+    if by_values and not compared.undecided.any():
         return True, ()
     if theorem is None:
-        return None, (too_close(met, own, shaped, found),)
+        return None, (too_close(met, unshaped, shaped, compared),)
     off = 3 * EPSILON * shaped.largest + (0.0 if behind is None else behind.plain.worst)
     reach = 2 * off * _longest(met.mdp)
-    vanishing = (found.short > found.error) & (found.short <= reach + found.error)
-    if compared:
-        vanishing &= found.undecided[:, None]
-    hidden = float(found.short[vanishing].max(initial=0.0))
-    if behind and behind.plain.potential.any() and not tied_exactly(met, own, found.optimal):
-        hidden = max(hidden, found.error)
-    if hidden <= found.tolerance:
+    vanishing = (compared.short > compared.error) & (compared.short <= reach + compared.error)
+    if by_values:
+        vanishing &= compared.undecided[:, None]
+    hidden = float(compared.short[vanishing].max(initial=0.0))
+    from_potential = behind is not None and behind.plain.potential.any()
+    if from_potential and not tied_exactly(met, unshaped, compared.optimal):
+        hidden = max(hidden, compared.error)
+    if hidden <= compared.tolerance:
         return True, ()
     return None, (
         f"by theory ({theorem}) the shaping is safe, but beside numbers of {shaped.largest:.2g} "
@@ -477,44 +448,46 @@ def _longest(mdp: FiniteMDP) -> float:
     return float(steps.values.max()) + steps.error_bound
 
 
-def _several_entries(shaping: CheckedShaping, met: Reachable) -> str | None:
+def _several_entries(shaped: ComparedTask) -> str | None:
     """Return a sentence about a state whose ways in have several phi; None without one."""
+    met = shaped.met
     on = ~met.mdp.terminal[met.target]
     pairs = met.source[on], met.action[on], met.target[on]
-    phi = shaping.last_values()[pairs[:2]]
-    return several_entries(shaping.task, pairs, phi, np.flatnonzero(met.mdp.start > 0))[1]
+    phi = shaped.phi[pairs[:2]]
+    return several_entries(shaped.task, pairs, phi, np.flatnonzero(met.mdp.start > 0))[1]
 
 
 # -- without a comparison of states ----------------------------------------------------------------
 
 
 def _without_comparison(
-    shaping: CheckedShaping, tolerance: float, steps: int, seed: int, reason: str
+    shaped: ShapedTask, tolerance: float, steps: int, seed: int, reason: str
 ) -> Certificate | SampledCertificate:
     """Return what a theorem proves, or what sampled steps show where none can decide."""
-    terminal = generative_model(shaping.task).terminal
-    ends = np.zeros(0, np.int64) if terminal is None else np.flatnonzero(terminal)
-    claim, name, findings = shaping.shaping.claim, shaping.shaping.name, _findings(shaping, ends)
-    if claim in ("one_way_in", "added_rewards"):
-        return sampled(shaping, steps, seed, reason, findings)
-    if claim == "added_values":
-        applies = shaping.last_weight == 0
-    else:
-        applies = _theorem(shaping, ends, None) is not None
-        if shaping.is_array and terminal is None:
+    shaping, findings = shaped.shaping, _findings(shaped)
+    if shaping.one_way_in or shaping.any_reward:
+        return sampled(shaped, steps, seed, reason, findings)
+    applies = shaping.meets_conditions(shaped)
+    if shaping.changes_rewards:
+        if shaped.is_array and generative_model(shaped.task).terminal is None:
             applies = False
             findings += ("its ends are not known, where Phi must be 0",)
-        if shaping.task_discount == 1:  # a sum of F need not vanish in an episode without an end
+        if shaped.task_discount == 1:  # a sum of F need not vanish in an episode without an end
             applies = False
             findings += (f"at discount 1 every policy must end, which is not known: {reason}",)
     if not applies:
-        return Certificate(None, name, tolerance=tolerance, findings=findings)
-    theorem = THEOREMS[claim]
-    if claim != "added_values":
+        return Certificate(None, shaping.name, tolerance=tolerance, findings=findings)
+    if shaping.changes_rewards:
         findings += (
             "differences between actions that are less than the rounding of F, in every step of "
             "an episode, vanish in double precision",
         )
     return Certificate(
-        True, name, 0, theorem, tolerance, loss=0.0, total_loss=0.0, findings=findings
+        True,
+        shaping.name,
+        theorem=shaping.theorem,
+        tolerance=tolerance,
+        loss=0.0,
+        total_loss=0.0,
+        findings=findings,
     )

@@ -67,7 +67,8 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
         return Fit(discount, frozen(phi), left)
 
 
-# -- from F to Phi -------------------------------------------------------------------------------
+# -- from F to Phi ---------------------------------------------------------------------------------
+
 
 ZERO, BACKWARD, FORWARD, CYCLE, FREE = range(5)
 NO_TRANSITIONS = np.zeros(0, np.int64)
@@ -175,7 +176,7 @@ class Origin:
     """The potential behind a shaping reward."""
 
     plain: Fit  # with the task's discount and Phi = 0 at the ends
-    found: Fit | None  # without residual, maybe with ends that are not 0
+    fitting: Fit | None  # without residual, maybe with ends that are not 0
     sentences: tuple[str, ...]
 
 
@@ -191,27 +192,17 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
         sentence = f"{form} with Phi = 0 at the ends, to {plain.worst:.1g}"
         return Origin(plain, plain, (sentence,))
     by_action = _depends_on_action(task, met, f)
-    found = None if by_action else fit(met, f, discount, ends_are_zero=False)
-    if found is None or found.worst > enough:
+    open_ended = None if by_action else fit(met, f, discount, ends_are_zero=False)
+    if open_ended is None or open_ended.worst > enough:
         return Origin(plain, None, (by_action or _unequal_paths(task, met, f, plain),))
-    ends = met.ends[abs(found.potential[met.ends]) > enough]
-    return Origin(plain, found, (nonzero_ends(task, ends, found.potential[ends]),))
+    ends = met.ends[abs(open_ended.potential[met.ends]) > enough]
+    return Origin(plain, open_ended, (nonzero_ends(task, ends, open_ended.potential[ends]),))
 
 
-def ends_read_as_zero(task: Any, ends: IntArray, phi: FloatArray) -> str:
-    """Return the sentence about ends whose given potential is not 0 and that learning ignores."""
-    named = _ends(task, ends, phi, "has Phi = {:.4g}")
-    return f"{named}, which learn() reads as 0; ends='given' judges a tool that does not"
-
-
-def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray) -> str:
+def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray, rule: str = ", must be 0") -> str:
     """Return the sentence about ends whose potential is not 0."""
-    return _ends(task, ends, phi, "has Phi = {:.4g}, must be 0")
-
-
-def _ends(task: Any, ends: IntArray, phi: FloatArray, form: str) -> str:
     parts = [
-        f"terminal {state_name(task.states, int(end))} {form.format(value)}"
+        f"terminal {state_name(task.states, int(end))} has Phi = {value:.4g}{rule}"
         for end, value in zip(ends[:NAMED], phi[:NAMED], strict=True)
     ]
     if len(ends) > NAMED:
@@ -243,10 +234,10 @@ def _unequal_paths(task: Any, met: Reachable, f: FloatArray, plain: Fit) -> str:
     """Return the sentence about a state from which F has different sums on two paths."""
     worst = int(abs(plain.residual).argmax())
     here, there = int(met.source[worst]), int(met.target[worst])
-    one = f[worst] - plain.discount * plain.potential[there]
+    by_there = f[worst] - plain.discount * plain.potential[there]
     return (
         f"not potential-based: from {state_name(task.states, here)} on, the discounted sum of F is "
-        f"{one + 0.0:.4g} by way of {state_name(task.states, there)} and "
+        f"{by_there + 0.0:.4g} by way of {state_name(task.states, there)} and "
         f"{0.0 - plain.potential[here]:.4g} on another path; with a potential it is -Phi on every "
         "path"
     )
@@ -266,7 +257,7 @@ def several_entries(
     apart, *ways = widest(entered[:, None], phi)
     if apart == 0:
         return apart, None
-    told = [
+    entries = [
         f"with phi = {phi[i]:.4g} from {state_name(task.states, int(source[i]))} by "
         f"{action_name(task.actions, int(action[i]))}"
         if i < len(source)
@@ -275,7 +266,7 @@ def several_entries(
     ]
     return apart, (
         "look-back advice keeps the optimum for certain only where all ways into a state have one "
-        f"phi: {state_name(task.states, int(entered[ways[0]]))} is entered {' and '.join(told)}"
+        f"phi: {state_name(task.states, int(entered[ways[0]]))} is entered {' and '.join(entries)}"
     )
 
 

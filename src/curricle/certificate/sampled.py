@@ -1,4 +1,4 @@
-"""A reward of one's own, or look-back advice, checked on sampled steps of a large task.
+"""A reward of your own, or look-back advice, checked on sampled steps of a large task.
 
 Random rollouts can refute that a potential is behind F; they cannot prove that one is. Where F is
 made of a potential there is nothing to sample: a theorem decides.
@@ -7,14 +7,13 @@ made of a potential there is nothing to sample: a theorem decides.
 import numpy as np
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.certificate.checked_shaping import CheckedShaping
 from curricle.certificate.diagnosis import (
     RELATIVE_RESIDUAL,
     different_by_action,
     several_entries,
     widest,
 )
-from curricle.certificate.shaped_task import shaping_rewards
+from curricle.certificate.shaped_task import ShapedTask, shaping_rewards
 from curricle.certificate.verdict import SampledCertificate
 from curricle.planning.rollouts import RandomRollouts, random_rollouts
 from curricle.tasks.live import is_live
@@ -30,32 +29,32 @@ BRANCHES, DEPTH = 40, 3
 
 
 def sampled(
-    shaping: CheckedShaping, steps: int, seed: int, reason: str, findings: tuple[str, ...] = ()
+    shaped: ShapedTask, steps: int, seed: int, reason: str, findings: tuple[str, ...] = ()
 ) -> SampledCertificate:
     """Return the result of a check on about so many steps of the uniform policy."""
-    check = _check_reward if shaping.shaping.claim == "added_rewards" else _check_entries
-    taken, residual, contradictions = check(shaping, steps, seed)
+    check = _check_reward if shaped.shaping.any_reward else _check_entries
+    taken, residual, contradictions = check(shaped, steps, seed)
     return SampledCertificate(
-        shaping.shaping.name, taken, reason, contradictions, residual, findings
+        shaped.shaping.name, taken, reason, contradictions, residual, findings
     )
 
 
-def _length(shaping: CheckedShaping, steps: int) -> int:
+def _length(shaped: ShapedTask, steps: int) -> int:
     """Return the length of rollouts that are to take at most `steps` each."""
-    return min(steps, LONGEST, generative_model(shaping.task).time_limit or LONGEST)
+    return min(steps, LONGEST, generative_model(shaped.task).time_limit or LONGEST)
 
 
-def _check_entries(shaping: CheckedShaping, steps: int, seed: int) -> Checked:
+def _check_entries(shaped: ShapedTask, steps: int, seed: int) -> Checked:
     """Check that all transitions into a state have one phi."""
-    length = max(2, _length(shaping, steps))
+    length = max(2, _length(shaped, steps))
     rollouts = random_rollouts(
-        shaping.task, episodes=max(1, steps // length), length=length, seed=seed
+        shaped.task, episodes=max(1, steps // length), length=length, seed=seed
     )
     taken = rollouts.taken & ~rollouts.ending
     s, a, after = _transitions(rollouts, taken)
     starts = np.unique(rollouts.states[:, 0])
-    phi = shaping.at_pairs(s, a)
-    apart, sentence = several_entries(shaping.task, (s, a, after), phi, starts)
+    phi = shaped.phi_of(s, a)
+    apart, sentence = several_entries(shaped.task, (s, a, after), phi, starts)
     return int(rollouts.length.sum()), apart, () if sentence is None else (sentence,)
 
 
@@ -64,20 +63,17 @@ def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, 
     return states[:, :-1][taken], rollouts.actions[taken], states[:, 1:][taken]
 
 
-# -- a reward of one's own -----------------------------------------------------------------------
+# -- a reward of your own --------------------------------------------------------------------------
 
 
-def _check_reward(shaping: CheckedShaping, steps: int, seed: int) -> Checked:
-    """Check that F may be that of a potential: along rollouts, and around states on them.
-
-    A live task cannot start in a chosen state; its rollouts from the start serve for both.
-    """
-    task, rng = shaping.task, np.random.default_rng(seed)
+def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
+    """Check that F may be that of a potential: along rollouts, and around states on them."""
+    task, rng = shaped.task, np.random.default_rng(seed)
     live = is_live(task)
     half = steps if live else max(1, steps // 2)
-    length = _length(shaping, half)
+    length = _length(shaped, half)
     rollouts = random_rollouts(task, episodes=max(1, half // length), length=length, seed=seed)
-    f = _rewards(shaping, rollouts)
+    f = _rewards(shaped, rollouts)
     if live:
         near, f_near = rollouts, f
     else:
@@ -87,25 +83,25 @@ def _check_reward(shaping: CheckedShaping, steps: int, seed: int) -> Checked:
         near = random_rollouts(
             task, episodes=len(starts), length=DEPTH, seed=seed + 1, starts=starts
         )
-        f_near = _rewards(shaping, near)
+        f_near = _rewards(shaped, near)
     enough = RELATIVE_RESIDUAL * max(abs(f).max(), abs(f_near).max())
-    found = _meeting(shaping, near, f_near, enough), _returning(shaping, rollouts, f)
+    checks = _meeting(shaped, near, f_near, enough), _returning(shaped, rollouts, f)
     return (
         int(rollouts.length.sum() + (0 if live else near.length.sum())),
-        max(apart for apart, _ in found),
-        tuple(sentence for apart, sentence in found if apart > enough),
+        max(apart for apart, _ in checks),
+        tuple(sentence for apart, sentence in checks if apart > enough),
     )
 
 
-def _rewards(shaping: CheckedShaping, rollouts: RandomRollouts) -> FloatArray:
+def _rewards(shaped: ShapedTask, rollouts: RandomRollouts) -> FloatArray:
     """Return F of each step, (E, L), 0 where none was taken."""
     taken, f = rollouts.taken, np.zeros(rollouts.actions.shape)
-    f[taken] = shaping_rewards(shaping.task, shaping.reward(), *_transitions(rollouts, taken))
+    f[taken] = shaping_rewards(shaped.task, shaped.reward(), *_transitions(rollouts, taken))
     return f
 
 
 def _meeting(
-    shaping: CheckedShaping, rollouts: RandomRollouts, f: FloatArray, enough: float
+    shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray, enough: float
 ) -> tuple[float, str]:
     """Return how far sums of F over paths of equal length between two states differ, and where.
 
@@ -117,7 +113,7 @@ def _meeting(
         among = np.flatnonzero(rollouts.length >= n)
         if not among.size or worst > enough:
             break
-        sums = f[among, :n] @ shaping.task_discount ** np.arange(n)
+        sums = f[among, :n] @ shaped.task_discount ** np.arange(n)
         apart, *pair = widest(rollouts.states[among][:, [0, n]], sums)
         if apart <= worst:
             continue
@@ -125,9 +121,9 @@ def _meeting(
         here, there = rollouts.states[among[pair[0]], [0, n]].tolist()
         if n == 1:
             actions = rollouts.actions[among[pair], 0]
-            sentence = different_by_action(shaping.task, here, there, sums[pair], actions)
+            sentence = different_by_action(shaped.task, here, there, sums[pair], actions)
             continue
-        space = shaping.task.states
+        space = shaped.task.states
         sentence = (
             f"not potential-based: two paths of {n} steps from {state_name(space, here)} to "
             f"{state_name(space, there)} have discounted sums of F of {sums[pair[0]]:.4g} and "
@@ -145,14 +141,10 @@ def discounted_sums(f: FloatArray, counted: BoolArray, discount: float) -> Float
     return sums
 
 
-def _returning(
-    shaping: CheckedShaping, rollouts: RandomRollouts, f: FloatArray
-) -> tuple[float, str]:
-    """Return how far the Phi differ that loops through a state, or paths to an end, require.
-
-    F adds up to (gamma^n - 1) Phi(s) over a loop of n steps, and to -Phi(s) over a path to an end.
-    """
-    gamma = shaping.task_discount
+def _returning(shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray) -> tuple[float, str]:
+    """Return how far the Phi differ that loops through a state, or paths to an end, require."""
+    # F adds up to (gamma^n - 1) Phi(s) over a loop of n steps, to -Phi(s) over a path to an end.
+    gamma = shaped.task_discount
     sums = np.pad(discounted_sums(f, rollouts.taken, gamma), ((0, 0), (0, 1)))
     last = np.arange(rollouts.states.shape[1]) == rollouts.length[:, None]
     truncated = last & ~rollouts.terminated[:, None]  # whose last states count too
@@ -176,13 +168,13 @@ def _returning(
     apart = abs(total[order] * factor[lead] - total[lead] * factor[order])
     apart = np.where(factor[lead] == 0, abs(total[order]), apart)
     worst = int(apart.argmax())
-    one, other = order[worst], lead[worst]
-    place = state_name(shaping.task.states, int(where[one]))
-    if factor[one] == 0:
-        reason = f"F adds up to {total[one]:.4g} over a loop through {place}, not to 0"
+    path, other = order[worst], lead[worst]
+    place = state_name(shaped.task.states, int(where[path]))
+    if factor[path] == 0:
+        reason = f"F adds up to {total[path]:.4g} over a loop through {place}, not to 0"
     else:
         reason = (
-            f"one path from {place} requires Phi = {total[one] / factor[one]:.4g}, another "
+            f"one path from {place} requires Phi = {total[path] / factor[path]:.4g}, another "
             f"{total[other] / factor[other]:.4g}"
         )
     return float(apart[worst]), f"not potential-based: {reason}"

@@ -1,23 +1,30 @@
-"""The shaped task, and the values that a policy acts on in it, with proven error bounds.
+"""A shaping in its task, and the values that a policy acts on under it, with proven bounds.
 
 All of it uses the tables of a :class:`FiniteMDP` and the error bounds of :func:`solve`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.certificate.checked_shaping import CheckedShaping, RewardFunction
-from curricle.errors import PotentialError
+from curricle.checks import number, one_of
+from curricle.errors import PotentialError, SettingError
 from curricle.frozen_arrays import frozen
-from curricle.learning.potential import LARGEST_POTENTIAL
+from curricle.learning.potential import LARGEST_POTENTIAL, PairPotential, StatePotential
+from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
-from curricle.tasks.mdp import FiniteMDP, reachable_states
+from curricle.tasks.mdp import FiniteMDP, Task, generative_model, reachable_states, tables
 from curricle.tasks.spaces import action_name, state_name
 
+RewardFunction = Callable[..., Any]
+"""F(s, a, s'), which shaping adds to the reward of E transitions, (E,) float."""
+Ends = Literal["zero", "given"]
+"""Whether an array is read as 0 at the ends, as by :func:`learn`, or as given."""
 AnyInts = npt.NDArray[np.integer[Any]]
 CHUNK = 1_000_000
 """Transitions passed to a shaping reward at a time."""
@@ -26,6 +33,43 @@ ROUNDED = 1.25
 
 The bound allows for at least four roundings of the largest reward at every step.
 """
+
+
+@dataclass(frozen=True)
+class ShapingReward(Shaping):
+    """A shaping reward of your own, F(s, a, s'), for :func:`certify`; no learner takes it.
+
+    Parameters
+    ----------
+    function : callable
+        Takes three (E,) int64 arrays (states, actions, next states) of transitions that can happen
+        and returns (E,) floats.
+
+    Examples
+    --------
+    >>> ShapingReward(lambda state, action, after: 5.0 * (after == state)).any_reward
+    True
+    """
+
+    function: RewardFunction
+
+    for_tables: ClassVar[bool] = False
+    theorem: ClassVar[str] = "Ng, Harada, Russell 1999"
+    any_reward: ClassVar[bool] = True
+    potential: ClassVar[None] = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise SettingError(
+                f"ShapingReward takes a function F(s, a, s'): got {type(self.function).__name__}"
+            )
+
+    def reward(self, shaped: Any) -> RewardFunction:
+        """Return the function itself."""
+        return self.function
+
+
+# -- the task without shaping ----------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,24 +118,20 @@ class Reachable:
 
 
 def shaping_rewards(
-    task: Any,
-    function: RewardFunction,
-    s: IntArray,
-    a: IntArray,
-    after: IntArray,
+    task: Any, function: RewardFunction, s: IntArray, a: IntArray, after: IntArray
 ) -> FloatArray:
     """Return F(s, a, s') of E transitions, (E,), or raise PotentialError where there is none."""
     try:
-        given = function(s, a, after)
+        rewards = function(s, a, after)
     except Exception as error:
         raise PotentialError(
             f"a shaping reward must take arrays of states, actions and next states: it raised "
             f"{type(error).__name__}: {error}"
         ) from error
     try:
-        values = np.broadcast_to(np.asarray(given, np.float64), (len(s),))
+        values = np.broadcast_to(np.asarray(rewards, np.float64), (len(s),))
     except (TypeError, ValueError):
-        shape = np.shape(given) if isinstance(given, np.ndarray) else repr(given)
+        shape = np.shape(rewards) if isinstance(rewards, np.ndarray) else repr(rewards)
         raise PotentialError(
             f"a shaping reward must return a number for each of {len(s):,} transitions: got {shape}"
         ) from None
@@ -107,23 +147,23 @@ def shaping_rewards(
     return values
 
 
-def shaped_task(met: Reachable, f: FloatArray) -> FiniteMDP:
+def with_reward(met: Reachable, f: FloatArray) -> FiniteMDP:
     """Return the task with rewards r + F, F (E,); every reachable pair has its own row."""
     mdp, rows = met.mdp, met.rows
-    own = np.zeros(mdp.outcome_row.shape, np.int32)  # unreachable states may have any row
-    own[met.states] = np.arange(len(rows), dtype=np.int32).reshape(-1, mdp.actions.size)
+    row = np.zeros(mdp.outcome_row.shape, np.int32)  # unreachable states may have any row
+    row[met.states] = np.arange(len(rows), dtype=np.int32).reshape(-1, mdp.actions.size)
     reward = mdp.reward[rows]
     reward[met.possible] += f
     return replace(
         mdp,
-        outcome_row=frozen(own),
+        outcome_row=frozen(row),
         probability=frozen(mdp.probability[rows]),
         next_state=frozen(mdp.next_state[rows]),
         reward=frozen(reward),
     )
 
 
-# -- the values that a policy acts on ------------------------------------------------------------
+# -- the values that a policy acts on --------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,50 +176,151 @@ class ShapedValues:
     largest: float  # the largest number that they are computed from
 
 
-def shaped_values(shaping: CheckedShaping, own: Solution, met: Reachable) -> ShapedValues:
-    """Return the values that a policy acts on under a potential."""
-    phi, discount = shaping.last_values(), shaping.discount
-    match shaping.shaping.claim:
-        case "telescoping":
-            f = met.reward(lambda s, a, after: discount * phi[after] - phi[s])
-            return with_reward(own, met, f, phi[met.states])
-        case "added_values":
-            return with_advice(own, met, phi)
-        case "one_way_in":
-            return with_look_back(own, met, phi)
-        case _:
-            return with_look_ahead(own, met, phi)
+@dataclass(frozen=True, eq=False)
+class ShapedTask:
+    """A shaping that fits its task, as its class is asked why it is safe."""
+
+    task: Task
+    shaping: Shaping
+    potential: Any  # of the library, or an array (S,) or (S, A) that keeps its values at the ends
+    discount: float  # gamma of F: the task's, or another tool's
+    ignored: FloatArray  # Phi that an array gives ends and learn() ignores, (S,)
+
+    compared: ClassVar[bool] = False  # whether the values of all states are at hand
+
+    def with_states(self) -> "ComparedTask":
+        """Return the same, with the reachable states and their values."""
+        return ComparedTask(self.task, self.shaping, self.potential, self.discount, self.ignored)
+
+    @cached_property
+    def ends(self) -> IntArray:
+        """The terminal states, as far as they are known."""
+        terminal = generative_model(self.task).terminal
+        return np.flatnonzero([] if terminal is None else terminal)
+
+    @property
+    def task_discount(self) -> float:
+        """The discount of the task."""
+        return generative_model(self.task).discount
+
+    @property
+    def is_array(self) -> bool:
+        """Whether the potential is an array, which need not be 0 at the ends."""
+        return isinstance(self.potential, np.ndarray)
+
+    @property
+    def changing(self) -> bool:
+        """Whether it is a state potential that changes while learning."""
+        return isinstance(self.potential, StatePotential) and self.potential.changes
+
+    @cached_property
+    def phi(self) -> FloatArray:
+        """The weighted potential in the long run, (S,) or (S, A)."""
+        values = self.potential if self.is_array else self.potential.values
+        if isinstance(self.potential, StatePotential):
+            values = values[-1]
+        return np.asarray(self.shaping.last_weight * values)
+
+    @property
+    def phi_at_ends(self) -> FloatArray:
+        """What F contains where an end is entered: Phi(s), or max_a phi(s, a); 0 but of arrays."""
+        if not self.is_array:
+            return np.zeros(len(self.ends))
+        phi = self.phi if self.phi.ndim == 1 else self.phi.max(axis=1)
+        return np.asarray(phi[self.ends])
+
+    @property
+    def zero_at_ends(self) -> bool:
+        """Whether the potential is 0 at all ends that are known."""
+        return not self.phi_at_ends.any()
+
+    @property
+    def same_for_all_actions(self) -> bool:
+        """Whether phi tells no actions apart."""
+        return not np.ptp(self.phi, axis=1).any()
+
+    def phi_of(self, state: IntArray, action: IntArray) -> FloatArray:
+        """Return phi(s, a) of n pairs, (n,), reading no others; their states are no ends."""
+        if self.is_array:
+            return np.asarray(self.potential[state, action])
+        return np.asarray(self.potential.q(state, action))
+
+    def reward(self) -> RewardFunction:
+        """Return F(s, a, s') of a shaping by any reward."""
+        function: RewardFunction = self.shaping.reward(self)
+        return function
 
 
-def with_reward(own: Solution, met: Reachable, f: FloatArray, shift: FloatArray) -> ShapedValues:
-    """Return the optimal values for rewards r + F, F (E,); by theory Q* - shift, shift (N,)."""
-    solution = solve(shaped_task(met, f))
-    q = solution.action_values[met.states]
-    expected = own.action_values[met.states] - shift[:, None]
-    largest = max(_largest(q), _largest(f))
-    return ShapedValues(q, ROUNDED * solution.error_bound, _largest(q - expected), largest)
+class ComparedTask(ShapedTask):
+    """A shaping in a task whose states are compared: what a policy acts on, with proven bounds."""
 
+    compared: ClassVar[bool] = True
 
-def with_look_ahead(own: Solution, met: Reachable, phi: FloatArray) -> ShapedValues:
-    """Return Q + phi under look-ahead advice, or after starting at phi; by theory Q*.
+    @cached_property
+    def met(self) -> Reachable:
+        """The states that can be reached."""
+        return Reachable.of(tables(self.task))
 
-    The operator Q <- E[r + gamma phi(s', a*) - phi(s, a) + gamma Q(s', a*)], a* = argmax Q + phi,
-    is a contraction of Q + phi. Its one fixed point is Q* of a task whose ends pay
-    gamma max_a phi(end, a). That task is solved, and the operator then applied once as written, so
-    that the bound holds for its own result.
-    """
-    mdp = met.mdp
-    solution = own
-    if phi[met.ends].any():
-        ending = np.where(mdp.terminal, mdp.discount * phi.max(axis=1), 0.0)
-        f = met.reward(lambda s, a, after: ending[after])
-        solution = solve(shaped_task(met, f))
-    q = look_ahead_sweep(mdp, phi, solution.action_values - phi)
-    acted = (q + phi)[met.states]
-    rounding = (mdp.probability.shape[1] + 8) * EPSILON * (_largest(phi) + _largest(acted))
-    residual = _largest(acted - own.action_values[met.states])
-    largest = max(_largest(phi), _largest(acted))
-    return ShapedValues(acted, solution.error_bound + rounding, residual, largest)
+    @cached_property
+    def ends(self) -> IntArray:
+        """The terminal states that can be reached."""
+        return self.met.ends
+
+    @cached_property
+    def unshaped(self) -> Solution:
+        """The solution of the task itself."""
+        return solve(self.task)
+
+    @property
+    def terminal(self) -> BoolArray:
+        """Which states are terminal, (S,) bool."""
+        return self.met.mdp.terminal
+
+    def entered_with(self, phi: FloatArray) -> FloatArray:
+        """Return phi of the pair by which each state is entered, (S,); 0 where episodes start."""
+        before = np.zeros(self.met.mdp.states.size)
+        before[self.met.target] = phi[self.met.source, self.met.action]
+        before[self.met.mdp.start > 0] = 0.0
+        return before
+
+    def rewarded(self, reward: RewardFunction, off: FloatArray) -> ShapedValues:
+        """Return Q* for rewards r + F(s, a, s'); by theory Q* - off, off (S,)."""
+        return self.with_rewards(self.met.reward(reward), off[self.met.states])
+
+    def with_rewards(self, f: FloatArray, off: FloatArray) -> ShapedValues:
+        """Return Q* for rewards r + F, F (E,); by theory Q* - off, off (N,)."""
+        solution = solve(with_reward(self.met, f))
+        q = solution.action_values[self.met.states]
+        expected = self.unshaped.action_values[self.met.states] - off[:, None]
+        largest = max(_largest(q), _largest(f))
+        return ShapedValues(q, ROUNDED * solution.error_bound, _largest(q - expected), largest)
+
+    def looking_ahead(self, phi: FloatArray) -> ShapedValues:
+        """Return Q + phi under look-ahead advice, or after starting at phi; by theory Q*.
+
+        The operator Q <- E[r + gamma phi(s', a*) - phi(s, a) + gamma Q(s', a*)], a* = argmax Q +
+        phi, is a contraction of Q + phi. Its one fixed point is Q* of a task whose ends pay
+        gamma max_a phi(end, a). That task is solved, and the operator then applied once as written,
+        so that the bound holds for its own result.
+        """
+        met, mdp, solution = self.met, self.met.mdp, self.unshaped
+        if phi[met.ends].any():
+            ending = np.where(mdp.terminal, mdp.discount * phi.max(axis=1), 0.0)
+            solution = solve(with_reward(met, met.reward(lambda s, a, after: ending[after])))
+        q = look_ahead_sweep(mdp, phi, solution.action_values - phi)
+        acted = (q + phi)[met.states]
+        rounding = (mdp.probability.shape[1] + 8) * EPSILON * (_largest(phi) + _largest(acted))
+        residual = _largest(acted - self.unshaped.action_values[met.states])
+        largest = max(_largest(phi), _largest(acted))
+        return ShapedValues(acted, solution.error_bound + rounding, residual, largest)
+
+    def advised(self, advice: FloatArray) -> ShapedValues:
+        """Return Q* + advice, (S, A), for policies that learn Q from plain rewards."""
+        added = advice[self.met.states]
+        acted = self.unshaped.action_values[self.met.states] + added
+        rounding = EPSILON * (_largest(acted) + _largest(added))
+        largest = max(_largest(acted), _largest(added))
+        return ShapedValues(acted, self.unshaped.error_bound + rounding, _largest(added), largest)
 
 
 def look_ahead_sweep(mdp: FiniteMDP, phi: FloatArray, q: FloatArray) -> FloatArray:
@@ -196,32 +337,43 @@ def look_ahead_sweep(mdp: FiniteMDP, phi: FloatArray, q: FloatArray) -> FloatArr
     return np.where(mdp.terminal[:, None], 0.0, rows[mdp.outcome_row] - phi)
 
 
-def with_look_back(own: Solution, met: Reachable, phi: FloatArray) -> ShapedValues:
-    """Return Q under look-back advice, by theory Q* - phi(before) / gamma.
-
-    All transitions into a state must have one phi. Then F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1})
-    / gamma, with phi = 0 before the start and at ends, is a function of s, a and s'.
-    """
-    mdp = met.mdp
-    before = np.zeros(mdp.states.size)
-    before[met.target] = phi[met.source, met.action]
-    before[mdp.start > 0] = 0.0
-    shift = before / mdp.discount
-
-    def reward(s: IntArray, a: IntArray, after: IntArray) -> FloatArray:
-        return np.where(mdp.terminal[after], 0.0, phi[s, a]) - shift[s]
-
-    return with_reward(own, met, met.reward(reward), shift[met.states])
-
-
-def with_advice(own: Solution, met: Reachable, advice: FloatArray) -> ShapedValues:
-    """Return Q* + advice, (S, A), for policies that learn Q from plain rewards."""
-    added = advice[met.states]
-    acted = own.action_values[met.states] + added
-    rounding = EPSILON * (_largest(acted) + _largest(added))
-    largest = max(_largest(acted), _largest(added))
-    return ShapedValues(acted, own.error_bound + rounding, _largest(added), largest)
-
-
 def _largest(array: FloatArray) -> float:
     return float(abs(array).max(initial=0.0))
+
+
+def check_shaping(
+    task: Task, shaping: Any, shaping_discount: float | None = None, ends: Ends = "zero"
+) -> ShapedTask:
+    """Return a shaping that fits its task, or raise PotentialError or SettingError."""
+    if not isinstance(shaping, Shaping):
+        raise SettingError(
+            "what is certified must be a shaping, such as StateShaping(potential), or a "
+            f"ShapingReward(function): got {type(shaping).__name__}"
+        )
+    by_function = isinstance(shaping, ShapingReward)
+    if not (by_function or (shaping.for_tables and shaping.potential is not None)):
+        raise SettingError(
+            f"a shaping to be certified must be for tables and have a potential: got {shaping!r}"
+        )
+    one_of("ends", ends, ("zero", "given"), SettingError)
+    generative = generative_model(task)
+    terminal, discount = generative.terminal, generative.discount
+    if shaping_discount is not None:
+        if not shaping.takes_discount:
+            raise SettingError(
+                "shaping_discount is the discount of F = gamma Phi(s') - Phi(s) and goes with "
+                f"StateShaping: got {shaping.name}"
+            )
+        discount = number("shaping_discount", shaping_discount, SettingError, low=0, high=1)
+    potential: Any = None if by_function else shaping.for_task(task).potential
+    ignored = np.zeros(0)
+    if not (by_function or isinstance(shaping.potential, StatePotential | PairPotential)):
+        array = np.array(shaping.potential, dtype=np.float64)
+        if isinstance(potential, StatePotential) and array.ndim == 2:
+            array = array.max(axis=1)
+        if ends == "given":
+            potential = frozen(array)
+        elif terminal is not None:
+            at_states = array if array.ndim == 1 else array.max(axis=1)
+            ignored = np.where(terminal, at_states, 0.0)
+    return ShapedTask(task, shaping, potential, discount, ignored)

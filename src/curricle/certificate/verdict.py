@@ -51,9 +51,9 @@ class Counterexample:
 
     def __str__(self) -> str:
         best, other = self.actions
-        own, shaped = _told_apart(self.values), _told_apart(self.shaped_values)
+        in_task, shaped = _told_apart(self.values), _told_apart(self.shaped_values)
         values = (
-            f"{best} is worth {own[0]} and {other} {own[1]}, under shaping {shaped[0]} and "
+            f"{best} is worth {in_task[0]} and {other} {in_task[1]}, under shaping {shaped[0]} and "
             f"{shaped[1]}"
         )
         if self.lost > 0:
@@ -64,9 +64,9 @@ class Counterexample:
 def _told_apart(values: tuple[float, float]) -> tuple[str, str]:
     """Return two numbers in as many digits as tell them apart, from 4 to all 17."""
     for digits in range(4, 18):
-        one, other = (f"{value:.{digits}g}" for value in values)
-        if one != other:
-            return one, other
+        first, second = (f"{value:.{digits}g}" for value in values)
+        if first != second:
+            return first, second
     return f"{values[0]:.4g}", f"{values[1]:.4g}"
 
 
@@ -227,10 +227,10 @@ class SampledCertificate:
 
 
 def _as_text(sentences: Sequence[str]) -> str:
-    return ". ".join(one[0].upper() + one[1:] for one in sentences) + "."
+    return ". ".join(sentence[0].upper() + sentence[1:] for sentence in sentences) + "."
 
 
-def _values_table(found: Counterexample) -> Markup:
+def _values_table(worst: Counterexample) -> Markup:
     """Return what both actions are worth in the state that refutes a certificate."""
-    rows = zip(found.actions, found.values, found.shaped_values, strict=True)
-    return table([found.place, "value in the task", "value under shaping"], rows)
+    rows = zip(worst.actions, worst.values, worst.shaped_values, strict=True)
+    return table([worst.place, "value in the task", "value under shaping"], rows)

@@ -28,8 +28,8 @@ from curricle.study.units import numbered_seeds, units_of
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
-from curricle.transfer.edges import countable, mapping_words, transfer_names
-from curricle.transfer.observation_rollouts import OBSERVATION_ROLLOUTS
+from curricle.transfer.rollouts import OBSERVATION_ROLLOUTS
+from curricle.transfer.transfer import transfer_names
 
 # -- The forecasts that ``curricle check`` prints --------------------------------------------------
 #
@@ -268,8 +268,8 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
-            cover = f"; {edge.mapping.coverage()}" if countable(edge.mapping) else ""
-            yield wrapped(f"{label}: {mapping_words(edge)}{cover}", 4)
+            cover = f"; {edge.mapping.coverage()}" if edge.mapping.countable else ""
+            yield wrapped(f"{label}: {edge.mapping.words}{cover}", 4)
 
 
 def _swept(study: StudyConfig) -> Iterator[str]:

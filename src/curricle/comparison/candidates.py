@@ -10,11 +10,11 @@ from typing import Any
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import SETTINGS
 from curricle.curriculum.sources import Learnt, calibrated
-from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
+from curricle.transfer.aggregate import BUILT_IN, Aggregate
 from curricle.transfer.calibration import AnyPotential
-from curricle.transfer.edges import Transfer, numbered, transfer_names
+from curricle.transfer.transfer import Transfer, numbered, transfer_names
 
-AGGREGATES = (minimum, mean, maximum, total)
+AGGREGATES = tuple(known.function for known in BUILT_IN.values())
 
 
 @dataclass(frozen=True, eq=False)

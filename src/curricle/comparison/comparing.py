@@ -46,7 +46,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.statistics.sequential import Looks, add_seeds
 from curricle.statistics.thresholds import fraction_of_optimum, midpoint
 from curricle.tasks.observation_task import is_observation_task
-from curricle.transfer.observation_rollouts import ObservationTarget, target_of
+from curricle.transfer.rollouts import ObservationTarget, target_of
 
 GivenScratch = Sequence[Any] | Mapping[str, Any]
 FRACTION = 0.9

@@ -32,18 +32,17 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.potential import StateActionPotential
-from curricle.learning.potential_rollouts import PairPotential
+from curricle.learning.potential import PairPotential, StateActionPotential
 from curricle.learning.result import LearningResult
 from curricle.learning.stopping import StoppingRule
 from curricle.progress import Progress
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, tables
 from curricle.tasks.observation_task import is_observation_task
+from curricle.transfer.by_components import identity
 from curricle.transfer.calibration import AnyPotential
-from curricle.transfer.edges import Transfer
-from curricle.transfer.identity_mapping import identity
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
+from curricle.transfer.transfer import Transfer
 
 Control = Literal["random_start", "pretraining", "placebo", "constant", "scaled", "negated"]
 CONTROLS: tuple[Control, ...] = get_args(Control)

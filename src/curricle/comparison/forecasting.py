@@ -31,19 +31,23 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt, SourceValues
 from curricle.deep.policy import policy_return
 from curricle.errors import CurricleError, CurriculumError
-from curricle.learning.potential import MappedPotential, StateActionPotential
+from curricle.learning.potential import PairPotential
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import Target
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.observation_task import is_observation_task
-from curricle.transfer.aggregation import Aggregate
+from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
-from curricle.transfer.edges import Calibrate, Transfer, countable, transfer_names
 from curricle.transfer.mapping import Coverage
 from curricle.transfer.observation_mapping import ObservationCoverage
-from curricle.transfer.observation_rollouts import ObservationTarget, target_of
-from curricle.transfer.quality import PotentialQuality, potential_quality
+from curricle.transfer.rollouts import (
+    ObservationTarget,
+    PotentialQuality,
+    potential_quality,
+    target_of,
+)
+from curricle.transfer.transfer import Calibrate, Transfer, transfer_names
 
 
 def forecast(
@@ -167,8 +171,7 @@ class JudgedPotentials:
         judge: Callable[[], Judgement],
     ) -> Judgement:
         """Return the judgement of K potentials; `judge` makes it where it is the first of them."""
-        tables = MappedPotential | StateActionPotential
-        if not all(isinstance(one, tables) for one in potentials):
+        if not all(isinstance(one, PairPotential) for one in potentials):
             return judge()
         key = id(target), *map(_digest, potentials)
         if key not in self._found:
@@ -176,11 +179,9 @@ class JudgedPotentials:
         return self._found[key]
 
 
-def _digest(potential: MappedPotential | StateActionPotential) -> bytes:
+def _digest(potential: PairPotential) -> bytes:
     """Return a digest of the numbers that a potential is made of."""
-    numbers: Iterable[Any] = (
-        potential.lookup if isinstance(potential, MappedPotential) else (potential.values,)
-    )
+    numbers: Iterable[Any] = potential.kernel or (potential.values,)
     return blake2b(pickle.dumps((type(potential).__name__, *numbers))).digest()
 
 
@@ -360,7 +361,7 @@ def _coverage(
     if isinstance(any_target, ObservationTarget):
         sample = any_target.observations(potential)
         return {label: edge.mapping.coverage(sample) for label, edge in labels.items()}
-    counted = {label: edge for label, edge in labels.items() if countable(edge.mapping)}
+    counted = {label: edge for label, edge in labels.items() if edge.mapping.countable}
     return {label: edge.mapping.coverage() for label, edge in counted.items()}
 
 

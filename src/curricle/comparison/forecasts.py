@@ -23,8 +23,7 @@ from curricle.text_tables import counted, folded, or_dash, text_table
 from curricle.transfer.calibration import Calibration
 from curricle.transfer.mapping import Coverage, coverage_table
 from curricle.transfer.observation_mapping import ObservationCoverage
-from curricle.transfer.observation_rollouts import ObservationTarget
-from curricle.transfer.quality import PotentialQuality
+from curricle.transfer.rollouts import ObservationTarget, PotentialQuality
 
 
 @dataclass(frozen=True)

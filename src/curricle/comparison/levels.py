@@ -24,8 +24,8 @@ from curricle.planning.rollouts import random_rollouts
 from curricle.tasks.mdp import generative_model, has_tables, reachable_states, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.calibration import AnyPotential
-from curricle.transfer.observation_rollouts import ObservationTarget
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
+from curricle.transfer.rollouts import ObservationTarget
 
 EPISODES, LENGTH = 100, 1000
 """Random rollouts where there are no dense tables, and the longest of them in steps."""
@@ -92,7 +92,7 @@ class VisitedPairs:
     def values(self, phi: AnyPotential) -> FloatArray:
         """Return phi of these pairs, a float64 array with one value for each."""
         if not isinstance(phi, ObservationPotential):
-            return np.asarray(phi.rows(self.states))
+            return np.asarray(phi.pairs(self.states))
         seen = ObservationTarget(self.task, GreedyEvaluation()).observations(phi)
         return np.asarray(phi.pairs(seen) if phi.of_actions else phi.v(seen))
 

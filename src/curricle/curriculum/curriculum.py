@@ -42,11 +42,11 @@ from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.mdp import Task, generative_model, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
-from curricle.transfer.aggregation import Aggregate
+from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
-from curricle.transfer.edges import Calibrate, Transfer
-from curricle.transfer.found_mappings import with_mapping
-from curricle.transfer.task_pair import search_steps
+from curricle.transfer.pair import search_steps
+from curricle.transfer.search import with_mapping
+from curricle.transfer.transfer import Calibrate, Transfer
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,7 +12,7 @@ from curricle.learning.stopping import SETTLED, Budget, Episodes, StoppingRule, 
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.tasks.mdp import generative_model
-from curricle.transfer.aggregation import mean
+from curricle.transfer.aggregate import mean
 
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,

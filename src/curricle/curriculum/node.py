@@ -34,9 +34,9 @@ from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluat
 from curricle.progress import Progress
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
-from curricle.transfer.aggregation import Aggregate
+from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential
-from curricle.transfer.observation_rollouts import target_of
+from curricle.transfer.rollouts import target_of
 
 
 @dataclass(frozen=True, eq=False)

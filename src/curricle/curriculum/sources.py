@@ -16,11 +16,11 @@ from curricle.learning.result import LearningResult
 from curricle.learning.stopping import limits
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
-from curricle.transfer.aggregation import Aggregate
+from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
-from curricle.transfer.edges import Calibrate, Transfer
 from curricle.transfer.observation_mapping import TableValues, ValueSource
-from curricle.transfer.potentials import ObservationPotential, combined_potential
+from curricle.transfer.potential import ObservationPotential, combined_potential
+from curricle.transfer.transfer import Calibrate, Transfer
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,8 +31,8 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.observation_task import ObservationTask
-from curricle.transfer.observation_rollouts import target_of
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
+from curricle.transfer.rollouts import target_of
 
 
 def learn_deep(

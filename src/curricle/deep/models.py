@@ -22,7 +22,7 @@ from curricle.errors import CurricleError, SettingError
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.tasks.observation_task import ObservationTask
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
 
 
 def model_for(

@@ -14,8 +14,8 @@ from curricle.checks import whole_number
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.tabulated_task import needs_of
 from curricle.transfer.observation_mapping import no_actions
-from curricle.transfer.observation_rollouts import Policy
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
+from curricle.transfer.rollouts import Policy
 
 try:
     import torch

@@ -20,7 +20,7 @@ from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.planning.episode import Episode, frame_of, played, with_pictures
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
-from curricle.transfer.observation_rollouts import (
+from curricle.transfer.rollouts import (
     Environments,
     ObservationTarget,
     mean_episode_return,

@@ -24,11 +24,6 @@ class _OfNetworks(Shaping):
         number(f"kl of a {self.name}", self.kl, SettingError, low=0)
 
     @property
-    def own_rewards(self) -> bool:
-        """Whether values are in the task's own rewards: nothing is added to these."""
-        return True
-
-    @property
     def potential(self) -> Any:
         """The source."""
         return self.source

@@ -35,7 +35,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import nothing
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
-from curricle.transfer.observation_rollouts import Environments, mean_episode_return
+from curricle.transfer.rollouts import Environments, mean_episode_return
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from curricle.interop.potential_shaping import (
     unstack,
 )
 from curricle.learning.schedules import Schedule
-from curricle.transfer.aggregation import Aggregate
+from curricle.transfer.aggregate import Aggregate
 
 try:
     from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, unwrap_vec_normalize

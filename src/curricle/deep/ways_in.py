@@ -22,7 +22,7 @@ from curricle.deep.networks import NetworkValues, plain_layers
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping
 from curricle.transfer.observation_mapping import no_actions
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
 
 VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
 """Prefixes of the critic's parameters in an actor-critic."""

@@ -33,7 +33,7 @@ from curricle.errors import CurricleError, CurriculumError
 from curricle.planning.solution import evaluate, solve
 from curricle.tasks.mdp import FiniteMDP, generative_model, reachable_states, same_task, tables
 from curricle.tasks.start_states import goal_distance
-from curricle.transfer.partition_refinement import model_for_refinement, refined
+from curricle.transfer.bisimulation import model_for_refinement, refined
 
 MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "member": family_members,

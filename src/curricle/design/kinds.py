@@ -38,9 +38,9 @@ from curricle.tasks.spaces import Component, Space
 from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
 from curricle.tasks.taxi import Taxi
 from curricle.text_tables import counted
-from curricle.transfer.component_mapping import ComponentMapping, family_mappings, project
+from curricle.transfer.bisimulation import merged_outcomes
+from curricle.transfer.by_components import ComponentMapping, family_mappings, project
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping, same_position
-from curricle.transfer.partition_refinement import merged_outcomes
 
 MOST_LISTED = 10_000
 """Easier members that are listed at most; addresses alone, of which few are built."""

@@ -14,7 +14,7 @@ from curricle.tasks.family import FamilyMember
 from curricle.tasks.mdp import FiniteMDP, generative_model, has_tables, tables
 from curricle.tasks.start_states import goal_states
 from curricle.text_tables import counted
-from curricle.transfer.component_mapping import member_mappings
+from curricle.transfer.by_components import member_mappings
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,

@@ -27,15 +27,15 @@ from gymnasium.vector.utils import iterate
 from curricle.array_types import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, numbers
 from curricle.errors import PotentialError, SettingError
-from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
+from curricle.learning.potential import StateActionPotential, StatePotential
 from curricle.learning.schedules import CONSTANT, Schedule, schedule
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import stack
 from curricle.tasks.spaces import Space, whole
-from curricle.transfer import aggregation
-from curricle.transfer.aggregation import Aggregate
+from curricle.transfer import aggregate as aggregation
+from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.observation_mapping import ValueSource
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import MappedPotential, ObservationPotential
 
 if TYPE_CHECKING:
     AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
@@ -222,7 +222,7 @@ def _values(
 ) -> FloatArray:
     """Return Phi(s, t) of n states, (n,) float64."""
     if isinstance(potential, MappedPotential):
-        phi = potential.rows(states).max(axis=1)
+        phi = potential.pairs(states).max(axis=1)
         terminal = generative_model(potential.task).terminal
         return phi if terminal is None else np.where(terminal[states], 0.0, phi)
     frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1

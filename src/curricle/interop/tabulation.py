@@ -71,7 +71,7 @@ from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
 from curricle.tasks.mdp import FiniteMDP, number_of
 from curricle.tasks.spaces import Component, Space, values_of
-from curricle.transfer.partition_refinement import merged_outcomes, numbered_rows
+from curricle.transfer.bisimulation import merged_outcomes, numbered_rows
 
 WIDEST = 10_000
 """Values of a component that is numbered from its lowest to its highest value."""

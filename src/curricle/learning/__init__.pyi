@@ -11,7 +11,6 @@ from .optimistic_learning import (
     value_bounds as value_bounds,
 )
 from .potential import (
-    MappedPotential as MappedPotential,
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )

@@ -6,20 +6,20 @@ only its steps tell (a :class:`ComputedMDP`, a live task), what reads a potentia
 episode has ended. The discount is the task's; there is no second one.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.array_types import FloatArray, FloatTable, IntArray
 from curricle.checks import BEYOND_64_BITS, indices, number, numbers, whole_number
 from curricle.display import brief_repr
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.schedules import schedule
-from curricle.learning.value_lookup import ValueLookup, fits_task, read_rows, read_table
+from curricle.learning.value_lookup import ValueLookup
 from curricle.tasks.mdp import Task, generative_model
 
 LARGEST_POTENTIAL = 1e15
@@ -28,6 +28,10 @@ LARGEST_POTENTIAL = 1e15
 Numbers of this size are stored in steps of 1/8, so that rewards of ordinary size no longer change
 them; near 1e308 learning overflows.
 """
+
+
+STATES_READ = 10_000
+"""States whose phi of all actions is read at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +129,8 @@ class StatePotential(Frozen):
             When it is left out in another task.
         """
         generative = generative_model(self.task)
-        here = self.at(step)[_states(self.task, state)]
-        there = self.at(step + 1)[_states(self.task, next_state)]
+        here = self.at(step)[numbered_states(self.task, state)]
+        there = self.at(step + 1)[numbered_states(self.task, next_state)]
         if terminated is not None:
             there = np.where(np.asarray(terminated, dtype=np.bool_), 0.0, there)
         elif generative.terminal is None:
@@ -137,8 +141,50 @@ class StatePotential(Frozen):
         return np.asarray(generative.discount * there - here)
 
 
+class PairPotential(Frozen, ABC):
+    """phi(s, a) of a task with numbered states: what learning asks of a potential of pairs."""
+
+    task: Task
+    values: Any  # phi(s, a) as an array, (S, A) float64; 0 at terminal states that the task knows
+    of_actions = True
+
+    @property
+    def kernel(self) -> ValueLookup | None:
+        """What tables read that are filled row by row, while learning; None for an array."""
+        return None
+
+    @abstractmethod
+    def fill(self, q: FloatTable, initial: float) -> None:
+        """Write initial + phi(s, a) into a table, (S, A); terminal rows may hold anything."""
+
+    @abstractmethod
+    def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
+        """Return phi(s, a) of n states, (n, A) float64, computing no others."""
+
+    def q(self, states: IntArray, actions: IntArray) -> FloatArray:
+        """Return phi(s, a) of n pairs, (n,) float64, computing no other states."""
+        phi = np.empty(len(states))
+        for first in range(0, len(states), STATES_READ):
+            part = slice(first, first + STATES_READ)
+            rows = self.pairs(states[part])
+            phi[part] = np.take_along_axis(rows, actions[part, None], axis=1)[:, 0]
+        return phi
+
+    def v(self, states: IntArray) -> FloatArray:
+        """Return Phi(s) = max_a phi(s, a) of n states, (n,) float64."""
+        return np.asarray(self.pairs(states).max(axis=1))
+
+    @abstractmethod
+    def rescaled(self, scale: float, shift: float = 0.0) -> Self:
+        """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum."""
+
+    def to_state(self) -> StatePotential:
+        """Return the state potential Phi(s) = max_a phi(s, a)."""
+        return StatePotential(self.task, self.values.max(axis=1))
+
+
 @dataclass(frozen=True, eq=False)
-class StateActionPotential(Frozen):
+class StateActionPotential(PairPotential):
     """phi(s, a), for Q-initialisation and advice (paper E5; Wiewiora 2003).
 
     Parameters
@@ -180,104 +226,18 @@ class StateActionPotential(Frozen):
         ends = None if generative.terminal is None else generative.terminal[:, None]
         object.__setattr__(self, "values", _zero_at_ends(ends, values))
 
-    def rows(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
+    def fill(self, q: FloatTable, initial: float) -> None:
+        """Write initial + phi(s, a) into a table, (S, A)."""
+        np.add(self.values, initial, out=q, casting="same_kind")
+
+    def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
         """Return phi(s, a) of n states, (n, A) float64."""
         return np.asarray(self.values[states])
 
-    def rescaled(self, scale: float, shift: float = 0.0) -> "StateActionPotential":
-        """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum.
-
-        PotentialError unless both are finite numbers.
-        """
+    def rescaled(self, scale: float, shift: float = 0.0) -> Self:
+        """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum."""
         scale, shift = finite_scale(scale, shift)
         return replace(self, values=scale * self.values + shift)
-
-    def to_state(self) -> StatePotential:
-        """Return the state potential Phi(s) = max_a phi(s, a)."""
-        return StatePotential(self.task, self.values.max(axis=1))
-
-
-@dataclass(frozen=True, eq=False)
-class MappedPotential(Frozen):
-    """phi(s, a) computed from the sources' values one state at a time, without an array.
-
-    :class:`Curriculum` makes it of transfers whose mappings go by name (:func:`project`) and an
-    aggregate of the library's own.
-
-    Parameters
-    ----------
-    task : Task
-        The task to be shaped.
-    lookup : ValueLookup
-        The sources' values and how target states and actions are looked up in them.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, Pursuit, Transfer, project
-    >>> hunt, chase = Pursuit(3, 2), Pursuit(3, 1)
-    >>> curriculum = Curriculum(
-    ...     tasks={"chase": chase, "hunt": hunt},
-    ...     transfers=[Transfer("chase", "hunt", project(hunt, chase, predator="predator_1"))],
-    ...     budget=1000)
-    >>> phi = curriculum.train().potentials["hunt"][0]
-    >>> type(phi).__name__, phi.values.shape
-    ('MappedPotential', (729, 25))
-    """
-
-    task: Task
-    lookup: ValueLookup
-
-    __repr__ = brief_repr
-
-    def __post_init__(self) -> None:
-        generative = generative_model(self.task)
-        if not fits_task(self.lookup, generative.states, generative.actions.size):
-            raise PotentialError(f"a lookup must be one for its task: {self.task} has another")
-        values = self.lookup.values
-        largest = abs(self.lookup.scale) * max(
-            values.max(initial=0.0), -values.min(initial=0.0)
-        ) + abs(self.lookup.shift)
-        if largest > LARGEST_POTENTIAL:
-            raise _too_large("phi", f"the sources' values give {largest:g}")
-
-    @cached_property
-    def values(self) -> FloatArray:
-        """phi(s, a) as an array, (S, A) float64, computed at first use.
-
-        0 at terminal states, where the task knows these.
-        """
-        generative = generative_model(self.task)
-        phi = np.empty((generative.states.size, generative.actions.size))
-        read_table(self.lookup, phi)
-        if generative.terminal is not None:
-            phi[generative.terminal] = 0.0
-        return frozen(phi)
-
-    def rows(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
-        """Return phi(s, a) of n states, (n, A) float64, computing no others.
-
-        Terminal states are not set to 0: they get what the sources' values give.
-        """
-        wanted = _states(self.task, states)
-        phi = np.empty((len(wanted), generative_model(self.task).actions.size))
-        read_rows(self.lookup, wanted, phi)
-        return phi
-
-    def rescaled(self, scale: float, shift: float = 0.0) -> "MappedPotential":
-        """Return scale phi(s, a) + shift; it keeps the optimum.
-
-        PotentialError unless both are finite numbers.
-        """
-        own, (scale, shift) = self.lookup, finite_scale(scale, shift)
-        lookup = own._replace(scale=scale * own.scale, shift=scale * own.shift + shift)
-        return MappedPotential(self.task, lookup)
-
-    def to_state(self) -> StatePotential:
-        """Return the state potential Phi(s) = max_a phi(s, a)."""
-        return StatePotential(self.task, self.values.max(axis=1))
-
-
-Potential = StatePotential | StateActionPotential | MappedPotential
 
 
 def finite_scale(scale: float, shift: float) -> tuple[float, float]:
@@ -285,8 +245,9 @@ def finite_scale(scale: float, shift: float) -> tuple[float, float]:
     return number("scale", scale, PotentialError), number("shift", shift, PotentialError)
 
 
-def _states(task: Any, given: Any) -> IntArray:
-    return indices("states", given, generative_model(task).states.size, PotentialError)
+def numbered_states(task: Any, states: Any) -> IntArray:
+    """Return numbers of a task's states, checked; PotentialError where one is out of range."""
+    return indices("states", states, generative_model(task).states.size, PotentialError)
 
 
 def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:
@@ -294,22 +255,20 @@ def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:
     return frozen(values.copy() if ends is None else np.where(ends, 0.0, values))
 
 
-def finite(given: npt.ArrayLike, name: str) -> FloatArray:
-    """Return a copy of values as float64.
-
-    Raises PotentialError naming a value that is not finite or larger than ``LARGEST_POTENTIAL``.
-    """
-    values = numbers(name, given, PotentialError)
+def finite(array: npt.ArrayLike, name: str) -> FloatArray:
+    """Return a copy of values as float64."""
+    values = numbers(name, array, PotentialError)
     bad = np.argwhere(~(abs(values) <= LARGEST_POTENTIAL))
     if not len(bad):
         return values
     place = tuple(int(i) for i in bad[0])
     if np.isfinite(values[place]):
-        raise _too_large(name, f"entry {place} is {values[place]:g}")
+        raise too_large(name, f"entry {place} is {values[place]:g}")
     raise PotentialError(f"{name} must be finite: entry {place} is {values[place]}")
 
 
-def _too_large(name: str, where: str) -> PotentialError:
+def too_large(name: str, where: str) -> PotentialError:
+    """Return the error that a potential has numbers beside which rewards vanish."""
     return PotentialError(
         f"{name} must be at most {LARGEST_POTENTIAL:.0e} in size, as rewards vanish beside larger "
         f"numbers: {where}"

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ from curricle.learning.guard import (
 )
 from curricle.learning.learners import Learner
 from curricle.learning.optimistic_learning import OptimisticQLearning, train_optimistically
-from curricle.learning.potential import MappedPotential
+from curricle.learning.potential import PairPotential
 from curricle.learning.q_learning import train_q_learning
 from curricle.learning.record import Bounds, Record, Used
 from curricle.learning.seeds import SeedSettings
@@ -30,7 +30,7 @@ from curricle.learning.shaping import NOTHING_ADDED, QInitialisation, Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import SparseValues, Storage
 from curricle.learning.tables import DenseTable, SparseTable, StaticInt, reorder
-from curricle.learning.value_lookup import no_sources, read_table
+from curricle.learning.value_lookup import no_sources
 from curricle.planning.policy_evaluation import EvaluationKernel
 from curricle.tasks.kernel import compiled, splitmix64
 from curricle.tasks.live import open_model
@@ -263,12 +263,10 @@ class Run:
         """Return a table, a new one unless given, of the initial value plus the potential."""
         q = np.empty(self.shape, self.storage.dtype) if q is None else q
         initial = float(self.learner.initial_value)
-        if isinstance(potential, MappedPotential):
-            read_table(potential.lookup._replace(initial=initial), q)
-        elif potential is None:
+        if potential is None:
             q[...] = initial
         else:
-            np.add(potential.values, initial, out=q, casting="same_kind")
+            potential.fill(q, initial)
         if self.task.terminal is not None:
             q[self.task.terminal] = 0.0
         return q
@@ -280,12 +278,8 @@ class Run:
         """
         ends = np.flatnonzero(record.ends)
         initial = float(self.learner.initial_value)
-        if isinstance(potential, MappedPotential):
-            lookup = potential.lookup._replace(initial=initial)
-            start = replace(potential, lookup=lookup).rows(ends)
-        else:
-            phi = 0.0 if potential is None else potential.values[ends]
-            start = np.broadcast_to(phi + initial, (len(ends), tables.shape[2]))
+        phi = 0.0 if potential is None else potential.pairs(ends)
+        start = np.broadcast_to(phi + initial, (len(ends), tables.shape[2]))
         same: Any = (tables[:, ends] == start.astype(tables.dtype)).all(axis=(0, 2))
         return np.asarray(ends[same])
 
@@ -294,10 +288,11 @@ class Run:
         best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
         return DenseTable(q, best, greedy, key, self._width, far)
 
-    def _sparse(self, potential: MappedPotential | None, key: np.uint64) -> SparseTable:
+    def _sparse(self, potential: PairPotential | None, key: np.uint64) -> SparseTable:
         # Pages of np.empty and np.zeros take no memory before they are written to.
         n_actions, rows, dtype = self.task.actions.size, self.rows + 1, self.storage.dtype
-        lookup = no_sources(n_actions) if potential is None else potential.lookup
+        lookup = no_sources(n_actions) if potential is None else potential.kernel
+        assert lookup is not None
         # These are read together, so they lie together: a cache miss takes as long as all the rest.
         heads = np.empty(
             rows, np.dtype([("state", "u8"), ("best", dtype), ("greedy", "u2")], align=True)

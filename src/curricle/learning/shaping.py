@@ -1,11 +1,13 @@
 """Shapings: how a potential enters learning, one class for each way.
 
-The methods and class variables of :class:`Shaping` are all that a class may define.
+A class alone states what it adds (`_added`), what the values then mean (`offset`, `advice`,
+`own_rewards`) and why it is safe (`theorem` and the declarations beside it, which :func:`certify`
+asks for). The methods and class variables of :class:`Shaping` are all that a class may define.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -16,19 +18,9 @@ from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STAT
 from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner
 from curricle.learning.optimistic_learning import OptimisticQLearning
-from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
+from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
 from curricle.tasks.mdp import Task, generative_model, same_task
-
-Claim = Literal["telescoping", "fixed_point", "one_way_in", "added_values", "added_rewards"]
-"""What holds of a shaping in the long run, for :func:`certify` to check.
-
-- telescoping: rewards get gamma Phi(s') - Phi(s), so that Q becomes Q* - Phi;
-- fixed_point: Q + phi, or Q started at phi, becomes Q*;
-- one_way_in: rewards get phi(s, a) - phi(before) / gamma, and every state is entered with one phi;
-- added_values: the policy acts on Q* + w phi with the last weight w;
-- added_rewards: rewards get phi(s, a) or F(s, a, s'), which need not be potential-based.
-"""
 
 # Read-only like every potential: another kind of array would be another compilation.
 _NONE = frozen(np.zeros((1, 1)))
@@ -48,13 +40,24 @@ class Shaping(ABC):
     True
     """
 
-    claim: ClassVar[Claim]
     for_tables: ClassVar[bool] = True
     for_networks: ClassVar[bool] = False
+    # Whether Q starts at the potential, so that learning itself is plain.
     starts_at_potential: ClassVar[bool] = False
-    """Whether Q starts at the potential, so that learning itself is plain."""
+    # Whether it uses the potential's values, so that these can be calibrated or forecast.
     reads_values: ClassVar[bool] = True
-    """Whether it uses the potential's values, so that these can be calibrated or forecast."""
+    # What proves it safe where `meets_conditions` and the declarations below hold.
+    theorem: ClassVar[str] = ""
+    # Whether it learns from other rewards than the task's, as if another reward were added.
+    changes_rewards: ClassVar[bool] = True
+    # Whether the reward added need not come from a potential: it is safe only if it does.
+    any_reward: ClassVar[bool] = False
+    # Whether it is safe only where every state is entered with one phi.
+    one_way_in: ClassVar[bool] = False
+    # Whether another tool may compute it with a discount of its own.
+    takes_discount: ClassVar[bool] = False
+    # What another tool does with a potential that is not 0 at the ends; empty if nothing.
+    at_ends: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         if self.guard is not None:
@@ -78,7 +81,7 @@ class Shaping(ABC):
     @property
     def own_rewards(self) -> bool:
         """Whether Q plus the offset is in the task's own rewards, so that it can be handed on."""
-        return self.claim not in ("one_way_in", "added_rewards")
+        return True
 
     @property
     def name(self) -> str:
@@ -110,10 +113,7 @@ class Shaping(ABC):
             )
 
     def for_task(self, task: Task) -> Self:
-        """Return the shaping with a potential of the library's own, made for this task.
-
-        PotentialError for a malformed array, SettingError for a potential of another kind or task.
-        """
+        """Return the shaping with a potential of the library's own, made for this task."""
         if self.potential is None:
             return self
         potential = self._taken(task, self.potential)
@@ -122,6 +122,8 @@ class Shaping(ABC):
                 f"a potential must be made for the task it shapes: it belongs to {potential.task}"
             )
         return self.with_potential(potential)
+
+    # -- what it adds, and what the values then mean -----------------------------------------------
 
     def kernel(self) -> ShapingKernel:
         """Return what compiled loops add; nothing where Q starts at the potential."""
@@ -139,25 +141,60 @@ class Shaping(ABC):
         """Return the fields of the kernel that differ from ``NOTHING_ADDED``."""
         return {}
 
-    def _taken(self, task: Task, given: Any) -> Any:
+    def _taken(self, task: Task, potential: Any) -> Any:
         """Return the potential that the shaping uses: of pairs, unless a class overrides it."""
-        if isinstance(given, StatePotential):
+        if isinstance(potential, StatePotential):
             raise SettingError(f"{self.name} takes a potential phi(s, a): got StatePotential")
-        if isinstance(given, StateActionPotential | MappedPotential):
-            return given
-        return StateActionPotential(task, given)
+        if isinstance(potential, PairPotential):
+            return potential
+        return StateActionPotential(task, potential)
+
+    # -- why it is safe: `shaped` is the ShapedTask that `certify` judges --------------------------
+
+    def meets_conditions(self, shaped: Any) -> bool:
+        """Return whether the theorem applies, the ends of the task being known."""
+        return True
+
+    def acted_on(self, shaped: Any) -> Any:
+        """Return the values that a policy acts on in the long run, as `shaped` computes them."""
+        raise NotImplementedError
+
+    def reward(self, shaped: Any) -> Any:
+        """Return the function F(s, a, s') that is added, where it is `any_reward`."""
+        raise NotImplementedError
+
+    def long_run(self) -> str:
+        """Return a finding on what the policy acts on in the long run; empty if it is Q* alone."""
+        return ""
 
 
 @dataclass(frozen=True)
-class _StartsAtPotential(Shaping):
-    """Q-initialisation and look-ahead advice, which are the same computation."""
+class _Guarded(Shaping):
+    """A shaping by a potential, which a guard may accompany."""
 
     potential: Any = field(default=None, repr=False)
     guard: Guard | None = None
 
-    claim: ClassVar[Claim] = "fixed_point"
+
+@dataclass(frozen=True)
+class _StartsAtPotential(_Guarded):
+    """Q-initialisation and look-ahead advice, which are the same computation."""
+
     for_networks: ClassVar[bool] = True
     starts_at_potential: ClassVar[bool] = True
+    theorem: ClassVar[str] = "Wiewiora 2003"
+    at_ends: ClassVar[str] = (
+        "a learner is assumed that bootstraps from phi at the ends; one that masks terminated "
+        "steps, as Stable-Baselines3 does, never reads it"
+    )
+
+    def meets_conditions(self, shaped: Any) -> bool:
+        """Return whether phi is 0 at the ends."""
+        return bool(shaped.zero_at_ends)
+
+    def acted_on(self, shaped: Any) -> Any:
+        """Return Q + phi, which becomes Q*: the fixed point of Q-learning's expected update."""
+        return shaped.looking_ahead(shaped.phi)
 
 
 @dataclass(frozen=True)
@@ -194,13 +231,13 @@ class LookAheadAdvice(_StartsAtPotential):
 
     Examples
     --------
-    >>> LookAheadAdvice().claim
-    'fixed_point'
+    >>> LookAheadAdvice().theorem
+    'Wiewiora 2003'
     """
 
 
 @dataclass(frozen=True)
-class LookBackAdvice(Shaping):
+class LookBackAdvice(_Guarded):
     """Rewards get F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1}) / gamma; for :class:`SARSA` only.
 
     A target contains phi of the step before, averaged over all ways into a state, so the optimum
@@ -216,14 +253,13 @@ class LookBackAdvice(Shaping):
 
     Examples
     --------
-    >>> LookBackAdvice().claim
-    'one_way_in'
+    >>> LookBackAdvice().one_way_in, LookBackAdvice().own_rewards
+    (True, False)
     """
 
-    potential: Any = field(default=None, repr=False)
-    guard: Guard | None = None
-
-    claim: ClassVar[Claim] = "one_way_in"
+    theorem: ClassVar[str] = "Wiewiora, Cottrell, Elkan 2003"
+    one_way_in: ClassVar[bool] = True
+    own_rewards: ClassVar[bool] = False  # phi of the step before cannot be taken off again
 
     def check(self, learner: Any) -> None:
         """Raise SettingError unless the learner is on-policy SARSA."""
@@ -244,9 +280,19 @@ class LookBackAdvice(Shaping):
     def _added(self) -> dict[str, Any]:
         return {"kind": LOOK_BACK, "pair_values": self.potential.values}
 
+    def acted_on(self, shaped: Any) -> Any:
+        """Return Q* for r + phi(s, a) - phi(before) / gamma: by theory Q* - phi(before) / gamma."""
+        phi = shaped.phi
+        off = shaped.entered_with(phi) / shaped.task_discount
+
+        def reward(s: Any, a: Any, after: Any) -> Any:
+            return np.where(shaped.terminal[after], 0.0, phi[s, a]) - off[s]
+
+        return shaped.rewarded(reward, off)
+
 
 @dataclass(frozen=True)
-class StateShaping(Shaping):
+class StateShaping(_Guarded):
     """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
 
     Q is learnt as Q* - Phi. Where Phi changes with time Q lags behind it: a state holds the Phi of
@@ -266,11 +312,10 @@ class StateShaping(Shaping):
     array([[1., 1., 0.]])
     """
 
-    potential: Any = field(default=None, repr=False)
-    guard: Guard | None = None
-
-    claim: ClassVar[Claim] = "telescoping"
     for_networks: ClassVar[bool] = True
+    theorem: ClassVar[str] = "Ng, Harada, Russell 1999"
+    takes_discount: ClassVar[bool] = True
+    at_ends: ClassVar[str] = "a tool is assumed that adds gamma Phi(end) to the reward there"
 
     @property
     def last_weight(self) -> float:
@@ -285,23 +330,28 @@ class StateShaping(Shaping):
 
     def _added(self) -> dict[str, Any]:
         phi = self.potential
-        return {
-            "kind": STATE,
-            "weight": phi.weight,
-            "steps": phi.frame_steps,
-            "state_values": phi.values,
-        }
+        over_time = {"weight": phi.weight, "steps": phi.frame_steps, "state_values": phi.values}
+        return {"kind": STATE, **over_time}
 
     def offset(self, step: int) -> Any:
         """Return Phi(s, t), (S, 1): Q is learnt as Q* - Phi."""
         return 0.0 if self.potential is None else self.potential.at(step)[:, None]
 
-    def _taken(self, task: Task, given: Any) -> Any:
-        if isinstance(given, StatePotential):
-            return given
-        if np.ndim(given) == 1:
-            return StatePotential(task, given)
-        return super()._taken(task, given).to_state()
+    def _taken(self, task: Task, potential: Any) -> Any:
+        if isinstance(potential, StatePotential):
+            return potential
+        if np.ndim(potential) == 1:
+            return StatePotential(task, potential)
+        return super()._taken(task, potential).to_state()
+
+    def meets_conditions(self, shaped: Any) -> bool:
+        """Return whether F has the task's discount, and Phi is 0 at the ends."""
+        return bool(shaped.discount == shaped.task_discount and shaped.zero_at_ends)
+
+    def acted_on(self, shaped: Any) -> Any:
+        """Return Q* for r + gamma Phi(s') - Phi(s): by theory Q* - Phi."""
+        phi, discount = shaped.phi, shaped.discount
+        return shaped.rewarded(lambda s, a, after: discount * phi[after] - phi[s], phi)
 
 
 @dataclass(frozen=True)
@@ -330,7 +380,8 @@ class DecayingAdvice(Shaping):
     weight: Any = 1.0
     guard: Guard | None = None
 
-    claim: ClassVar[Claim] = "added_values"
+    theorem: ClassVar[str] = "Behboudian et al. 2020"
+    changes_rewards: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -348,9 +399,23 @@ class DecayingAdvice(Shaping):
         """Return xi(t) phi(s, a), (S, A)."""
         return 0.0 if self.potential is None else self.weight(step) * self.potential.values
 
+    def meets_conditions(self, shaped: Any) -> bool:
+        """Return whether the advice vanishes, or is the same for all actions of a state."""
+        return self.last_weight == 0 or bool(shaped.compared and shaped.same_for_all_actions)
+
+    def acted_on(self, shaped: Any) -> Any:
+        """Return Q* + xi phi with the last weight xi."""
+        return shaped.advised(shaped.phi)
+
+    def long_run(self) -> str:
+        """Return the sentence on what the policy acts on with the last weight."""
+        weight = self.last_weight
+        acted_on = f"Q + {'' if weight == 1 else f'{weight:g} '}phi" if weight else "Q alone"
+        return f"in the long run the policy acts on {acted_on}"
+
 
 @dataclass(frozen=True)
-class RewardBonus(Shaping):
+class RewardBonus(_Guarded):
     """Rewards get phi(s, a) itself.
 
     This is not potential-based and can change the optimal policy; it is here to show reward
@@ -364,14 +429,17 @@ class RewardBonus(Shaping):
 
     Examples
     --------
-    >>> RewardBonus().claim
-    'added_rewards'
+    >>> RewardBonus().any_reward, RewardBonus().own_rewards
+    (True, False)
     """
 
-    potential: Any = field(default=None, repr=False)
-    guard: Guard | None = None
-
-    claim: ClassVar[Claim] = "added_rewards"
+    theorem: ClassVar[str] = "Ng, Harada, Russell 1999"
+    any_reward: ClassVar[bool] = True
+    own_rewards: ClassVar[bool] = False  # the bonus cannot be taken off again
 
     def _added(self) -> dict[str, Any]:
         return {"kind": BONUS, "pair_values": self.potential.values}
+
+    def reward(self, shaped: Any) -> Any:
+        """Return phi(s, a) as a function of transitions."""
+        return lambda state, action, after: shaped.phi_of(state, action)

@@ -9,7 +9,6 @@ import numpy.typing as npt
 from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
 from curricle.learning.learners import Learner, QLearning
-from curricle.learning.potential import MappedPotential
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.run import Outcome, Run
@@ -231,7 +230,7 @@ def _check_sparse(run: Run, each: Sequence[SeedSettings]) -> None:
                 f"{' and a guard' if shaping is not None and shaping.guard else ''}"
             )
         potential = None if shaping is None else shaping.potential
-        if potential is not None and not isinstance(potential, MappedPotential):
+        if potential is not None and potential.kernel is None:
             raise SettingError(
                 "a sparse table is made from a potential that is read through mappings by name "
                 f"(project): got {type(potential).__name__}, which is an array"

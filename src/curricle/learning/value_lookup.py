@@ -2,21 +2,19 @@
 
 A target with a hundred million states has no array of phi. A lookup holds the sources' values and,
 for each value of each component of a target state, what it adds to the number of the source's
-state: strides that depend on the value.
+state: strides that depend on the value. Sparse tables read it, also without a source: another type
+for that would compile their loops twice. Potentials make it (`transfer/potential.py`).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.array_types import FloatArray, IntArray
 from curricle.frozen_arrays import frozen
-from curricle.tasks.kernel import compiled_once, inlined, inverse_of, quotient
-from curricle.tasks.spaces import Space
+from curricle.tasks.kernel import inlined, quotient
 
-MOST_SOURCES = 64
-"""Sources of a lookup, at most."""
 # Aggregates: how the sources' potentials become one.
 MINIMUM, MAXIMUM, MEAN, TOTAL = range(4)
 
@@ -54,37 +52,6 @@ def no_sources(n_actions: int, initial: float = 0.0) -> ValueLookup:
     sizes = frozen(np.zeros(0, np.uint64))
     affine = 0.0, 1.0, 0.0, float(initial)
     return ValueLookup(empty, none, none, sizes, sizes, pairs, none, actions, MEAN, False, *affine)
-
-
-def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
-    """Return whether every state of a task is looked up within the values of its sources.
-
-    Compiled loops do not look where they read.
-    """
-    if not isinstance(lookup, ValueLookup) or not states.is_box:
-        return False
-    n, c = len(lookup.first), len(states.components)
-    if n == 0:
-        return lookup.action.shape == (0, n_actions)
-    shapes = lookup.strides_at.shape, lookup.action.shape, lookup.unmapped_row.shape
-    sizes = states.shape[::-1]
-    inverses = [inverse_of(size, states.size) for size in sizes]
-    if shapes != ((n, c), (n, n_actions), (n,)):
-        return False
-    if (*lookup.size,) != sizes or (*lookup.inverse,) != (*inverses,):
-        return False
-    ends = lookup.strides_at + np.array(sizes)
-    if lookup.strides_at.min() < 0 or ends.max() > len(lookup.strides):
-        return False
-    for source in range(n):
-        reach = [lookup.strides[first:end].max() for first, end in
-                 zip(lookup.strides_at[source], ends[source], strict=True)]  # fmt: skip
-        mapped = lookup.first[source] + sum(max(int(stride), 0) for stride in reach)
-        last = max(mapped, lookup.unmapped_row[source]) + lookup.action[source].max()
-        lowest = min(lookup.first[source], lookup.unmapped_row[source], lookup.action[source].min())
-        if lowest < 0 or last >= len(lookup.values):
-            return False
-    return True
 
 
 @inlined
@@ -179,20 +146,3 @@ def read_row(lookup, state, out):
             out[action] = lookup.scale * out[action] + lookup.shift
     for action in range(n_actions):
         out[action] += lookup.initial
-
-
-@compiled_once
-def read_table(lookup, q):
-    """Write initial value + phi into every row of a table, (S, A)."""
-    row = np.empty(q.shape[1])
-    for state in range(np.uint64(q.shape[0])):
-        read_row(lookup, state, row)
-        for action in range(row.shape[0]):
-            q[state, action] = row[action]
-
-
-@compiled_once
-def read_rows(lookup, states, q):
-    """Write initial value + phi of n states into the rows of a table, (n, A) float64."""
-    for i in range(states.shape[0]):
-        read_row(lookup, np.uint64(states[i]), q[i])

@@ -32,7 +32,7 @@ from curricle.show.views import At, GridView
 from curricle.tasks.grid_layout import LETTERS
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, generative_model
-from curricle.transfer.edges import transfer_names
+from curricle.transfer.transfer import transfer_names
 
 DARK = 0.45
 """Brightness of a colour below which the text on it is white."""

@@ -17,7 +17,7 @@ from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import calibrated
 from curricle.errors import CurricleError, StoreError
 from curricle.frozen_arrays import frozen
-from curricle.learning.potential_rollouts import PairPotential
+from curricle.learning.potential import PairPotential
 from curricle.learning.record import Snapshots
 from curricle.planning.episode import OF_TASKS, Drawn, Episode
 from curricle.planning.greedy import Values

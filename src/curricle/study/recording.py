@@ -28,8 +28,8 @@ from curricle.study.record import (
 from curricle.tasks.mdp import generative_model, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
-from curricle.transfer.edges import Transfer, same_transfer, transfer_words
-from curricle.transfer.observation_rollouts import target_of
+from curricle.transfer.rollouts import target_of
+from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
 Keys = Mapping[tuple[str, str], str]
 

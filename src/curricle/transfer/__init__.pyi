@@ -1,26 +1,20 @@
-from .aggregation import maximum as maximum, mean as mean, minimum as minimum, total as total
-from .bisimulation import (
+from .aggregate import maximum as maximum, mean as mean, minimum as minimum, total as total
+from .by_bisimulation import (
     by_homomorphism as by_homomorphism,
     by_lax_bisimulation as by_lax_bisimulation,
     lax_bisimulation as lax_bisimulation,
 )
-from .calibration import Calibration as Calibration, calibrate as calibrate
-from .common_part import by_common_part as by_common_part
-from .component_mapping import (
+from .by_components import (
     ComponentMapping as ComponentMapping,
     by_alignment as by_alignment,
     by_name as by_name,
     family_mappings as family_mappings,
     find_projections as find_projections,
+    identity as identity,
     project as project,
 )
-from .component_warping import by_component_warping as by_component_warping
-from .edges import Calibrate as Calibrate, Transfer as Transfer
-from .found_mappings import (
-    auto_mapping as auto_mapping,
-    find_mappings as find_mappings,
-)
-from .identity_mapping import identity as identity
+from .calibration import Calibration as Calibration, calibrate as calibrate
+from .common_part import by_common_part as by_common_part
 from .mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,
@@ -30,15 +24,18 @@ from .mapping import (
     relative_objects as relative_objects,
     same_position as same_position,
 )
-from .mapping_scores import (
-    fitted_unmapped_value as fitted_unmapped_value,
-    score_mapping as score_mapping,
-)
 from .observation_mapping import (
     FunctionValues as FunctionValues,
     ObservationMapping as ObservationMapping,
     TableValues as TableValues,
     ValueSource as ValueSource,
 )
-from .potentials import ObservationPotential as ObservationPotential
-from .task_pair import Proposal as Proposal, TaskPair as TaskPair
+from .pair import Proposal as Proposal, TaskPair as TaskPair
+from .potential import (
+    MappedPotential as MappedPotential,
+    ObservationPotential as ObservationPotential,
+)
+from .scores import fitted_unmapped_value as fitted_unmapped_value, score_mapping as score_mapping
+from .search import auto_mapping as auto_mapping, find_mappings as find_mappings
+from .transfer import Calibrate as Calibrate, Transfer as Transfer
+from .warping import by_component_warping as by_component_warping

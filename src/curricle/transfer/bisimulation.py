@@ -1,96 +1,154 @@
-"""Mappings by bisimulation: to pairs with the same Q*, and to the nearest pairs.
+"""Bisimulation of finite MDPs: exact, by partition refinement, and lax, by distances.
 
-Two states are bisimilar if their actions pay alike and lead alike to bisimilar states. Aggregating
-such states leaves all values as they are (Givan, Dean, Greig 2003; Ravindran, Barto 2004, for which
-actions may be relabelled too), so that pairs of two tasks in one block have the same Q*. Lax
-bisimulation needs no exact correspondence: it gives distances between the states of two tasks that
-bound how far their values are apart (Taylor, Precup, Panangaden 2009; Castro, Precup 2010, who
-transfer policies along it). Neither needs names.
+Two states are bisimilar if their actions pay alike and lead alike to bisimilar states. Givan, Dean,
+Greig 2003 refine a partition of the states until all states of a block have the same rewards and
+the same chance of each block. As in MDP homomorphisms (Ravindran, Barto 2004), the actions of every
+state may be relabelled: two states are equivalent if each action of the one has an action of the
+other with the same expected reward and the same chance of each block, and the other way round.
+Equivalent pairs then have the same Q*, and equivalent states the same V*, also in several tasks
+that are refined jointly.
+
+Lax bisimulation needs no exact correspondence: it gives distances between the states of two tasks
+that bound how far their values are apart (Taylor, Precup, Panangaden 2009; Castro, Precup 2010).
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
-from curricle.display import brief_repr
-from curricle.errors import MappingError
-from curricle.frozen_arrays import Frozen, frozen
-from curricle.progress import SILENT, Bars, Progress, shown
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.progress import SILENT, Bars
 from curricle.tasks.kernel import compiled_once
-from curricle.tasks.mdp import Task, tables
-from curricle.transfer.mapping import ENDED, UNMAPPED
-from curricle.transfer.partition_refinement import Blocks, Model, merged_outcomes, refined
-from curricle.transfer.task_pair import Proposal, TaskPair, apart
 
-LARGEST = 20_000_000
-"""State-action pairs of both tasks up to which they are refined."""
+# -- partition refinement --------------------------------------------------------------------------
 
 
-def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield the mapping of each target pair to an equivalent source pair, if any pair has one.
+PRECISION = 1e-9
+"""Numbers no further apart than this, in units of the largest, count as equal."""
 
-    Equivalent pairs have the same Q*. Refinement takes numbers that nearly agree as equal, so that
-    only pairs whose Q* agree as closely as both are known are mapped. A pair of the target in a
-    state that has an equivalent source state reads that state; others may still read a pair from
-    which both tasks go on alike. Where several source pairs are equivalent, such as images under a
-    symmetry, the first state's is taken.
 
-    Raises
-    ------
-    MappingError
-        When no pair has an equivalent one, or the tasks have more than 20 million pairs.
+class Model(NamedTuple):
+    """What refinement reads of a task."""
 
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> maze = GridWorld(["S.P", "..T"])
-    >>> tasks = TaskPair(maze, GridWorld(["T..", "P.S"]))  # turned by 180 degrees
-    >>> next(by_homomorphism(tasks)).how
-    'exact homomorphism: 100% of pairs have a source pair of the same Q*'
+    outcome_row: npt.NDArray[np.integer[Any]]  # (S, A)
+    probability: FloatArray  # (Y, O)
+    next_state: npt.NDArray[np.integer[Any]]  # (Y, O)
+    mean_reward: FloatArray  # (Y,)
+    terminal: BoolArray  # (S,)
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """The blocks of one task; equal numbers mean equivalent, also in tasks refined with it."""
+
+    states: IntArray  # (S,) all terminal states are one block
+    pairs: IntArray  # (S, A) -1 in terminal states; pairs of a block have the same Q*
+
+
+def model_for_refinement(mdp: Any, mean_reward: FloatArray | None = None) -> Model:
+    """Return what refinement reads of a FiniteMDP; `mean_reward`, (Y,), may replace its own."""
+    rewards = (mdp.probability * mdp.reward).sum(axis=1) if mean_reward is None else mean_reward
+    return Model(mdp.outcome_row, mdp.probability, mdp.next_state, rewards, mdp.terminal)
+
+
+def refined(models: Sequence[Model]) -> list[Blocks]:
+    """Return the coarsest blocks of several tasks whose pairs agree in reward and next block.
+
+    The tasks must have one discount for Q* to be equal in a block.
     """
-    sizes = [mdp.outcome_row.size for mdp in (tasks.target_mdp, tasks.source_mdp)]
-    if sum(sizes) > LARGEST:
-        raise MappingError(
-            f"tasks are refined together up to {LARGEST:,} pairs: these have {sum(sizes):,}"
+    joint = _joined(models)
+    states = np.where(joint.terminal, 0, 1)
+    rewards, before = levels(joint.mean_reward), len(np.unique(states))
+    while True:
+        rows = _row_classes(joint, rewards, states)
+        pairs = np.where(joint.terminal[:, None], -1, rows[joint.outcome_row])
+        states = numbered_rows(np.column_stack([states, _as_sets(pairs)]))
+        blocks = int(states.max()) + 1
+        if blocks == before:
+            break
+        before = blocks
+    ends = np.cumsum([len(model.terminal) for model in models])
+    return [
+        Blocks(states[end - len(model.terminal) : end],
+               pairs[end - len(model.terminal) : end, : model.outcome_row.shape[1]])
+        for model, end in zip(models, ends, strict=True)
+    ]  # fmt: skip
+
+
+def levels(values: FloatArray) -> IntArray:
+    """Return a number for each value, the same where values differ by rounding alone."""
+    order = np.argsort(values, axis=None)
+    ordered = values.ravel()[order]
+    apart = np.diff(ordered) > PRECISION * max(1.0, float(abs(ordered).max(initial=0.0)))
+    numbers = np.empty(values.size, np.int64)
+    numbers[order] = np.concatenate([[0], np.cumsum(apart)]) if values.size else []
+    return numbers.reshape(values.shape)
+
+
+def numbered_rows(rows: npt.NDArray[np.integer[Any]]) -> IntArray:
+    """Return a number for each row of a table, (n,) int64, the same where rows are equal."""
+    table = np.ascontiguousarray(rows, dtype=np.int64)
+    records = table.view(np.dtype((np.void, table.shape[1] * 8))).ravel()
+    return np.unique(records, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def merged_outcomes(
+    blocks: npt.NDArray[np.integer[Any]], probability: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return each row's blocks, in order and each once, with their chances, both (Y, O)."""
+    blocks = np.where(probability > 0, blocks, -1)
+    order = np.argsort(blocks, axis=1, kind="stable")
+    blocks = np.take_along_axis(blocks, order, axis=1).astype(np.int64)
+    chances = np.take_along_axis(np.where(probability > 0, probability, 0.0), order, axis=1)
+    first = np.ones(blocks.shape, bool)
+    first[:, 1:] = blocks[:, 1:] != blocks[:, :-1]
+    sums = np.add.reduceat(chances.ravel(), np.flatnonzero(first))
+    totals = np.zeros(blocks.shape)
+    totals[first] = sums
+    kept = first & (blocks >= 0)
+    order = np.argsort(~kept, axis=1, kind="stable")
+    return (
+        np.take_along_axis(np.where(kept, blocks, -1), order, axis=1),
+        np.take_along_axis(np.where(kept, totals, 0.0), order, axis=1),
+    )
+
+
+def _row_classes(joint: Model, rewards: IntArray, states: IntArray) -> IntArray:
+    """Return a number for each outcome row: its reward and the chance of each block."""
+    blocks, chances = merged_outcomes(states[joint.next_state], joint.probability)
+    return numbered_rows(np.column_stack([rewards, blocks, levels(chances)]))
+
+
+def _as_sets(pairs: IntArray) -> IntArray:
+    """Return the different classes of each state's pairs, in order, padded with -1."""
+    ordered = np.sort(pairs, axis=1)
+    ordered[:, 1:][ordered[:, 1:] == ordered[:, :-1]] = -1
+    return np.sort(ordered, axis=1)
+
+
+def _joined(models: Sequence[Model]) -> Model:
+    """Return the tasks side by side as one; actions that a task lacks repeat its first."""
+    width = max(model.probability.shape[1] for model in models)
+    actions = max(model.outcome_row.shape[1] for model in models)
+    first_row = np.cumsum([0, *(len(model.probability) for model in models)])
+    first_state = np.cumsum([0, *(len(model.terminal) for model in models)])
+    parts = []
+    for model, row, state in zip(models, first_row[:-1], first_state[:-1], strict=True):
+        spare = ((0, 0), (0, width - model.probability.shape[1]))
+        more = np.repeat(model.outcome_row[:, :1], actions - model.outcome_row.shape[1], axis=1)
+        parts.append(
+            Model(
+                np.concatenate([model.outcome_row, more], axis=1).astype(np.int64) + row,
+                np.pad(model.probability, spare),
+                np.pad(model.next_state, spare).astype(np.int64) + state,
+                model.mean_reward,
+                model.terminal,
+            )
         )
-    own, other = refined(tasks.models)
-    index = equivalent_pairs(own, other)
-    solutions = tasks.target_solution, tasks.source_solution
-    error = 2 * sum(solution.error_bound for solution in solutions)
-    index = np.where(apart(index, *solutions) <= error, index, UNMAPPED)
-    live = ~tasks.target_mdp.terminal
-    share = float((index[live] >= 0).mean())
-    if share == 0:
-        raise MappingError("no pair of the target is equivalent to one of the source")
-    how = f"exact homomorphism: {share:.0%} of pairs have a source pair of the same Q*"
-    yield tasks.proposal(index, how)
-
-
-def equivalent_pairs(own: Blocks, other: Blocks) -> IntArray:
-    """Return for each target pair an equivalent source pair, or `UNMAPPED`, (S, A) int64."""
-    most = int(max(own.pairs.max(), other.pairs.max())) + 2
-
-    def keys(blocks: Blocks) -> IntArray:
-        key = blocks.states[:, None] * most + blocks.pairs
-        return np.where(blocks.pairs < 0, -1, key).ravel()
-
-    index = _first_of(keys(other), keys(own))
-    elsewhere = _first_of(other.pairs.ravel(), own.pairs.ravel())
-    index = np.where(index == UNMAPPED, elsewhere, index)
-    return np.where(own.pairs.ravel() < 0, UNMAPPED, index).reshape(own.pairs.shape)
-
-
-def _first_of(keys: IntArray, wanted: IntArray) -> IntArray:
-    """Return where each wanted key is found first, `UNMAPPED` where it is not or is negative."""
-    known, first = np.unique(keys, return_index=True)
-    place = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-    found = (known[place] == wanted) & (wanted >= 0)
-    return np.where(found, first[place], UNMAPPED).astype(np.int64)
+    return Model(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 # -- the Kantorovich distance ----------------------------------------------------------------------
@@ -208,19 +266,19 @@ def _pivot(p, q, row, column, parent, order, space):
     for k in range(1, nodes):
         depth[order[k]] = depth[parent[order[k]]] + 1
     # The path between the two has an odd number of edges; every other one loses, first and last.
-    one, other = row, column
-    from_one, from_other = 0, 0
-    least, leaving, on_one = np.inf, -1, True
-    while one != other:
-        if depth[one] >= depth[other]:
-            if from_one % 2 == 0 and flow[one] < least:
-                least, leaving, on_one = flow[one], one, True
-            one, from_one = parent[one], from_one + 1
+    left, right = row, column
+    from_left, from_right = 0, 0
+    least, leaving, on_left = np.inf, -1, True
+    while left != right:
+        if depth[left] >= depth[right]:
+            if from_left % 2 == 0 and flow[left] < least:
+                least, leaving, on_left = flow[left], left, True
+            left, from_left = parent[left], from_left + 1
         else:
-            if from_other % 2 == 0 and flow[other] < least:
-                least, leaving, on_one = flow[other], other, False
-            other, from_other = parent[other], from_other + 1
-    current, above = (row, column) if on_one else (column, row)
+            if from_right % 2 == 0 and flow[right] < least:
+                least, leaving, on_left = flow[right], right, False
+            right, from_right = parent[right], from_right + 1
+    current, above = (row, column) if on_left else (column, row)
     while True:
         following = parent[current]
         parent[current] = above
@@ -278,10 +336,10 @@ def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotien
     reward = model.mean_reward[row]
     pairs = np.full(blocks.pairs.size, -1)
     pairs[live] = kind.ravel()
-    found = Blocks(blocks.states, pairs.reshape(blocks.pairs.shape))
+    kinds_of = Blocks(blocks.states, pairs.reshape(blocks.pairs.shape))
     n_blocks = int(blocks.states.max()) + 1
     _, state = np.unique(blocks.states, return_index=True)
-    of_block = [np.unique(found.pairs[s]) for s in state]
+    of_block = [np.unique(kinds_of.pairs[s]) for s in state]
     best = values[state]
     if model.terminal.any():
         end = int(blocks.states[model.terminal][0])
@@ -298,7 +356,7 @@ def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotien
     value = reward + discount * (chance * np.where(after >= 0, best[after], 0.0)).sum(axis=1)
     width = (after >= 0).sum(axis=1)
     small = np.ascontiguousarray(after, np.int32), width.astype(np.int32)
-    return Quotient(listed, reward, value, np.ascontiguousarray(chance), *small, best), found
+    return Quotient(listed, reward, value, np.ascontiguousarray(chance), *small, best), kinds_of
 
 
 class Distances(NamedTuple):
@@ -318,32 +376,32 @@ class Choices(NamedTuple):
     difference: FloatArray  # (B B',) of the rewards
 
 
-def work_of_a_round(own: Quotient, other: Quotient) -> int:
+def work_of_a_round(target: Quotient, source: Quotient) -> int:
     """Return how many pairs of outcomes a backup of all pairs couples, at most."""
-    return own.chance.size * other.chance.size
+    return target.chance.size * source.chance.size
 
 
 def fixed_point(
-    own: Quotient, other: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
+    target: Quotient, source: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
 ) -> tuple[Distances, float]:
     """Return the distances, and how far from the fixed point they may be.
 
     Iteration ends where that is at most `tolerance` times the largest distance, or after the most
     rounds: the distances are then further from the fixed point, by no more than is said.
     """
-    nodes = own.chance.shape[1] + other.chance.shape[1]
-    random = own.chance.shape[1] > 1 and other.chance.shape[1] > 1
-    pairs = np.empty((len(own.reward), len(other.reward)))
+    nodes = target.chance.shape[1] + source.chance.shape[1]
+    random = target.chance.shape[1] > 1 and source.chance.shape[1] > 1
+    pairs = np.empty((len(target.reward), len(source.reward)))
     shape = (*pairs.shape, 2, nodes) if random else (1, 1, 2, 1)
-    states = abs(own.best[:, None] - other.best)
-    found = Distances(states, pairs, np.full(shape, UNSET, np.uint8))
+    states = abs(target.best[:, None] - source.best)
+    distances = Distances(states, pairs, np.full(shape, UNSET, np.uint8))
     rests_on = np.empty((states.size, 2), np.int64)
     most = float(max(states.max(), 1e-300))
     last, helps = np.inf, True
-    rounds = max(1, min(MOST_ROUNDS, MOST_WORK // work_of_a_round(own, other)))
+    rounds = max(1, min(MOST_ROUNDS, MOST_WORK // work_of_a_round(target, source)))
     for left in reversed(range(rounds)):
-        back_up_pairs(own, other, found, discount)
-        change = back_up_states(own.pairs, other.pairs, found.pairs, states, rests_on)
+        back_up_pairs(target, source, distances, discount)
+        change = back_up_states(target.pairs, source.pairs, distances.pairs, states, rests_on)
         error = discount / (1 - discount) * change
         most = max(most, float(states.max()))
         bars.at("rounds", rounds - left)
@@ -352,56 +410,54 @@ def fixed_point(
             break
         helps, last = helps and change < last, change
         if helps:
-            follow(coupled(own, other, found, rests_on), states.reshape(-1), discount, SWEEPS)
-    return found, error
+            chosen = coupled(target, source, distances, rests_on)
+            follow(chosen, states.reshape(-1), discount, SWEEPS)
+    return distances, error
 
 
 @compiled_once
-def back_up_pairs(own, other, found, discount):
+def back_up_pairs(target, source, distances, discount):
     """Compute d of all pairs from d of states."""
-    states, pairs, tree = found
-    space = scratch(own.chance.shape[1], other.chance.shape[1])
-    for y in range(len(own.reward)):
-        n = own.width[y]
-        for z in range(len(other.reward)):
-            m = other.width[z]
+    states, pairs, tree = distances
+    space = scratch(target.chance.shape[1], source.chance.shape[1])
+    for y in range(len(target.reward)):
+        n = target.width[y]
+        for z in range(len(source.reward)):
+            m = source.width[z]
             total = 0.0
             if n == 1 or m == 1:
                 for i in range(n):
                     for j in range(m):
-                        mass = own.chance[y, i] * other.chance[z, j]
-                        total += mass * states[own.after[y, i], other.after[z, j]]
+                        mass = target.chance[y, i] * source.chance[z, j]
+                        total += mass * states[target.after[y, i], source.after[z, j]]
             else:
                 for i in range(n):
                     for j in range(m):
-                        space.cost[i, j] = states[own.after[y, i], other.after[z, j]]
+                        space.cost[i, j] = states[target.after[y, i], source.after[z, j]]
                 total = transport_cost(
-                    own.chance[y, :n], other.chance[z, :m], tree[y, z, 0], tree[y, z, 1], space
+                    target.chance[y, :n], source.chance[z, :m], tree[y, z, 0], tree[y, z, 1], space
                 )
-            pairs[y, z] = abs(own.reward[y] - other.reward[z]) + discount * total
+            pairs[y, z] = abs(target.reward[y] - source.reward[z]) + discount * total
 
 
 @compiled_once
-def back_up_states(own_pairs, other_pairs, pairs, states, rests_on):
+def back_up_states(target_pairs, source_pairs, pairs, states, rests_on):
     """Compute d of states from d of pairs, and which pair it rests on; return the change."""
-    least = np.empty(other_pairs.shape[1])
+    least = np.empty(source_pairs.shape[1])
     change = 0.0
-    for s in range(len(own_pairs)):
-        for u in range(len(other_pairs)):
-            value, y, z = hausdorff(own_pairs[s], other_pairs[u], pairs, least)
+    for s in range(len(target_pairs)):
+        for u in range(len(source_pairs)):
+            value, y, z = hausdorff(target_pairs[s], source_pairs[u], pairs, least)
             change = max(change, abs(value - states[s, u]))
             states[s, u] = value
-            cell = s * len(other_pairs) + u
+            cell = s * len(source_pairs) + u
             rests_on[cell, 0], rests_on[cell, 1] = y, z
     return change
 
 
 @compiled_once
 def hausdorff(some, others, pairs, least):
-    """Return the largest of all min_b and min_a over the pairs of two states, and where it is.
-
-    `least`, (A',), is work space.
-    """
+    """Return the largest of all min_b and min_a over the pairs of two states, and where it is."""
     largest, row, column = -1.0, 0, 0
     least[:] = np.inf
     for y in some:
@@ -428,40 +484,44 @@ def hausdorff(some, others, pairs, least):
     return largest, row, column
 
 
-def coupled(own: Quotient, other: Quotient, found: Distances, rests_on: IntArray) -> Choices:
+def coupled(
+    target: Quotient, source: Quotient, distances: Distances, rests_on: IntArray
+) -> Choices:
     """Return the pairs that distances rest on, with their optimal couplings."""
     y, z = rests_on.T
-    counts = np.maximum(own.width[y], other.width[z])
-    both = (own.width[y] > 1) & (other.width[z] > 1)
-    counts = np.where(both, own.width[y] + other.width[z] - 1, counts)
+    counts = np.maximum(target.width[y], source.width[z])
+    both = (target.width[y] > 1) & (source.width[z] > 1)
+    counts = np.where(both, target.width[y] + source.width[z] - 1, counts)
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     cell, mass = np.empty(first[-1], np.int64), np.empty(first[-1])
-    fill_couplings(own, other, found.tree, rests_on, found.states.shape[1], first, cell, mass)
-    return Choices(first, cell, mass, abs(own.reward[y] - other.reward[z]))
+    fill_couplings(
+        target, source, distances.tree, rests_on, distances.states.shape[1], first, cell, mass
+    )
+    return Choices(first, cell, mass, abs(target.reward[y] - source.reward[z]))
 
 
 @compiled_once
-def fill_couplings(own, other, tree, rests_on, n_other, first, cell, mass):
+def fill_couplings(target, source, tree, rests_on, n_source, first, cell, mass):
     """Write the coupling of each pair that a distance rests on."""
-    space = scratch(own.chance.shape[1], other.chance.shape[1])
+    space = scratch(target.chance.shape[1], source.chance.shape[1])
     for k in range(len(rests_on)):
         y, z = rests_on[k, 0], rests_on[k, 1]
-        n, m = own.width[y], other.width[z]
+        n, m = target.width[y], source.width[z]
         at = first[k]
         if n == 1 or m == 1:
             for i in range(n):
                 for j in range(m):
-                    cell[at] = own.after[y, i] * n_other + other.after[z, j]
-                    mass[at] = own.chance[y, i] * other.chance[z, j]
+                    cell[at] = target.after[y, i] * n_source + source.after[z, j]
+                    mass[at] = target.chance[y, i] * source.chance[z, j]
                     at += 1
             continue
         parent, order = tree[y, z, 0], tree[y, z, 1]
-        flows_of(own.chance[y, :n], other.chance[z, :m], parent, order, 0.0, space.flow)
+        flows_of(target.chance[y, :n], source.chance[z, :m], parent, order, 0.0, space.flow)
         for k_node in range(1, n + m):
             node = order[k_node]
             up = parent[node]
             i, j = (node, up - n) if node < n else (up, node - n)
-            cell[at] = own.after[y, i] * n_other + other.after[z, j]
+            cell[at] = target.after[y, i] * n_source + source.after[z, j]
             mass[at] = max(space.flow[node], 0.0)
             at += 1
 
@@ -477,177 +537,3 @@ def follow(choices, states, discount, times):
             for entry in range(first[at], first[at + 1]):
                 total += mass[entry] * states[cell[entry]]
             states[at] = difference[at] + discount * total
-
-
-# -- nearest pairs ---------------------------------------------------------------------------------
-
-
-TOLERANCE = 1e-3
-"""How far below the fixed point distances may be, in units of the largest."""
-LARGEST_PAIRS = 8_000_000
-"""Pairs of a target's and a source's kinds of pairs up to which distances are computed."""
-
-LARGEST_ROUND = MOST_WORK // 10
-"""Pairs of their outcomes, so that there is time for ten rounds at least."""
-
-
-@dataclass(frozen=True, eq=False)
-class LaxBisimulation(Frozen):
-    """Distances between two tasks that bound the difference of their values, in return units."""
-
-    states: FloatArray  # (S, S') abs(V*(s) - V*(u)) is at most this
-    nearest: IntArray  # (S, A) source pair s' * A' + a', `ENDED` at its end and in terminal states
-    pairs: FloatArray  # (S, A) abs(Q*(s, a) - Q*(nearest pair)) is at most this, 0 in terminal ones
-    error: float  # how far the distances may be above those of the fixed point: a part of them
-
-    __repr__ = brief_repr
-
-
-def lax_bisimulation(
-    target: Task, source: Task, *, tolerance: float = TOLERANCE, progress: Progress = None
-) -> LaxBisimulation:
-    """Return the distances of lax bisimulation between two tasks with tables.
-
-    The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the
-    Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
-    nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
-    solves the equation of the target's discount, which keeps the bound. Transport problems are
-    solved exactly; the work grows with the number of states that are not bisimilar to others. It
-    ends after some minutes of one core at most; `error` is larger then. States count as bisimilar
-    where numbers agree to 1e-9 of the largest, and no distance is below the known difference of
-    two values, so that the bound holds all the same.
-
-    Parameters
-    ----------
-    target, source : Task
-    tolerance : float
-        How far below the fixed point iteration may end, in units of the largest distance. What is
-        missing is added, so that the bound holds.
-    progress : bool or callable, optional
-        True counts the rounds, as nobody knows how many there will be; a function is called after
-        each with how far from the fixed point the distances may be, a float.
-
-    Raises
-    ------
-    TaskError
-        When a task has no tables.
-    MappingError
-        When a discount is 1, the tasks are too large, or a pair has more than 120 outcomes.
-    SettingError
-        When `progress` is none of what it may be.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> found = lax_bisimulation(GridWorld("S.T"), GridWorld("T.S"))
-    >>> float(found.pairs.max()) < 1e-6
-    True
-    """
-    tasks = TaskPair(target, source)
-    if 1 in (tables(target).discount, tables(source).discount):
-        raise MappingError(
-            "distances need a discount below 1 in both tasks, at which they have a bound: got 1; "
-            "FoundMapping.bound of find_mappings holds at 1 too"
-        )
-    with shown(progress) as bars:
-        return _Fixed(tasks, tolerance, bars).bisimulation
-
-
-def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield the mapping to the nearest pair, and that to the nearest state and its nearest pair.
-
-    Raises
-    ------
-    MappingError
-        As :func:`lax_bisimulation`.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> tasks = TaskPair(GridWorld("S...T"), GridWorld("S.T"))
-    >>> [one.how for one in by_lax_bisimulation(tasks)]
-    ['lax bisimulation: nearest pair', 'lax bisimulation: nearest pair of the nearest state']
-    """
-    fixed = _Fixed(tasks, TOLERANCE)
-    yield tasks.proposal(fixed.bisimulation.nearest, "lax bisimulation: nearest pair")
-    yield tasks.proposal(fixed.by_state, "lax bisimulation: nearest pair of the nearest state")
-
-
-@dataclass(frozen=True, eq=False)
-class _Fixed:
-    """The fixed point on the quotients of two tasks, and what it says of the tasks."""
-
-    tasks: TaskPair
-    tolerance: float
-    bars: Bars = SILENT
-
-    @cached_property
-    def quotients(self) -> tuple[tuple[Quotient, Blocks], tuple[Quotient, Blocks]]:
-        """Both tasks up to bisimulation."""
-        tasks, discount = self.tasks, self.tasks.target_mdp.discount
-        own = quotient(tasks.models[0], discount, tasks.target_solution.values)
-        other = quotient(tasks.models[1], discount, tasks.source_solution.values)
-        size = len(own[0].reward) * len(other[0].reward)
-        if size > LARGEST_PAIRS:
-            raise MappingError(
-                f"lax bisimulation compares up to {LARGEST_PAIRS:,} pairs with pairs: these "
-                f"tasks have {size:,}"
-            )
-        work = work_of_a_round(own[0], other[0])
-        if work > LARGEST_ROUND:
-            raise MappingError(
-                f"lax bisimulation couples up to {LARGEST_ROUND:,} pairs of outcomes in a round: "
-                f"these tasks have {work:,}"
-            )
-        widest = max(own[0].chance.shape[1], other[0].chance.shape[1])
-        if widest > WIDEST:
-            raise MappingError(
-                f"lax bisimulation takes up to {WIDEST} outcomes of a pair: got {widest}"
-            )
-        return own, other
-
-    @cached_property
-    def solved(self) -> tuple[Distances, float]:
-        """The distances, and how far off they may be; so may a source rewritten by its V*."""
-        (own, _), (other, _) = self.quotients
-        discount = self.tasks.target_mdp.discount
-        found, error = fixed_point(own, other, discount, self.tolerance, self.bars)
-        slack = self.tasks.target_solution.error_bound + self.tasks.source_solution.error_bound
-        return found, error + slack
-
-    @cached_property
-    def bisimulation(self) -> LaxBisimulation:
-        """The distances between the tasks' own states and pairs."""
-        (_, blocks), (other, source_blocks) = self.quotients
-        found, error = self.solved
-        kind, distance = found.pairs.argmin(axis=1), found.pairs.min(axis=1)
-        live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
-        index = np.where(live, _first_pairs(source_blocks, len(other.reward))[kind[pairs]], ENDED)
-        bound = np.where(live, distance[pairs] + error, 0.0)
-        solutions = self.tasks.target_solution, self.tasks.source_solution
-        bound = np.maximum(bound, np.where(live, apart(index, *solutions) + error, 0.0))
-        states = found.states[blocks.states][:, source_blocks.states]
-        between = np.subtract.outer(*(solution.values for solution in solutions))
-        states = np.maximum(states, abs(between)) + error
-        return LaxBisimulation(frozen(states), frozen(index), frozen(bound), error)
-
-    @property
-    def by_state(self) -> IntArray:
-        """The nearest pair of the nearest state, (S, A)."""
-        (_, blocks), (other, source_blocks) = self.quotients
-        found, _ = self.solved
-        state = found.states.argmin(axis=1)
-        live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
-        choices = other.pairs[state[blocks.states]]  # (S, A'')
-        distance = found.pairs[pairs[:, :, None], np.maximum(choices, 0)[:, None, :]]
-        distance = np.where(choices[:, None, :] >= 0, distance, np.inf)
-        kind = np.take_along_axis(choices, distance.argmin(axis=2), axis=1)
-        return np.where(live, _first_pairs(source_blocks, len(other.reward))[kind], ENDED)
-
-
-def _first_pairs(blocks: Blocks, kinds: int) -> IntArray:
-    """Return the first pair of each kind, `ENDED` for the kind that has none: the end."""
-    found, first = np.unique(blocks.pairs.ravel(), return_index=True)
-    pairs = np.full(kinds, ENDED)
-    pairs[found[found >= 0]] = first[found >= 0]
-    return pairs

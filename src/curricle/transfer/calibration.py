@@ -15,14 +15,13 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.display import brief_repr, printed
 from curricle.errors import CalibrationError, PotentialError
-from curricle.learning.potential import MappedPotential, StateActionPotential
-from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
+from curricle.learning.potential import PairPotential
 from curricle.learning.record import WarmUp
 from curricle.tasks.mdp import generative_model
 from curricle.text_tables import counted
-from curricle.transfer.edges import CALIBRATION_EPISODES, Calibrate
-from curricle.transfer.observation_rollouts import greedy_observation_rollouts
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
+from curricle.transfer.rollouts import GreedyRollouts, greedy_rollouts
+from curricle.transfer.transfer import CALIBRATION_EPISODES, Calibrate
 
 AnyPotential = Any
 """The potential of a task: a StateActionPotential, MappedPotential or ObservationPotential."""
@@ -152,15 +151,13 @@ def fit_calibration(
     potential: AnyPotential, settings: Calibrate, *, seed: int = 0, stream: str = "calibrate"
 ) -> Calibration:
     """Return a calibration; where nothing can be fitted, one with a refusal and phi unchanged."""
-    if not isinstance(potential, StateActionPotential | MappedPotential | ObservationPotential):
+    if not isinstance(potential, PairPotential | ObservationPotential):
         raise PotentialError(
             "a potential to be calibrated must be a StateActionPotential, a MappedPotential or an "
             f"ObservationPotential: got {type(potential).__name__}"
         )
     cap = settings.max_steps
-    observed = isinstance(potential, ObservationPotential)
-    roll_out: Any = greedy_observation_rollouts if observed else greedy_rollouts
-    roll = partial(roll_out, potential, seed=seed, stream=stream, max_steps=cap)
+    roll = partial(greedy_rollouts, potential, seed=seed, stream=stream, max_steps=cap)
     # A few episodes show whether anything is reached, and if not the rest would be wasted. They
     # are the first of the rest.
     few = min(FIRST_EPISODES, settings.episodes)
@@ -193,10 +190,7 @@ def fit_calibration(
 
 
 def fitted_scale(rollouts: GreedyRollouts) -> tuple[float, float]:
-    """Return the c for which c phi is nearest to the returns, and what share of them it explains.
-
-    NaN where phi is 0 in all steps.
-    """
+    """Return the c for which c phi is nearest to the returns, and the share that it explains."""
     # The bootstrapped value is scaled like phi, so it moves to the other side.
     phi = rollouts.predicted - rollouts.bootstrap_discount * rollouts.bootstrapped_value
     # Steps with phi 0, in unmapped states, carry no information on the scale.
@@ -210,13 +204,13 @@ def fitted_scale(rollouts: GreedyRollouts) -> tuple[float, float]:
     return product / length if length > 0 else 0.0, explained
 
 
-def _inner(one: FloatArray, other: FloatArray) -> float:
+def _inner(left: FloatArray, right: FloatArray) -> float:
     """Return the inner product, its sum rounded once.
 
     BLAS rounds differently on different processors, and a scale that differs in its last bit leads
     to other trajectories.
     """
-    return math.fsum(one * other)
+    return math.fsum(left * right)
 
 
 # -- refusals: each function returns the reason, or "" where there is none -------------------------
@@ -283,11 +277,8 @@ def _poor_fit(
     return ""
 
 
-def _highest(potential: StateActionPotential | MappedPotential) -> float:
-    """Return the highest phi(s, a), terminal states aside.
-
-    The same pairs are read of every kind of potential: all, or a sample where there are very many.
-    """
+def _highest(potential: PairPotential) -> float:
+    """Return the highest phi(s, a), terminal states aside."""
     model = generative_model(potential.task)
     n_states, n_actions = model.states.size, model.actions.size
     searched = min(n_states, max(1, LARGEST_SEARCHED // n_actions))
@@ -297,4 +288,4 @@ def _highest(potential: StateActionPotential | MappedPotential) -> float:
     if model.terminal is not None:
         states = states[~model.terminal[states]]
     parts = np.array_split(states, max(1, len(states) * n_actions // CHUNK))
-    return max(float(potential.rows(part).max(initial=-math.inf)) for part in parts)
+    return max(float(potential.pairs(part).max(initial=-math.inf)) for part in parts)

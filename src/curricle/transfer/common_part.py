@@ -16,9 +16,9 @@ import numpy as np
 from curricle.array_types import BoolArray, IntArray
 from curricle.errors import MappingError
 from curricle.text_tables import counted
+from curricle.transfer.bisimulation import levels
 from curricle.transfer.mapping import UNMAPPED, pair_mapping
-from curricle.transfer.partition_refinement import levels
-from curricle.transfer.task_pair import Proposal, TaskPair
+from curricle.transfer.pair import Proposal, TaskPair
 
 LARGEST = 50_000
 """State-action pairs of a task."""
@@ -51,8 +51,8 @@ class Moves:
 class Part:
     """A common part while it grows."""
 
-    own: Moves
-    other: Moves
+    target: Moves
+    source: Moves
     rng: np.random.Generator
     state: dict[int, int] = field(default_factory=dict)  # the source's for the target's
     of: dict[int, int] = field(default_factory=dict)  # the other way round
@@ -72,8 +72,8 @@ class Part:
                 met = self._enclosed()
             unsettled += met
         for u in self.of:
-            for b in range(self.other.after.shape[1]):
-                if (u, b) not in self.taken and self.other.after[u, b] != STAYS:
+            for b in range(self.source.after.shape[1]):
+                if (u, b) not in self.taken and self.source.after[u, b] != STAYS:
                     self.wrong += 1
 
     @property
@@ -94,10 +94,10 @@ class Part:
         best = None
         for s, u in list(unsettled):
             open_moves = False
-            for b in range(self.other.after.shape[1]):
+            for b in range(self.source.after.shape[1]):
                 if (u, b) in self.taken:
                     continue
-                fits = [a for a in range(self.own.after.shape[1]) if self._fits(s, a, u, b)]
+                fits = [a for a in range(self.target.after.shape[1]) if self._fits(s, a, u, b)]
                 open_moves |= bool(fits)
                 if self._settled(s, fits):
                     return self._take(s, fits[0], u, b)
@@ -116,8 +116,8 @@ class Part:
             ahead = [
                 {int(to) for to in task.after[at] if to != STAYS and not task.terminal[to]} - known
                 for task, at, known in (
-                    (self.own, s, self.state.keys()),
-                    (self.other, u, self.of.keys()),
+                    (self.target, s, self.state.keys()),
+                    (self.source, u, self.of.keys()),
                 )
             ]
             votes.update((to, there) for to in ahead[0] for there in ahead[1])
@@ -131,38 +131,38 @@ class Part:
 
     def _fits(self, s: int, a: int, u: int, b: int) -> bool:
         """Return whether a move may stand for another."""
-        if (s, a) in self.move or self.own.reward[s, a] != self.other.reward[u, b]:
+        if (s, a) in self.move or self.target.reward[s, a] != self.source.reward[u, b]:
             return False
-        to, there = int(self.own.after[s, a]), int(self.other.after[u, b])
+        to, there = int(self.target.after[s, a]), int(self.source.after[u, b])
         if STAYS in (to, there):
             return to == there
-        if self.own.terminal[to] or self.other.terminal[there]:
-            return bool(self.own.terminal[to] and self.other.terminal[there])
+        if self.target.terminal[to] or self.source.terminal[there]:
+            return bool(self.target.terminal[to] and self.source.terminal[there])
         if to in self.state or there in self.of:
             return self.state.get(to) == there
         return True
 
     def _settled(self, s: int, fits: list[int]) -> bool:
         """Return whether the moves that fit all lead to one state that the part knows already."""
-        to = {int(self.own.after[s, a]) for a in fits}
-        known = all(one == STAYS or self.own.terminal[one] or one in self.state for one in to)
-        return len(to) == 1 and known
+        to = {int(self.target.after[s, a]) for a in fits}
+        known = (self.target.terminal[state] or state in self.state for state in to - {STAYS})
+        return len(to) == 1 and all(known)
 
     def _likely(self, s: int, a: int, u: int, b: int) -> float:
         """Return the share of rewards that the next states have in common."""
-        to, there = int(self.own.after[s, a]), int(self.other.after[u, b])
-        if to == STAYS or self.own.terminal[to]:
+        to, there = int(self.target.after[s, a]), int(self.source.after[u, b])
+        if to == STAYS or self.target.terminal[to]:
             return 0.0
-        one, other = self.own.around[to], self.other.around[there]
-        shared = sum((one & other).values()) - sum((other - one).values())
+        ahead, source_ahead = self.target.around[to], self.source.around[there]
+        shared = sum((ahead & source_ahead).values()) - sum((source_ahead - ahead).values())
         return shared + TIES * self.rng.random()
 
     def _take(self, s: int, a: int, u: int, b: int) -> list[tuple[int, int]]:
         """Settle a move; return the states that it leads to, if they are new."""
         self.move[s, a] = b
         self.taken.add((u, b))
-        to, there = int(self.own.after[s, a]), int(self.other.after[u, b])
-        if to == STAYS or self.own.terminal[to] or to in self.state:
+        to, there = int(self.target.after[s, a]), int(self.source.after[u, b])
+        if to == STAYS or self.target.terminal[to] or to in self.state:
             return []
         self._meet(to, there)
         return [(to, there)]
@@ -201,20 +201,20 @@ def by_common_part(tasks: TaskPair) -> Iterator[Proposal]:
         raise MappingError(
             f"a common part is grown for sources of up to {LARGEST_SOURCE} states: got {n_states}"
         )
-    own, other = _moves(tasks)
+    target, source = _moves(tasks)
     rng = np.random.default_rng(tasks.seed)
     times = WORK // n_states**2
     parts: dict[frozenset[tuple[int, int]], Part] = {}
-    for s, u in _beginnings(own, other)[: max(4, times // RESTARTS)]:
+    for s, u in _beginnings(target, source)[: max(4, times // RESTARTS)]:
         for _ in range(RESTARTS):
-            part = Part(own, other, rng)
+            part = Part(target, source, rng)
             part.grow(s, u)
             states = frozenset(part.state.items())
             if states not in parts or part.size > parts[states].size:
                 parts[states] = part
     if not parts:
         raise MappingError("the tasks have no reward in common")
-    for part in sorted(parts.values(), key=lambda one: -one.size)[:KEPT]:
+    for part in sorted(parts.values(), key=lambda part: -part.size)[:KEPT]:
         yield _proposal(tasks, part)
 
 
@@ -222,7 +222,7 @@ def _moves(tasks: TaskPair) -> tuple[Moves, Moves]:
     """Return both tasks, their rewards numbered together."""
     mdps = tasks.target_mdp, tasks.source_mdp
     rewards = levels(np.concatenate([model.mean_reward for model in tasks.models]))
-    found, first = [], 0
+    both, first = [], 0
     for mdp in mdps:
         likely = mdp.probability.argmax(axis=1)[:, None]
         after = np.take_along_axis(mdp.next_state, likely, axis=1)[:, 0][mdp.outcome_row]
@@ -232,29 +232,29 @@ def _moves(tasks: TaskPair) -> tuple[Moves, Moves]:
         around = tuple(
             Counter(row[there != STAYS].tolist()) for row, there in zip(reward, after, strict=True)
         )
-        found.append(Moves(after, reward, mdp.terminal, around))
-    return found[0], found[1]
+        both.append(Moves(after, reward, mdp.terminal, around))
+    return both[0], both[1]
 
 
-def _beginnings(own: Moves, other: Moves) -> list[tuple[int, int]]:
+def _beginnings(target: Moves, source: Moves) -> list[tuple[int, int]]:
     """Return pairs of states with a transition of a reward that is rare, the rarest first."""
     counts = []
-    for task in (own, other):
+    for task in (target, source):
         going = (task.after != STAYS) & ~task.terminal[:, None]
         counts.append(Counter(task.reward[going].tolist()))
     common = sorted(set(counts[0]) & set(counts[1]), key=lambda r: counts[0][r] * counts[1][r])
-    found: dict[tuple[int, int], None] = {}
+    pairs: dict[tuple[int, int], None] = {}
     for reward in common:
         states = [
             np.flatnonzero(
                 ((task.reward == reward) & (task.after != STAYS)).any(axis=1) & ~task.terminal
             )
-            for task in (own, other)
+            for task in (target, source)
         ]
-        found |= dict.fromkeys((int(s), int(u)) for s in states[0] for u in states[1])
-        if len(found) >= MOST_BEGINNINGS:
+        pairs |= dict.fromkeys((int(s), int(u)) for s in states[0] for u in states[1])
+        if len(pairs) >= MOST_BEGINNINGS:
             break
-    return list(found)[:MOST_BEGINNINGS]
+    return list(pairs)[:MOST_BEGINNINGS]
 
 
 def _left_over(part: Part, s: int, a: int, u: int, left: list[int]) -> int | None:
@@ -263,14 +263,14 @@ def _left_over(part: Part, s: int, a: int, u: int, left: list[int]) -> int | Non
     One that stays, for a move out of the part; or one that ends, too, or that leads to the same
     state, at another reward.
     """
-    to = int(part.own.after[s, a])
-    ends = to != STAYS and bool(part.own.terminal[to])
+    to = int(part.target.after[s, a])
+    ends = to != STAYS and bool(part.target.terminal[to])
     for b in left:
-        there = int(part.other.after[u, b])
+        there = int(part.source.after[u, b])
         if there == STAYS:
             fits = to not in part.state
         else:
-            fits = ends if part.other.terminal[there] else part.state.get(to) == there
+            fits = ends if part.source.terminal[there] else part.state.get(to) == there
         if fits:
             left.remove(b)
             return b
@@ -279,9 +279,9 @@ def _left_over(part: Part, s: int, a: int, u: int, left: list[int]) -> int | Non
 
 def _proposal(tasks: TaskPair, part: Part) -> Proposal:
     """Return the mapping of a part."""
-    n_actions, n_others = part.own.after.shape[1], part.other.after.shape[1]
-    state = np.full(part.own.after.shape, UNMAPPED)
-    action = np.full(part.own.after.shape, UNMAPPED)
+    n_actions, n_others = part.target.after.shape[1], part.source.after.shape[1]
+    state = np.full(part.target.after.shape, UNMAPPED)
+    action = np.full(part.target.after.shape, UNMAPPED)
     for s, u in part.state.items():
         left = [b for b in range(n_others) if (u, b) not in part.taken]
         for a in range(n_actions):

@@ -1,8 +1,9 @@
 """Inter-task mappings f(s, a): the source pair that each target pair reads (paper E5)."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,40 @@ ENDED = -2
 """Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
 
 
+class TaskMapping(ABC):
+    """A mapping of batches of a target's states or observations, and of its actions."""
+
+    target: Any
+    source: Any
+    unmapped_value: float | None
+    steps: int = 0  # of the search for it in tasks without tables, charged as those of sources are
+
+    @abstractmethod
+    def pairs(self, values: Any, batch: Any, scale: float = 1.0, shift: float = 0.0) -> FloatArray:
+        """Return phi(s, a) = scale Q_source(f(s, a)) + shift of every action, (n, A) float64.
+
+        `values` are a :class:`ValueSource`. phi is `shift` where ended, and where unmapped
+        `unmapped_value` or NaN.
+        """
+
+    @property
+    @abstractmethod
+    def words(self) -> str:
+        """The mapping in words, such as "predator is predator_2, prey by name"."""
+
+    @property
+    @abstractmethod
+    def parts(self) -> tuple[Any, ...]:
+        """What tells the mapping from others of the same kind."""
+
+    @property
+    def countable(self) -> bool:
+        """Whether the pairs of both tasks are numbered, and few enough to count."""
+        return False
+
+
 @dataclass(frozen=True, eq=False)
-class StateActionMapping(Frozen):
+class StateActionMapping(Frozen, TaskMapping):
     """A mapping of target pairs (s, a) to source pairs, as an index array.
 
     Made by :func:`identity`, :func:`same_position`, :func:`project`, :func:`relative_objects` or
@@ -46,6 +79,10 @@ class StateActionMapping(Frozen):
     unmapped_value : float, optional
         A value that the source is to state for unmapped pairs. By default it states none: they are
         NaN, and aggregates skip them. 0 is optimistic where rewards are negative.
+    how : str
+        How a search found it; empty for others.
+    steps : int
+        Steps that the search took in tasks without tables.
 
     Raises
     ------
@@ -64,6 +101,8 @@ class StateActionMapping(Frozen):
     source: Task
     index: IntArray
     unmapped_value: float | None = None
+    how: str = ""
+    steps: int = 0
 
     def __post_init__(self) -> None:
         target, source = generative_model(self.target), generative_model(self.source)
@@ -113,13 +152,39 @@ class StateActionMapping(Frozen):
         values = q.reshape(*q.shape[:-2], -1)[..., np.maximum(self.index, 0)]
         return transferred(values, self.index, self.unmapped_value, scale, shift)
 
+    def pairs(self, values: Any, batch: Any, scale: float = 1.0, shift: float = 0.0) -> FloatArray:
+        """Return phi(s, a) of the states with these numbers, (n, A) float64, as :meth:`read`."""
+        index = self.index[batch]
+        state, action = np.divmod(np.maximum(index, 0), self.source.actions.size)
+        q = values.q(state.ravel(), action.ravel()).reshape(index.shape)
+        return transferred(q, index, self.unmapped_value, scale, shift)
+
+    @property
+    def words(self) -> str:
+        """How the mapping was found, in words."""
+        return f"found: {self.how}" if self.how else "state by state and action by action"
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """The numbers that make the mapping."""
+        return self.index.shape, self.index.tobytes(), self.unmapped_value
+
+    @property
+    def countable(self) -> bool:
+        """Whether both tasks have few enough pairs for coverage to be counted."""
+        models = map(generative_model, (self.target, self.source))
+        return all(task.states.size * task.actions.size <= LARGEST_COVERAGE for task in models)
+
+    def with_unmapped_value(self, value: float) -> "StateActionMapping":
+        """Return the same mapping with another value of unmapped pairs."""
+        return replace(self, unmapped_value=value)
+
     def __repr__(self) -> str:
         mapped = int((self.index >= 0).sum())
         return f"{type(self).__name__}({mapped:,} of {self.index.size:,} pairs mapped)"
 
     def _repr_html_(self) -> str:
-        few = few_pairs(self.target, self.source)
-        return block(repr(self), few and coverage_table({"": self.coverage()}))
+        return block(repr(self), self.countable and coverage_table({"": self.coverage()}))
 
     def coverage(self) -> "Coverage":
         """Return how much of the target is reached, and of the source used."""
@@ -148,10 +213,10 @@ def rescale(values: FloatArray, scale: float, shift: float) -> FloatArray:
     return values if scale == 1 and shift == 0 else scale * values + shift
 
 
-def check_unmapped_value(given: float | None) -> None:
+def check_unmapped_value(value: float | None) -> None:
     """Raise MappingError unless an unmapped value is a finite number or None."""
-    if given is not None:
-        number("unmapped_value", given, MappingError)
+    if value is not None:
+        number("unmapped_value", value, MappingError)
 
 
 def number_or_nan(unmapped_value: float | None) -> float:
@@ -269,15 +334,15 @@ def from_function(
             f"the function must return two dicts, of states and of actions: got {brief(returned)}"
         )
     encoded = []
-    for kind, space, given in zip(
+    for kind, space, values in zip(
         ("state", "action"), (source.states, source.actions), returned, strict=True
     ):
-        if set(given) != set(space.names):
+        if set(values) != set(space.names):
             raise MappingError(
                 f"the function must return the source's {kind} components "
-                f"{', '.join(space.names)}: got {', '.join(map(str, given)) or 'none'}"
+                f"{', '.join(space.names)}: got {', '.join(map(str, values)) or 'none'}"
             )
-        encoded.append(space.encode(**given))
+        encoded.append(space.encode(**values))
     return pair_mapping(target, source, encoded[0], encoded[1], unmapped_value)
 
 
@@ -337,10 +402,7 @@ def pair_mapping(
     action: IntArray,
     unmapped_value: float | None = None,
 ) -> StateActionMapping:
-    """Return the mapping to these source states and actions, which broadcast to (S, A).
-
-    A pair is unmapped where either is `MISSING`, and ended where the state is terminal.
-    """
+    """Return the mapping to these source states and actions, which broadcast to (S, A)."""
     state, action = np.broadcast_arrays(state, action)
     missing = (state == MISSING) | (action == MISSING)
     ended = terminal_states(source)[np.maximum(state, 0)]
@@ -356,14 +418,9 @@ def _check_mazes(mapping: str, target: Task, source: Task) -> None:
 
 # -- coverage --------------------------------------------------------------------------------------
 
+
 LARGEST_COVERAGE = 5_000_000
 """Pairs of either task up to which a mapping's coverage is counted."""
-
-
-def few_pairs(*tasks: Any) -> bool:
-    """Return whether all tasks have few enough pairs for a mapping's coverage to be counted."""
-    models = map(generative_model, tasks)
-    return all(one.states.size * one.actions.size <= LARGEST_COVERAGE for one in models)
 
 
 @dataclass(frozen=True)
@@ -401,7 +458,9 @@ def coverage_table(covers: Mapping[str, Any]) -> Markup:
         pairs = cover.target_pairs if isinstance(cover, Coverage) else cover.observations
         parts = (cover.mapped, cover.ended, cover.unmapped)
         rows.append((name, pairs, *(f"{part:.1%}" for part in parts)))
-    pairs = "pairs" if all(isinstance(one, Coverage) for one in covers.values()) else "observations"
+    pairs = (
+        "pairs" if all(isinstance(cover, Coverage) for cover in covers.values()) else "observations"
+    )
     head = ["mapping", pairs, "mapped", "at the source's end", "unmapped"]
     named = int(not any(covers))  # the first column is left out where the names are empty
     return table(head[named:], [row[named:] for row in rows])

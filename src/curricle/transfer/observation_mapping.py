@@ -19,6 +19,7 @@ from curricle.text_tables import counted
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,
+    TaskMapping,
     check_unmapped_value,
     coverage_table,
     number_or_nan,
@@ -159,8 +160,8 @@ def no_actions(values: Any) -> PotentialError:
     )
 
 
-def _checked(found: Any, shape: tuple[int, ...]) -> FloatArray:
-    values = numbers("what a function of values returns", found, PotentialError)
+def _checked(returned: Any, shape: tuple[int, ...]) -> FloatArray:
+    values = numbers("what a function of values returns", returned, PotentialError)
     if values.shape != shape:
         raise PotentialError(f"a function of values must return shape {shape}: got {values.shape}")
     return np.asarray(values, dtype=np.float64)
@@ -196,7 +197,7 @@ class ObservationCoverage:
 
 
 @dataclass(frozen=True, eq=False)
-class ObservationMapping:
+class ObservationMapping(TaskMapping):
     """A mapping of a target's observations and actions to a source's, n of them at once.
 
     Parameters
@@ -275,7 +276,7 @@ class ObservationMapping:
     def _describe(self) -> str:
         parts = {"observations": self.observations, "actions": self.actions}
         parts |= {} if self.status is None else {"status": self.status}
-        return ", ".join(f"{part} {_function_name(given)}" for part, given in parts.items())
+        return ", ".join(f"{part} {_function_name(how)}" for part, how in parts.items())
 
     @property
     def _source_actions(self) -> int | None:
@@ -284,21 +285,29 @@ class ObservationMapping:
         n: int | None = source.n_actions if is_observation_task(source) else source.actions.size
         return n
 
-    def pairs(
-        self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
-    ) -> FloatArray:
-        """Return phi(s, a) = scale Q_source(f(s, a)) + shift of every action, (n, A) float64.
+    @property
+    def words(self) -> str:
+        """The description."""
+        return self.description
 
-        It is `shift` where ended, and where unmapped `unmapped_value` or NaN.
-        """
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """The functions and numbers that make the mapping."""
+        actions = self.actions if callable(self.actions) else repr(self.actions)
+        return self.observations, actions, self.status, self.unmapped_value
+
+    def pairs(
+        self, values: ValueSource, batch: Any, scale: float = 1.0, shift: float = 0.0
+    ) -> FloatArray:
+        """Return phi(s, a) of n stacked observations, (n, A), as :meth:`TaskMapping.pairs`."""
         if self.target.n_actions is None:
             raise MappingError(f"pairs need actions that are numbered: got {self.target.actions}")
         if not values.of_actions:
             raise no_actions(values)
-        counterparts, status = self._counterparts(observations)
-        n = batch_size(observations)
+        counterparts, status = self._counterparts(batch)
+        n = batch_size(batch)
         if callable(self.actions):
-            table = self._actions(observations, n)
+            table = self._actions(batch, n)
             q = values.q(counterparts, np.maximum(table, 0))
             phi = self._transferred("Q", q, status, scale, shift)
         else:
@@ -310,10 +319,7 @@ class ObservationMapping:
 
     @cached_property
     def _fixed_actions(self) -> tuple[IntArray, IntArray, IntArray]:
-        """The source's action for each of the target's; those to read, (1, n); their columns.
-
-        Each is read once: many of a target's joint actions read one action of the source.
-        """
+        """The source's action for each of the target's; those to read, (1, n); their columns."""
         table = self._actions(None, 1)[0]
         distinct, column = np.unique(np.maximum(table, 0), return_inverse=True)
         return table, distinct[None], column
@@ -337,7 +343,7 @@ class ObservationMapping:
         outside = float("nan")
         if is_observation_task(self.source) and mapped.any():
             space = self.source.observations
-            inside = [space.contains(one) for one in iterate(batch_space(space, n), counterparts)]
+            inside = [space.contains(seen) for seen in iterate(batch_space(space, n), counterparts)]
             outside = 1.0 - float(np.mean(np.asarray(inside)[mapped]))
         return ObservationCoverage(
             observations=n,
@@ -348,30 +354,27 @@ class ObservationMapping:
         )
 
     def _counterparts(self, observations: Any) -> tuple[Any, IntArray | None]:
-        """Return a source observation or state for each, and the status: None if all are mapped.
-
-        What is returned for those without a counterpart can be read, but must not count.
-        """
+        """Return a source observation or state for each, and the status: None if all are mapped."""
         n = batch_size(observations)
-        found = observations if self.observations is None else self.observations(observations)
+        seen = observations if self.observations is None else self.observations(observations)
         status = None
         if self.status is not None:
-            given = np.asarray(self.status(observations))
+            mapped = np.asarray(self.status(observations))
             status = _integers(
-                "status", np.where(given, 0, UNMAPPED) if given.dtype == np.bool_ else given
+                "status", np.where(mapped, 0, UNMAPPED) if mapped.dtype == np.bool_ else mapped
             )
         if not is_observation_task(self.source):
-            found = _integers("states", found)
-            if self._any_not_mapped(found):
-                status = found if status is None else np.where(found < 0, found, status)
-                found = np.maximum(found, 0)
-        if batch_size(found) != n or (status is not None and status.shape != (n,)):
+            seen = _integers("states", seen)
+            if self._any_not_mapped(seen):
+                status = seen if status is None else np.where(seen < 0, seen, status)
+                seen = np.maximum(seen, 0)
+        if batch_size(seen) != n or (status is not None and status.shape != (n,)):
             shape = (n,) if status is None else status.shape
             raise MappingError(
-                f"a mapping must return as many as it was given, {n}: got {batch_size(found)} "
+                f"a mapping must return as many as it was given, {n}: got {batch_size(seen)} "
                 f"counterparts and status of shape {shape}"
             )
-        return found, status
+        return seen, status
 
     def _any_not_mapped(self, states: IntArray) -> bool:
         """Return whether a state is UNMAPPED or ENDED; MappingError if one is out of range."""
@@ -424,20 +427,20 @@ class ObservationMapping:
         return transferred(values, index, self.unmapped_value, scale, shift)
 
 
-def _function_name(given: Any) -> str:
-    if given is None:
+def _function_name(how: Any) -> str:
+    if how is None:
         return "as they are"
-    if not callable(given):
-        return f"as {' '.join(map(str, given))}"
-    name = getattr(given, "__name__", "<lambda>")
+    if not callable(how):
+        return f"as {' '.join(map(str, how))}"
+    name = getattr(how, "__name__", "<lambda>")
     return "by a function" if name == "<lambda>" else f"by {name}"
 
 
-def _integers(what: str, given: Any) -> IntArray:
-    if isinstance(given, np.ndarray) and given.dtype == np.int64:
-        return given
-    found = numbers(f"a mapping's {what}", given, MappingError)
-    broken = found[found != found // 1]
+def _integers(name: str, array: Any) -> IntArray:
+    if isinstance(array, np.ndarray) and array.dtype == np.int64:
+        return array
+    values = numbers(f"a mapping's {name}", array, MappingError)
+    broken = values[values != values // 1]
     if broken.size:
-        raise MappingError(f"a mapping's {what} must be whole numbers: got {broken[0]:g}")
-    return np.asarray(given).astype(np.int64)
+        raise MappingError(f"a mapping's {name} must be whole numbers: got {broken[0]:g}")
+    return np.asarray(array).astype(np.int64)

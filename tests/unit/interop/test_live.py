@@ -9,7 +9,7 @@ import pytest
 from gymnasium import spaces
 
 import curricle as cr
-from curricle.learning.potential_rollouts import greedy_rollouts
+from curricle.transfer.rollouts import greedy_rollouts
 
 from .environments import OFF, TWO, Ring, Watched, watched
 

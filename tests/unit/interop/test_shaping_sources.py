@@ -18,9 +18,9 @@ from curricle.interop.gymnasium import observation_task
 from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
 from curricle.learning.value_lookup import no_sources
 from curricle.tasks.observation_task import stack
-from curricle.transfer.aggregation import aggregate, aggregate_numbers
+from curricle.transfer.aggregate import aggregate, aggregate_numbers
 from curricle.transfer.observation_mapping import FunctionValues, TableValues
-from curricle.transfer.potentials import ObservationPotential
+from curricle.transfer.potential import ObservationPotential
 from tests.refusals import check_values
 
 from .shaping import (
@@ -80,7 +80,7 @@ def mapped_potential():
     ]
     plan = cr.Curriculum({"chase": CHASE, "hunt": HUNT}, edges, budget=500)
     potential = plan.train().potentials["hunt"][0]
-    assert isinstance(potential, cr.learning.MappedPotential)
+    assert isinstance(potential, cr.transfer.MappedPotential)
     return potential
 
 
@@ -100,7 +100,7 @@ def test_components_number_the_states(layout, kind):
     potential = {
         "by pairs": pair_potential_of_hunt,
         "mapped": mapped_potential,
-        "the same everywhere but at the end": lambda: cr.learning.MappedPotential(
+        "the same everywhere but at the end": lambda: cr.transfer.MappedPotential(
             HUNT, no_sources(25, 5.0)
         ),
     }[kind]()

@@ -44,16 +44,16 @@ from curricle.study.config.tables import (
 )
 from curricle.tasks.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
-from curricle.transfer import aggregation, component_mapping, mapping
-from curricle.transfer.component_mapping import member_mappings
-from curricle.transfer.edges import Transfer
-from curricle.transfer.found_mappings import announced
-from curricle.transfer.identity_mapping import check_same_observations, identity
+from curricle.transfer import by_components, mapping
+from curricle.transfer.aggregate import BUILT_IN
+from curricle.transfer.by_components import check_same_observations, identity, member_mappings
 from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.search import announced
+from curricle.transfer.transfer import Transfer
 
 # -- Settings of learning: learner, budget, how potentials enter, evaluation, storage --------------
 
-AGGREGATES = ("maximum", "mean", "minimum", "total")
+AGGREGATES = tuple(sorted(BUILT_IN))
 DEEP = "deep"
 """The `type` of a learner that is a network."""
 
@@ -190,7 +190,7 @@ class Settings(Table):
         value = getattr(self, which)
         if which == "aggregate":
             named = value in AGGREGATES
-            return getattr(aggregation, value) if named else load(value, folder)
+            return BUILT_IN[value].function if named else load(value, folder)
         return built(value, folder)
 
     @property
@@ -352,7 +352,7 @@ class _TransferTable(ObjectTable):
         if is_observation_task(target) and self.factory is None:
             return self._of_observations(target, source, folder)
         if self.project is not None:
-            return component_mapping.project(target, source, unmapped_value=value, **self.project)
+            return by_components.project(target, source, unmapped_value=value, **self.project)
         if self.mapping == "identity":
             return identity(target, source)
         if self.mapping is not None:

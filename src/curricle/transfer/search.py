@@ -14,15 +14,15 @@ from curricle.progress import SILENT, Bars, Progress, check_progress, shown
 from curricle.tasks.mdp import Task, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
-from curricle.transfer.bisimulation import by_homomorphism, by_lax_bisimulation
+from curricle.transfer.by_bisimulation import by_homomorphism, by_lax_bisimulation
+from curricle.transfer.by_components import by_alignment, by_name
 from curricle.transfer.common_part import by_common_part
-from curricle.transfer.component_mapping import ComponentMapping, by_alignment, by_name
-from curricle.transfer.component_warping import by_component_warping
-from curricle.transfer.edges import Transfer
 from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
-from curricle.transfer.mapping_scores import MappingScores, fitted_unmapped_value, score_mapping
 from curricle.transfer.observation_mapping import ObservationMapping
-from curricle.transfer.task_pair import NOT_PROVEN, Proposal, SearchedMapping, TaskPair
+from curricle.transfer.pair import NOT_PROVEN, Proposal, TaskPair
+from curricle.transfer.scores import MappingScores, fitted_unmapped_value, score_mapping
+from curricle.transfer.transfer import Transfer
+from curricle.transfer.warping import by_component_warping
 
 Search = Callable[[TaskPair], Iterable[Proposal]]
 """A search for mappings; it raises MappingError where it does not apply."""
@@ -88,7 +88,7 @@ class FoundMappings:
         return len(self.candidates)
 
     def __str__(self) -> str:
-        lines = [f"{i + 1}. {one}" for i, one in enumerate(self.candidates)]
+        lines = [f"{i + 1}. {mapping}" for i, mapping in enumerate(self.candidates)]
         return "\n".join([*lines, *(f"{name}: {why}" for name, why in self.refused.items())])
 
     def __repr__(self) -> str:
@@ -99,13 +99,13 @@ class FoundMappings:
         head = ["mapping", "coverage", "regained", "dynamics error", "Bellman inconsistency"]
         rows = [
             (
-                one.how,
-                f"{one.scores.coverage:.0%}",
-                f"{one.scores.regained:.0%}",
-                one.scores.dynamics_error,
-                one.scores.bellman_inconsistency,
+                candidate.how,
+                f"{candidate.scores.coverage:.0%}",
+                f"{candidate.scores.regained:.0%}",
+                candidate.scores.dynamics_error,
+                candidate.scores.bellman_inconsistency,
             )
-            for one in self.candidates
+            for candidate in self.candidates
         ]
         refused = [f"{name}: {why}" for name, why in self.refused.items()]
         return block("Mappings found, best first", table(head, rows, wide=head[:1]), *refused)
@@ -127,11 +127,10 @@ def find_mappings(
     Candidates of all searches are scored by one measure (:func:`score_mapping`), from the tables of
     both tasks and their exact values; no step is taken in either, unless `samples` asks for it.
     Those that clear the bar of :func:`auto_mapping` come first, and of these the ones that are as
-    good as exact where they know anything and have a value that fits elsewhere, as a learner has to
-    unlearn wrong values, but not missing ones. Then they are ordered by their worth, which is what
-    the greedy policy of the source's values regains of the optimum, times the share of the target
-    that the values explain; by the dynamics error; and by the Bellman inconsistency. Of candidates
-    through which the source's values are read alike, the first search's is kept.
+    good as exact where they know anything and have a value that fits elsewhere. Then they are
+    ordered by their worth, which is what the greedy policy of the source's values regains of the
+    optimum, times the share that the values explain; by the dynamics error; and by the Bellman
+    inconsistency. Of candidates that read the source's values alike, the first is kept.
 
     Parameters
     ----------
@@ -145,18 +144,17 @@ def find_mappings(
     unmapped_value : float, optional
         Of the mappings.
     samples : int, optional
-        Steps of the random policy to take in each task that has no tables, to estimate them: for
-        live tasks. Scores are then of the estimated tables, over the states in which every action
-        was tried; nothing is proven. Mappings carry the steps, which a curriculum charges.
+        Steps of the random policy in each task that has no tables, to estimate them. Scores are
+        then of the estimated tables, over the states in which every action was tried; nothing is
+        proven. Mappings carry the steps, which a curriculum charges.
     progress : bool or callable, optional
         True shows a bar of the searches, a function is called with the name of each that has ended.
 
     Raises
     ------
     SettingError
-        When `keep` is less than 1, `seed` is negative, no search is given or one is no function, or
-        a search yields anything but a :class:`Proposal` for these tasks, or `progress` is none of
-        these.
+        When a number is out of range, `searches` are no functions, or a search yields anything but
+        a :class:`Proposal` for these tasks.
     TaskError
         When a task has no tables and `samples` is not given.
 
@@ -182,17 +180,17 @@ def find_mappings(
     refused: dict[str, str] = {}
     with shown(progress) as bars:
         proposed = proposals(tasks, searches, unmapped_value, refused, bars)
-        found = [
+        candidates = [
             FoundMapping(
-                one.mapping,
-                one.how,
-                score_mapping(one.mapping, seed=seed, tasks=tasks),
-                tasks.bound(one.mapping.index),
-                fitted_unmapped_value(one.mapping, tasks=tasks),
+                mapping,
+                how,
+                score_mapping(mapping, seed=seed, tasks=tasks),
+                tasks.bound(mapping.index),
+                fitted_unmapped_value(mapping, tasks=tasks),
             )
-            for one in different(proposed, tasks)
+            for mapping, how, _ in different(proposed, tasks)
         ]
-    return FoundMappings(tuple(sorted(found, key=rank)[:keep]), refused, tasks.steps)
+    return FoundMappings(tuple(sorted(candidates, key=rank)[:keep]), refused, tasks.steps)
 
 
 def proposals(
@@ -203,31 +201,32 @@ def proposals(
     bars: Bars = SILENT,
 ) -> Iterator[Proposal]:
     """Yield what the searches propose; the reasons of those that do not apply go to `refused`."""
+    target, source = tasks.target, tasks.source
     grow = bars.bar("searches", len(searches))
     for search in searches:
         name = getattr(search, "__name__", repr(search))
         try:
-            for one in search(tasks):
-                _check_proposal(name, one, tasks)
-                mapping = one.mapping
+            for proposal in search(tasks):
+                _check_proposal(name, proposal, tasks)
+                mapping = proposal.mapping
                 if unmapped_value is not None:
-                    mapping = replace_unmapped_value(mapping, unmapped_value)
-                if tasks.steps:
-                    yield Proposal(charged(mapping, one.how, tasks.steps), one.how)
-                else:
-                    yield one._replace(mapping=mapping)
+                    mapping = mapping.with_unmapped_value(unmapped_value)
+                if tasks.steps:  # the mapping is charged with what its search took
+                    made_of = target, source, mapping.index, mapping.unmapped_value
+                    mapping = StateActionMapping(*made_of, proposal.how, tasks.steps)
+                yield proposal._replace(mapping=mapping)
         except MappingError as error:
             refused[name] = str(error)
         grow()
         bars.tell(name)
 
 
-def _check_proposal(search: str, given: Any, tasks: TaskPair) -> None:
+def _check_proposal(search: str, proposal: Any, tasks: TaskPair) -> None:
     """Raise SettingError unless a search yielded a proposal for these tasks."""
-    if not isinstance(given, Proposal):
-        raise SettingError(f"a search must yield a Proposal: {search} yielded {brief(given)}")
+    if not isinstance(proposal, Proposal):
+        raise SettingError(f"a search must yield a Proposal: {search} yielded {brief(proposal)}")
     for role in ("target", "source"):
-        task = getattr(given.mapping, role)
+        task = getattr(proposal.mapping, role)
         if not same_task(task, getattr(tasks, role)):
             raise SettingError(
                 f"a search must propose mappings of the tasks that it is given: {search} proposed "
@@ -235,66 +234,44 @@ def _check_proposal(search: str, given: Any, tasks: TaskPair) -> None:
             )
 
 
-def charged(mapping: StateActionMapping, how: str, steps: int) -> SearchedMapping:
-    """Return a mapping with the steps that its search took."""
-    if isinstance(mapping, SearchedMapping):
-        return replace(mapping, steps=steps)
-    parts = mapping.target, mapping.source, mapping.index, mapping.unmapped_value
-    return SearchedMapping(*parts, how=how, steps=steps)
-
-
-def replace_unmapped_value(mapping: StateActionMapping, value: float) -> StateActionMapping:
-    """Return the same mapping with another value of unmapped pairs."""
-    if isinstance(mapping, ComponentMapping):
-        parts = mapping.target, mapping.source, mapping.renaming
-        return ComponentMapping(*parts, value, mapping.unequal)
-    return replace(mapping, unmapped_value=value)
-
-
-def different(given: Iterable[Proposal], tasks: TaskPair) -> Iterator[Proposal]:
+def different(proposed: Iterable[Proposal], tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the proposals that read the source's values in different ways, the first of each."""
     q = tasks.source_solution.action_values
     slack = SAME * max(1.0, float(abs(q).max()))
     read: list[Any] = []
-    for one in given:
-        phi = one.mapping.read(q)
+    for proposal in proposed:
+        phi = proposal.mapping.read(q)
         if not any(np.allclose(phi, other, rtol=0, atol=slack, equal_nan=True) for other in read):
             read.append(phi)
-            yield one
+            yield proposal
 
 
 def clears_bar(scores: MappingScores) -> bool:
-    """Return whether a mapping fits well enough to be used unseen.
-
-    Where it knows anything its greedy policy must regain at least 25 %, and its values must explain
-    at least a quarter of what a constant leaves unexplained. Either alone does not do: two tasks
-    may look alike nearly everywhere and have goals in different places, and a policy that follows
-    wrong values may gain by avoiding what costs most.
-    """
+    """Return whether a mapping fits well enough to be used unseen."""
+    # Either alone does not do: two tasks may look alike nearly everywhere and have goals in
+    # different places, and a policy that follows wrong values may gain by avoiding what costs most.
     return scores.regained_where_known >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
 
 
-def as_good_as_exact(found: FoundMapping) -> bool:
-    """Return whether a mapping is right where it knows anything, and fits elsewhere.
-
-    Where steps cost, pairs that were tried fall below the value that fits, so that a learner goes
-    on to others. Without such a value it walks at random until it meets a mapped state: then a
-    rough mapping of many states is better than an exact one of few.
-    """
-    scores = found.scores
+def as_good_as_exact(candidate: FoundMapping) -> bool:
+    """Return whether a mapping is right where it knows anything, and fits elsewhere."""
+    # Where steps cost, pairs that were tried fall below the value that fits, so that a learner goes
+    # on to others. Without such a value it walks at random until it meets a mapped state: then a
+    # rough mapping of many states is better than an exact one of few.
+    scores = candidate.scores
     right = scores.regained_where_known >= 1 - MOST_MISSED
     right = right and scores.unexplained <= LEFT_BY_EXACT
-    return right and (found.unmapped_value is not None or scores.coverage == 1)
+    return right and (candidate.unmapped_value is not None or scores.coverage == 1)
 
 
-def rank(found: FoundMapping) -> tuple[bool, bool, float, float, float]:
+def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
     """Return what candidates are ordered by, the best first."""
-    scores = found.scores
+    scores = candidate.scores
     worst = np.nan_to_num(
         [-scores.worth, scores.dynamics_error, scores.bellman_inconsistency], nan=np.inf
     )
-    worth, dynamics, bellman = (float(round(one, 9)) for one in worst)
-    return not clears_bar(scores), not as_good_as_exact(found), worth, dynamics, bellman
+    worth, dynamics, bellman = (float(round(score, 9)) for score in worst)
+    return not clears_bar(scores), not as_good_as_exact(candidate), worth, dynamics, bellman
 
 
 # -- the best mapping, or why none is used ---------------------------------------------------------
@@ -339,8 +316,6 @@ def auto_mapping(
     ------
     MappingError
         When no mapping that is found clears that bar.
-    SettingError
-        When `progress` is none of what it may be.
 
     Examples
     --------
@@ -357,24 +332,21 @@ def auto_mapping(
         value = fitted_unmapped_value(best.mapping, scale=scale, shift=shift)
     if value is None:
         return best
-    mapping = replace_unmapped_value(best.mapping, value)
+    mapping = best.mapping.with_unmapped_value(value)
     return replace(
-        best,
-        mapping=mapping,
-        how=f"{best.how}, {value:.3g} where unmapped",
-        unmapped_value=None,
+        best, mapping=mapping, how=f"{best.how}, {value:.3g} where unmapped", unmapped_value=None
     )
 
 
-def best_of(found: FoundMappings) -> FoundMapping:
+def best_of(candidates: FoundMappings) -> FoundMapping:
     """Return the first candidate if it clears the bar, or raise MappingError."""
     bar = (
         f"a mapping is used unseen if it regains at least {LEAST_REGAINED:.0%} where it is known "
         f"and leaves at most {MOST_UNEXPLAINED:.0%} unexplained"
     )
-    if not len(found):
+    if not len(candidates):
         raise MappingError(f"{bar}: none is found between these tasks")
-    best: FoundMapping = found[0]
+    best: FoundMapping = candidates[0]
     if not clears_bar(best.scores):
         raise MappingError(
             f"{bar}: the best that is found, {best.how}, regains "
@@ -387,10 +359,7 @@ def best_of(found: FoundMappings) -> FoundMapping:
 def with_mapping(
     transfer: Transfer, target: Any, source: Any, *, fit_unmapped: bool = True
 ) -> Transfer:
-    """Return a transfer as it is, or with the mapping that is found; what is found is printed.
-
-    Between two tasks seen through observations it is the identity, if these are of one space.
-    """
+    """Return a transfer as it is, or with the mapping that is found; what is found is printed."""
     if transfer.mapping is not None:
         return transfer
     edge = f"{transfer.source} -> {transfer.target}"
@@ -420,10 +389,7 @@ def announced(
     say: Callable[[str], Any] = print,
     **settings: Any,
 ) -> FoundMapping:
-    """Return the mapping that is found for an edge, and say what it is, and the runner-up.
-
-    `settings` are those of :func:`auto_mapping`; `say` takes each line.
-    """
+    """Return the mapping that is found for an edge, and say what it is, and the runner-up."""
     for role, task in (("target", target), ("source", source)):
         if not has_tables(task):
             raise MappingError(
@@ -431,9 +397,9 @@ def announced(
                 "find_mappings(..., samples=20_000) estimates them from steps"
             )
     best = auto_mapping(target, source, unmapped_value=unmapped_value, **settings)
-    found = _found(target, source, unmapped_value)
+    candidates = _found(target, source, unmapped_value)
     say(f"mapping found for {edge}: {best}")
-    say(f"  runner-up: {found[1] if len(found) > 1 else 'none'}")
+    say(f"  runner-up: {candidates[1] if len(candidates) > 1 else 'none'}")
     return best
 
 

@@ -1,12 +1,13 @@
-"""Mappings by components: by their names (paper E7), and by every assignment of them."""
+"""Mappings by components: the identity, by name (paper E7), by every assignment of them."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from math import prod
-from typing import Any
+from typing import Any, overload
 
+import gymnasium as gym
 import numpy as np
 
 from curricle.array_types import IntArray
@@ -15,6 +16,7 @@ from curricle.display import brief_repr
 from curricle.errors import CurricleError, MappingError
 from curricle.tasks.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.mdp import FiniteMDP, Task, generative_model, tables
+from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.transfer.mapping import (
     StateActionMapping,
@@ -22,12 +24,14 @@ from curricle.transfer.mapping import (
     from_function,
     pair_mapping,
 )
-from curricle.transfer.mapping_scores import total_variation
 from curricle.transfer.observation_mapping import ObservationMapping
-from curricle.transfer.task_pair import Proposal, TaskPair
+from curricle.transfer.pair import Proposal, TaskPair
+from curricle.transfer.scores import total_variation
 
 LARGEST_INDEX = 500_000_000
 """Target pairs for which an index array is made (4 GB)."""
+UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
+"""What becomes of values that the source lacks, in words."""
 
 
 class ComponentMapping(StateActionMapping):
@@ -76,9 +80,9 @@ class ComponentMapping(StateActionMapping):
                     f"project names components of the source, {', '.join(sorted(known))}: got "
                     f"{name!r}"
                 )
-        for own, other in ((target.states, source.states), (target.actions, source.actions)):
-            for component in other.components:
-                _origin(own, component, renaming)
+        for ours, theirs in ((target.states, source.states), (target.actions, source.actions)):
+            for component in theirs.components:
+                _origin(ours, component, renaming)
         fields = {"target": target, "source": source, "renaming": dict(renaming)}
         fields |= {"unmapped_value": unmapped_value, "unequal": unequal}
         for name, value in fields.items():
@@ -86,8 +90,32 @@ class ComponentMapping(StateActionMapping):
 
     def __reduce__(self) -> Any:
         """Pickle what the mapping was made from: names, and no index array."""
-        given = (self.target, self.source, self.renaming, self.unmapped_value, self.unequal)
-        return ComponentMapping, given
+        made_from = self.target, self.source, self.renaming, self.unmapped_value, self.unequal
+        return ComponentMapping, made_from
+
+    @property
+    def _read(self) -> dict[str, str]:
+        """The target component that each component of the source is read from."""
+        names = *self.source.states.names, *self.source.actions.names
+        return {name: self.renaming.get(name, name) for name in names}
+
+    @property
+    def words(self) -> str:
+        """The mapping in words, such as "predator is predator_2, prey by name"."""
+        kept = " and ".join(name for name, origin in self._read.items() if name == origin)
+        words = [f"{name} is {origin}" for name, origin in self._read.items() if name != origin]
+        words += [f"{kept} by name"] if kept else []
+        unequal = "" if self.unequal == "unmapped" else f"; {UNEQUAL[self.unequal]}"
+        return ", ".join(words) + unequal
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """The names that make the mapping."""
+        return repr(self), self.unmapped_value
+
+    def with_unmapped_value(self, value: float) -> "ComponentMapping":
+        """Return the same mapping with another value of unmapped pairs."""
+        return ComponentMapping(self.target, self.source, self.renaming, value, self.unequal)
 
     @cached_property
     def index(self) -> IntArray:
@@ -129,9 +157,7 @@ class ComponentMapping(StateActionMapping):
         return list(offsets.values())
 
     def __repr__(self) -> str:
-        names = (*self.source.states.names, *self.source.actions.names)
-        read = {name: self.renaming.get(name, name) for name in names}
-        shown = [f"{k}={v}" for k, v in read.items()]
+        shown = [f"{name}={origin}" for name, origin in self._read.items()]
         shown += [] if self.unequal == "unmapped" else [f"unequal={self.unequal!r}"]
         return f"ComponentMapping({', '.join(shown)})"
 
@@ -173,10 +199,7 @@ def project(
 
 
 def source_points(
-    target: Space,
-    source: Space,
-    renaming: Mapping[str, str],
-    unequal: Unequal = "unmapped",
+    target: Space, source: Space, renaming: Mapping[str, str], unequal: Unequal = "unmapped"
 ) -> IntArray:
     """Return the source's point for each of the target's, `MISSING` where there is none."""
     values, read = target.decode(), {}
@@ -205,10 +228,7 @@ def _origin(target: Space, component: Component, renaming: Mapping[str, str]) ->
 
 
 def _values_of(origin: Component, component: Component, unequal: Unequal) -> IntArray:
-    """Return the source's value for each value of the target's, by label where both have labels.
-
-    Where a label is missing it is one below the component's lowest value.
-    """
+    """Return the source's value for each value of the target's, by label where both have labels."""
     if component.labels is None or origin.labels is None:
         values = np.arange(origin.size) + origin.low
         if unequal == "clip":
@@ -218,6 +238,122 @@ def _values_of(origin: Component, component: Component, unequal: Unequal) -> Int
         return values
     value = {label: component.low + i for i, label in enumerate(component.labels)}
     return np.array([value.get(label, component.low - 1) for label in origin.labels])
+
+
+# -- the identity ----------------------------------------------------------------------------------
+
+
+IDENTITY = "identity needs tasks of one shape"
+
+
+@overload
+def identity(
+    target: ObservationTask, source: ObservationTask | None = None
+) -> ObservationMapping: ...
+@overload
+def identity(target: Task, source: Task | None = None) -> StateActionMapping: ...
+def identity(target: Any, source: Any = None) -> Any:
+    """Return the mapping of each state and action to the same one of a task of the same shape.
+
+    Of one shape are tasks whose states and actions have as many components, with the same values in
+    the same order, whatever they are called: a slippery lake and one that is not. Observations must
+    have the same shape. Without a source it is the mapping of a task onto itself.
+
+    Parameters
+    ----------
+    target, source : Task or ObservationTask
+        Both with numbered states, or both seen through observations.
+
+    Returns
+    -------
+    StateActionMapping or ObservationMapping
+
+    Raises
+    ------
+    MappingError
+        When the shapes differ, saying how.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> easy, hard = GridWorld("S.T"), GridWorld("SPT")
+    >>> identity(hard, easy).index[0]
+    array([0, 1, 2, 3])
+    >>> identity(hard, GridWorld("S..T"))
+    Traceback (most recent call last):
+    curricle.errors.MappingError: identity needs tasks of one shape: the target's states have
+    column[3], the source's column[4]; project maps by name what both have
+    """
+    source = target if source is None else source
+    if isinstance(target, ObservationTask):
+        check_same_observations(target, source)
+        return ObservationMapping(target, source)
+    model = generative_model(target)
+    for what in ("states", "actions"):
+        _check_same_points(what, getattr(model, what), getattr(generative_model(source), what))
+    states, actions = np.arange(model.states.size), np.arange(model.actions.size)
+    return pair_mapping(target, source, states[:, None], actions)
+
+
+def _check_same_points(what: str, target: Space, source: Space) -> None:
+    """Raise MappingError unless two spaces have the same points."""
+    hint = "project maps by name what both have"
+    if len(target.components) != len(source.components):
+        raise MappingError(
+            f"{IDENTITY}: the target's {what} have {', '.join(target.names)}, the source's "
+            f"{', '.join(source.names)}; {hint}"
+        )
+    for ours, theirs in zip(target.components, source.components, strict=True):
+        mine, yours = _values(ours), _values(theirs)
+        if mine != yours:
+            raise MappingError(
+                f"{IDENTITY}: the target's {what} have {ours.name}{mine}, the source's "
+                f"{theirs.name}{yours}; {hint}"
+            )
+        labels = ours.labels or (), theirs.labels or ()
+        if labels[0] != labels[1] and set(labels[0]) == set(labels[1]):
+            raise MappingError(
+                f"{IDENTITY}: values of {ours.name} are {', '.join(labels[0])} in the target and "
+                f"{', '.join(labels[1])} in the source; {hint}"
+            )
+    if (target.is_box and source.is_box) or np.array_equal(_points(target), _points(source)):
+        return
+    raise MappingError(
+        f"{IDENTITY}: {what} of {', '.join(target.names)} are {target.size:,} in the target and "
+        f"{source.size:,} in the source, not the same ones in the same order; {hint}"
+    )
+
+
+def _points(space: Space) -> IntArray:
+    return np.stack(list(space.decode().values()), axis=1)
+
+
+def _values(component: Component) -> str:
+    """Return a component's values in short: how many, and from which if not from 0."""
+    low = f" from {component.low}" if component.low else ""
+    return f"[{component.size}{low}]"
+
+
+def check_same_observations(target: ObservationTask, source: Any) -> None:
+    """Raise MappingError where a source is seen through observations of another shape."""
+    if not isinstance(source, ObservationTask):
+        return
+    mine, yours = target.observations, source.observations
+    if _form(mine) != _form(yours):
+        raise MappingError(
+            f"{IDENTITY}: the target's observations are {space_text(mine)}, the source's "
+            f"{space_text(yours)}; a function of observations maps others"
+        )
+
+
+def _form(space: gym.Space[Any]) -> Any:
+    """Return what must agree of two spaces of observations: their parts and shapes."""
+    if isinstance(space, gym.spaces.Dict):
+        return {key: _form(part) for key, part in space.spaces.items()}
+    if isinstance(space, gym.spaces.Tuple):
+        return [_form(part) for part in space.spaces]
+    counts = getattr(space, "n", None), getattr(space, "nvec", None)
+    return type(space).__name__, space.shape, str(counts)
 
 
 # -- members of a family ---------------------------------------------------------------------------
@@ -270,10 +406,7 @@ def member_mappings(
     source_task: Task,
     unmapped_value: float | None = None,
 ) -> tuple[Any, ...]:
-    """Return the mappings of :func:`family_mappings` for tasks that were made of the members.
-
-    They have the members' states and actions, and perhaps another start.
-    """
+    """Return the mappings of :func:`family_mappings` for tasks that were made of the members."""
     if target.family.factory is not source.family.factory:
         raise MappingError(
             f"members of one family map onto each other: got {target}, of {target.family.name}, "
@@ -285,20 +418,18 @@ def member_mappings(
             declared = declared(target, source)
         except CurricleError as error:
             raise MappingError(str(error)) from error
-    found = tuple(declared) if isinstance(declared, list | tuple | Iterator) else (declared,)
-    if not found:
+    mappings = tuple(declared) if isinstance(declared, list | tuple | Iterator) else (declared,)
+    if not mappings:
         raise MappingError(
             f"a family must declare at least one mapping: {target} <- {source} has none"
         )
-    return tuple(_made(one, target_task, source_task, unmapped_value, target) for one in found)
+    return tuple(
+        _made(mapping, target_task, source_task, unmapped_value, target) for mapping in mappings
+    )
 
 
 def _made(
-    declared: Any,
-    target: Task,
-    source: Task,
-    unmapped_value: float | None,
-    member: FamilyMember,
+    declared: Any, target: Task, source: Task, unmapped_value: float | None, member: FamilyMember
 ) -> Any:
     """Return one declared mapping as the library checks it."""
     if isinstance(declared, ComponentsByName):
@@ -380,7 +511,7 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
         error = _prediction_error(mdp, source_mdp, state, action, drawn)
         mapping = pair_mapping(target, source, state[:, None], action)
         projections.append(Projection(states, actions, error, mapping))
-    return tuple(sorted(projections, key=lambda one: (np.isnan(one.error), one.error)))
+    return tuple(sorted(projections, key=lambda tried: (np.isnan(tried.error), tried.error)))
 
 
 def _prediction_error(
@@ -454,34 +585,36 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
     --------
     >>> from curricle import GridWorld
     >>> tasks = TaskPair(GridWorld("S....T"), GridWorld("S.T"))
-    >>> [one.how for one in by_alignment(tasks)]
+    >>> [proposal.how for proposal in by_alignment(tasks)]
     ['components by name, last column aligned', 'components by name, last column aligned, clipped']
     """
-    own, other = tasks.target.states, tasks.source.states
-    values = own.decode()
+    ours, theirs = tasks.target.states, tasks.source.states
+    values = ours.decode()
     actions = source_points(tasks.target.actions, tasks.source.actions, {})
     unequal = []
-    for theirs in other.components:
-        mine = _origin(own, theirs, {})
-        if (mine.size, mine.low) != (theirs.size, theirs.low) and mine.labels is None:
-            unequal.append(theirs.name)
+    for component in theirs.components:
+        origin = _origin(ours, component, {})
+        same = (origin.size, origin.low) == (component.size, component.low)
+        if not same and origin.labels is None:
+            unequal.append(component.name)
     if not unequal or len(unequal) > MOST_UNEQUAL:
         raise MappingError(
             f"ranges are aligned where 1 to {MOST_UNEQUAL} components differ: got {len(unequal)}"
         )
     for ends in product(("first", "last"), repeat=len(unequal)):
-        aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(other.names, 0)
+        aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(theirs.names, 0)
         for name, end in aligned.items():
-            mine, theirs = own.component(name), other.component(name)
-            offsets[name] = theirs.low - mine.low if end == "first" else theirs.high - mine.high
+            ending = "low" if end == "first" else "high"
+            there, here = (getattr(space.component(name), ending) for space in (theirs, ours))
+            offsets[name] = there - here
         if set(ends) == {"first"} and not any(offsets.values()):
             continue  # as by name
         words = " and ".join(f"{end} {name}" for name, end in aligned.items())
         for clipped in (False, True):
             read = {name: values[name] + offset for name, offset in offsets.items()}
             if clipped:
-                read = {c.name: np.clip(read[c.name], c.low, c.high) for c in other.components}
-            state = other.encode(**read)
+                read = {c.name: np.clip(read[c.name], c.low, c.high) for c in theirs.components}
+            state = theirs.encode(**read)
             how = f"components by name, {words} aligned{', clipped' if clipped else ''}"
             index = pair_mapping(tasks.target, tasks.source, state[:, None], actions).index
             yield tasks.proposal(index, how)

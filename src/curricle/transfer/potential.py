@@ -8,44 +8,169 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.array_types import FloatArray, FloatTable, IntArray
 from curricle.checks import instance
 from curricle.display import brief_repr
 from curricle.errors import PotentialError
 from curricle.frozen_arrays import frozen
-from curricle.learning.potential import MappedPotential, StateActionPotential, finite_scale
-from curricle.learning.value_lookup import (
-    MAXIMUM,
-    MEAN,
-    MINIMUM,
-    MOST_SOURCES,
-    TOTAL,
-    ValueLookup,
+from curricle.learning.potential import (
+    LARGEST_POTENTIAL,
+    PairPotential,
+    StateActionPotential,
+    finite_scale,
+    numbered_states,
+    too_large,
 )
-from curricle.tasks.kernel import inverse_of
+from curricle.learning.value_lookup import ValueLookup, read_row
+from curricle.tasks.kernel import compiled_once, inverse_of
 from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import ObservationTask
-from curricle.tasks.spaces import MISSING
-from curricle.transfer.aggregation import (
-    UNCHANGED_ALONE,
+from curricle.tasks.spaces import MISSING, Space
+from curricle.transfer.aggregate import (
     Aggregate,
     aggregate,
-    maximum,
+    built_in,
     mean,
-    minimum,
-    total,
 )
-from curricle.transfer.component_mapping import ComponentMapping
-from curricle.transfer.edges import Transfer
+from curricle.transfer.by_components import ComponentMapping
 from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, terminal_states, transferred
 from curricle.transfer.observation_mapping import ObservationMapping, ValueSource, no_actions
+from curricle.transfer.transfer import Transfer
 
-COMPILED_AGGREGATES: dict[Aggregate, int] = {
-    minimum: MINIMUM,
-    maximum: MAXIMUM,
-    mean: MEAN,
-    total: TOTAL,
-}
+MOST_SOURCES = 64
+"""Sources of a lookup, at most: each has a bit of a number."""
+
+# -- looked up while learning ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class MappedPotential(PairPotential):
+    """phi(s, a) computed from the sources' values one state at a time, without an array.
+
+    :class:`Curriculum` makes it of transfers whose mappings go by name (:func:`project`) and an
+    aggregate of the library's own.
+
+    Parameters
+    ----------
+    task : Task
+        The task to be shaped.
+    lookup : ValueLookup
+        The sources' values and how target states and actions are looked up in them.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, Pursuit, Transfer, project
+    >>> hunt, chase = Pursuit(3, 2), Pursuit(3, 1)
+    >>> curriculum = Curriculum(
+    ...     tasks={"chase": chase, "hunt": hunt},
+    ...     transfers=[Transfer("chase", "hunt", project(hunt, chase, predator="predator_1"))],
+    ...     budget=1000)
+    >>> phi = curriculum.train().potentials["hunt"][0]
+    >>> type(phi).__name__, phi.values.shape
+    ('MappedPotential', (729, 25))
+    """
+
+    task: Task
+    lookup: ValueLookup
+
+    __repr__ = brief_repr
+
+    def __post_init__(self) -> None:
+        generative = generative_model(self.task)
+        if not fits_task(self.lookup, generative.states, generative.actions.size):
+            raise PotentialError(f"a lookup must be one for its task: {self.task} has another")
+        values = self.lookup.values
+        largest = abs(self.lookup.scale) * max(
+            values.max(initial=0.0), -values.min(initial=0.0)
+        ) + abs(self.lookup.shift)
+        if largest > LARGEST_POTENTIAL:
+            raise too_large("phi", f"the sources' values give {largest:g}")
+
+    @property
+    def kernel(self) -> ValueLookup:
+        """The lookup."""
+        return self.lookup
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """phi(s, a) as an array, (S, A) float64, computed at first use."""
+        generative = generative_model(self.task)
+        phi = np.empty((generative.states.size, generative.actions.size))
+        read_table(self.lookup, phi)
+        if generative.terminal is not None:
+            phi[generative.terminal] = 0.0
+        return frozen(phi)
+
+    def fill(self, q: FloatTable, initial: float) -> None:
+        """Write initial + phi(s, a) into a table, (S, A)."""
+        read_table(self.lookup._replace(initial=initial), q)
+
+    def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
+        """Return phi(s, a) of n states, (n, A) float64, computing no others."""
+        states = numbered_states(self.task, states)
+        generative = generative_model(self.task)
+        phi = np.empty((len(states), generative.actions.size))
+        read_rows(self.lookup, states, phi)
+        if generative.terminal is not None:
+            phi[generative.terminal[states]] = 0.0
+        return phi
+
+    def rescaled(self, scale: float, shift: float = 0.0) -> Self:
+        """Return scale phi(s, a) + shift; it keeps the optimum."""
+        lookup, (scale, shift) = self.lookup, finite_scale(scale, shift)
+        lookup = lookup._replace(scale=scale * lookup.scale, shift=scale * lookup.shift + shift)
+        return replace(self, lookup=lookup)
+
+
+def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
+    """Return whether every state of a task is looked up within the values of its sources.
+
+    Compiled loops do not look where they read.
+    """
+    if not isinstance(lookup, ValueLookup) or not states.is_box:
+        return False
+    n, c = len(lookup.first), len(states.components)
+    if n == 0:
+        return lookup.action.shape == (0, n_actions)
+    shapes = lookup.strides_at.shape, lookup.action.shape, lookup.unmapped_row.shape
+    sizes = states.shape[::-1]
+    inverses = [inverse_of(size, states.size) for size in sizes]
+    if shapes != ((n, c), (n, n_actions), (n,)):
+        return False
+    if (*lookup.size,) != sizes or (*lookup.inverse,) != (*inverses,):
+        return False
+    ends = lookup.strides_at + np.array(sizes)
+    if lookup.strides_at.min() < 0 or ends.max() > len(lookup.strides):
+        return False
+    for source in range(n):
+        reach = [lookup.strides[first:end].max() for first, end in
+                 zip(lookup.strides_at[source], ends[source], strict=True)]  # fmt: skip
+        mapped = lookup.first[source] + sum(max(int(stride), 0) for stride in reach)
+        last = max(mapped, lookup.unmapped_row[source]) + lookup.action[source].max()
+        lowest = min(lookup.first[source], lookup.unmapped_row[source], lookup.action[source].min())
+        if lowest < 0 or last >= len(lookup.values):
+            return False
+    return True
+
+
+@compiled_once
+def read_table(lookup, q):
+    """Write initial value + phi into every row of a table, (S, A)."""
+    row = np.empty(q.shape[1])
+    for state in range(np.uint64(q.shape[0])):
+        read_row(lookup, state, row)
+        for action in range(row.shape[0]):
+            q[state, action] = row[action]
+
+
+@compiled_once
+def read_rows(lookup, states, q):
+    """Write initial value + phi of n states into the rows of a table, (n, A) float64."""
+    for i in range(states.shape[0]):
+        read_row(lookup, np.uint64(states[i]), q[i])
+
+
+# -- of several transfers --------------------------------------------------------------------------
 
 
 def combined_potential(
@@ -63,8 +188,8 @@ def combined_potential(
     mapped = mapped_potential(task, transfers, source_values, function, unknown_value)
     if mapped is not None:
         return mapped
-    each = [edge.potential(q) for edge, q in zip(transfers, source_values, strict=True)]
-    return StateActionPotential(task, aggregate(function, np.stack(each), unknown_value))
+    phis = [edge.potential(q) for edge, q in zip(transfers, source_values, strict=True)]
+    return StateActionPotential(task, aggregate(function, np.stack(phis), unknown_value))
 
 
 def mapped_potential(
@@ -74,15 +199,12 @@ def mapped_potential(
     function: Aggregate,
     unknown_value: float = 0.0,
 ) -> MappedPotential | None:
-    """Return the aggregated potential, looked up while learning; None if it cannot be.
-
-    It can where all mappings, at most 64, go by component names between whole boxes and the
-    aggregate is one of the library's own.
-    """
-    found = [t.mapping.lookups() for t in transfers if isinstance(t.mapping, ComponentMapping)]
-    offsets = [one for one in found if one is not None]
-    # By identity: an aggregate may be any object that can be called, also one without a hash.
-    combine = next((code for known, code in COMPILED_AGGREGATES.items() if known is function), None)
+    """Return the aggregated potential, looked up while learning; None if it cannot be."""
+    # Only mappings by name between whole boxes, and aggregates that compiled loops know.
+    by_name = [edge.mapping for edge in transfers if isinstance(edge.mapping, ComponentMapping)]
+    offsets = [parts for parts in (mapping.lookups() for mapping in by_name) if parts is not None]
+    known = built_in(function)
+    combine = None if known is None else known.code
     if combine is None or len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
         return None
     tables = [_padded_table(edge, q) for edge, q in zip(transfers, source_values, strict=True)]
@@ -90,14 +212,16 @@ def mapped_potential(
     for edge, table, of_components in zip(transfers, tables, offsets, strict=True):
         width, action = table.shape[1], edge.mapping.actions
         actions.append(np.where(action == MISSING, width - 1, action))
-        strides += [np.where(one == MISSING, -1, one * width) for one in reversed(of_components)]
+        strides += [
+            np.where(offset == MISSING, -1, offset * width) for offset in reversed(of_components)
+        ]
     first = _starts(tables)
     states = generative_model(task).states
     sizes = [part.size for part in reversed(states.components)]
     # In tables, a row and a column are for unmapped pairs also where no pair is.
     complete = all(
         edge.mapping.unmapped_value is not None
-        or not any((one == MISSING).any() for one in (edge.mapping.actions, *of_components))
+        or not any((part == MISSING).any() for part in (edge.mapping.actions, *of_components))
         for edge, of_components in zip(transfers, offsets, strict=True)
     )
     lookup = ValueLookup(
@@ -126,16 +250,16 @@ def _starts(arrays: Sequence[npt.NDArray[Any]]) -> IntArray:
 
 
 def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> FloatArray:
-    """Return what a target reads of a source, (S' + 1, A' + 1).
-
-    Pairs that are unmapped read the last row or column, which are NaN where nothing is known.
-    """
+    """Return what a target reads of a source, (S' + 1, A' + 1)."""
     mapping = transfer.mapping
     q = np.pad(np.asarray(source_values, dtype=np.float64), (0, 1))
     index = np.zeros(q.shape, dtype=np.int64)
     index[:-1][terminal_states(mapping.source)] = ENDED
     index[-1], index[:, -1] = UNMAPPED, UNMAPPED
     return transferred(q, index, mapping.unmapped_value, transfer.scale, transfer.shift)
+
+
+# -- over observations -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,10 +370,10 @@ class ObservationPotential:
         scale, shift = finite_scale(scale, shift)
         return replace(self, scale=scale * self.scale, shift=scale * self.shift + shift)
 
-    def _aggregate(self, each: Iterable[FloatArray]) -> FloatArray:
+    def _aggregate(self, of_sources: Iterable[FloatArray]) -> FloatArray:
         """Return scale g + shift of the sources' potentials, N of (n, A) -> (n, A)."""
-        found = list(each)
-        if len(found) == 1 and self.function in UNCHANGED_ALONE and not np.isnan(found[0]).any():
-            return rescale(found[0], self.scale, self.shift)
-        phi = aggregate(self.function, np.array(found), self.unknown_value)
+        phis = list(of_sources)
+        if len(phis) == 1 and built_in(self.function) and not np.isnan(phis[0]).any():
+            return rescale(phis[0], self.scale, self.shift)
+        phi = aggregate(self.function, np.array(phis), self.unknown_value)
         return rescale(phi, self.scale, self.shift)

@@ -1,4 +1,4 @@
-"""Components of unequal numbers of values, without names: found by the order of their values."""
+"""Searches without names: parts of a task found in it, and paths laid beside shorter ones."""
 
 from itertools import combinations_with_replacement
 
@@ -8,10 +8,59 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.errors import MappingError
+from curricle.paper import mazes
+from curricle.paper.settings import maze
 from curricle.planning.solution import solve
-from curricle.transfer import TaskPair, by_component_warping, find_mappings
-from curricle.transfer.component_warping import path_order, paths, warp
-from tests.renumbering import nameless
+from curricle.transfer import (
+    TaskPair,
+    auto_mapping,
+    by_common_part,
+    by_component_warping,
+    find_mappings,
+    score_mapping,
+)
+from curricle.transfer.warping import path_order, paths, warp
+from tests.renumbering import nameless, renumbered
+
+MAZE = maze(-5)
+
+
+CROP = mazes.corner(MAZE, 5)
+
+
+def renumbered_crop(seed):
+    """Return the maze and the crop, renumbered, and the crop's state for each of the maze's."""
+    rng = np.random.default_rng(seed)
+    target, new, _ = renumbered(MAZE.mdp, rng)
+    source, there, _ = renumbered(CROP.mdp, rng)
+    by_hand = CROP.states_at(MAZE.cells[:, 0], MAZE.cells[:, 1])
+    truth = np.full(len(new), -1)
+    truth[new] = np.where(by_hand >= 0, there[by_hand], -1)
+    return target, source, truth
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_renumbered_crop_is_found_in_its_maze(seed):
+    target, source, truth = renumbered_crop(seed)
+    best = auto_mapping(target, source)
+    assert best.how.startswith("common part")
+    by_hand = score_mapping(cr.same_position(MAZE, CROP))
+    assert best.scores.regained >= 0.95 * by_hand.regained
+    state = np.where(best.mapping.index >= 0, best.mapping.index // 4, -1)
+    inside = (truth >= 0) & ~target.terminal
+    assert (state[inside] == truth[inside, None]).all()
+
+
+def test_what_has_no_common_part_is_refused():
+    with pytest.raises(MappingError, match="deterministic tasks: one is random"):
+        list(by_common_part(TaskPair(MAZE, cr.Pursuit(2, 1))))
+    poor = cr.GridWorld("S.T", rewards=cr.Rewards(step=-7, treasure=3, pit=-8))
+    with pytest.raises(MappingError, match="no reward in common"):
+        list(by_common_part(TaskPair(MAZE, poor)))
+    large = cr.GridWorld(["." * 20] * 20 + ["S" + "." * 18 + "T"])
+    with pytest.raises(MappingError, match="sources of up to 250 states: got 420"):
+        list(by_common_part(TaskPair(large, large)))
+
 
 ROOM, SMALLER = cr.tasks.KeyLockPit.room(8), cr.tasks.KeyLockPit.room(6)
 
@@ -108,7 +157,7 @@ def same_cells(target, source):
     return cr.transfer.mapping.pair_mapping(target, source, state[:, None], np.arange(4))
 
 
-def test_refusals():
+def test_what_does_not_lie_on_paths_is_refused():
     corridor, hunt = cr.GridWorld("S..T"), cr.Pursuit(3, 1)
     with pytest.raises(MappingError, match="those of the source's 'prey' do not"):
         list(by_component_warping(TaskPair(corridor, hunt)))

@@ -13,10 +13,7 @@ from curricle.checks import number, whole_number
 from curricle.display import block, brief_repr
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import LARGEST_POTENTIAL
-from curricle.transfer.component_mapping import ComponentMapping
-from curricle.transfer.mapping import StateActionMapping, few_pairs
-from curricle.transfer.observation_mapping import ObservationMapping
-from curricle.transfer.task_pair import SearchedMapping
+from curricle.transfer.mapping import TaskMapping
 
 CALIBRATION_EPISODES = 200
 """Greedy episodes of a calibration, unless another number is given."""
@@ -115,7 +112,7 @@ class Transfer:
 
     def __post_init__(self) -> None:
         edge = f"{self.source} -> {self.target}"
-        if not isinstance(self.mapping, StateActionMapping | ObservationMapping | None):
+        if not isinstance(self.mapping, TaskMapping | None):
             raise CurriculumError(
                 f"mapping of {edge} must be a StateActionMapping or an ObservationMapping: got "
                 f"{self.mapping!r}"
@@ -170,32 +167,11 @@ DIGEST_BYTES = 16
 SIGNIFICANT = 6
 """Digits of values in a digest: the last ones may differ between machines."""
 
-UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
-"""What becomes of values that the source lacks, in words."""
-
-
-def mapping_words(transfer: Transfer) -> str:
-    """Return the mapping of a transfer in words, such as "predator is predator_2, prey by name"."""
-    mapping = transfer.mapping
-    if isinstance(mapping, ComponentMapping):
-        parts = [*mapping.source.states.names, *mapping.source.actions.names]
-        read = {name: mapping.renaming.get(name, name) for name in parts}
-        kept = " and ".join(name for name, of in read.items() if name == of)
-        words = [f"{name} is {of}" for name, of in read.items() if name != of]
-        words += [f"{kept} by name"] if kept else []
-        unequal = "" if mapping.unequal == "unmapped" else f"; {UNEQUAL[mapping.unequal]}"
-        return ", ".join(words) + unequal
-    if isinstance(mapping, ObservationMapping):
-        return mapping.description
-    if isinstance(mapping, SearchedMapping):
-        return f"found: {mapping.how}"
-    return "state by state and action by action"
-
 
 def transfer_words(transfer: Transfer) -> str:
     """Return a transfer in words: its mapping, coverage, scale and shift."""
-    words = [mapping_words(transfer)]
-    if countable(transfer.mapping):
+    words = [transfer.mapping.words]
+    if transfer.mapping.countable:
         cover = transfer.mapping.coverage()
         words.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
         if cover.ended:
@@ -213,17 +189,13 @@ def transfer_words(transfer: Transfer) -> str:
     return "; ".join(words)
 
 
-def countable(mapping: Any) -> bool:
-    """Return whether the pairs of both tasks of a mapping are numbered, and few enough to count."""
-    return not isinstance(mapping, ObservationMapping) and few_pairs(mapping.target, mapping.source)
-
-
-def same_transfer(one: Transfer, other: Transfer) -> bool:
+def same_transfer(transfer: Transfer, other: Transfer) -> bool:
     """Return whether two transfers are the same."""
     names = ("source", "target", "scale", "shift", "calibration")
-    if any(getattr(one, name) != getattr(other, name) for name in names):
+    if any(getattr(transfer, name) != getattr(other, name) for name in names):
         return False
-    return one.mapping is other.mapping or _parts(one.mapping) == _parts(other.mapping)
+    mapping, other_mapping = transfer.mapping, other.mapping
+    return mapping is other_mapping or bool(mapping.parts == other_mapping.parts)
 
 
 def mappings_digest(transfers: Iterable[Transfer]) -> str:
@@ -235,13 +207,3 @@ def mappings_digest(transfers: Iterable[Transfer]) -> str:
         value = mapping.unmapped_value
         digest.update(("-" if value is None else f"{value:.{SIGNIFICANT}g} ").encode())
     return digest.hexdigest()
-
-
-def _parts(mapping: Any) -> tuple[Any, ...]:
-    """Return what tells a mapping from others."""
-    if isinstance(mapping, ComponentMapping):
-        return repr(mapping), mapping.unmapped_value
-    if isinstance(mapping, ObservationMapping):
-        actions = mapping.actions if callable(mapping.actions) else repr(mapping.actions)
-        return mapping.observations, actions, mapping.status, mapping.unmapped_value
-    return mapping.index.shape, mapping.index.tobytes(), mapping.unmapped_value

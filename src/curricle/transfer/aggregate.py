@@ -1,17 +1,21 @@
-"""Aggregation of several sources into one potential: phi = g(phi_1, ..., phi_N) (paper E6).
+"""Aggregates of several sources into one potential: phi = g(phi_1, ..., phi_N) (paper E6).
 
 A source that knows nothing of a pair (its mapping leaves it unmapped) has NaN there, and an
 aggregate skips NaN: it is that of the sources that know something. Where none does, phi is one
 stated value, 0 unless another is given.
+
+A new aggregate is one decorated function here: forecasts and study files know it by its name.
 """
 
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.errors import CurriculumError
+from curricle.learning.value_lookup import MAXIMUM, MEAN, MINIMUM, TOTAL
 
 Aggregate = Callable[[FloatArray], FloatArray]
 """Any function (N, S, A) -> (S, A) that skips NaN, as ``numpy.nanmedian`` along axis 0 does.
@@ -20,19 +24,56 @@ Where all sources are NaN its result does not count; it is never called with suc
 """
 
 
-def maximum(potentials: FloatArray) -> FloatArray:
-    """Return max_i phi_i(s, a), the most optimistic source. (N, S, A) -> (S, A).
+AnAggregate = TypeVar("AnAggregate", bound=Aggregate)
+
+
+class BuiltIn(NamedTuple):
+    """An aggregate of the library's own; that of a single potential must be the potential."""
+
+    function: Aggregate
+    code: int | None  # by which compiled loops know it; None if they do not
+    of_numbers: Callable[[Sequence[float]], float] | None  # the same of N finite numbers, quicker
+
+
+BUILT_IN: dict[str, BuiltIn] = {}
+"""The library's aggregates by name, in the order in which they are compared."""
+
+
+def _built_in(
+    code: int | None = None, of_numbers: Callable[[Sequence[float]], float] | None = None
+) -> Callable[[AnAggregate], AnAggregate]:
+    """Return a decorator that enters an aggregate into ``BUILT_IN``."""
+
+    def enter(function: AnAggregate) -> AnAggregate:
+        BUILT_IN[function.__name__] = BuiltIn(function, code, of_numbers)
+        return function
+
+    return enter
+
+
+def built_in(function: Aggregate) -> BuiltIn | None:
+    """Return what the library knows of one of its own aggregates; None of any other function.
+
+    By identity: an aggregate may be any object that can be called, also one without a hash.
+    """
+    return next((known for known in BUILT_IN.values() if known.function is function), None)
+
+
+@_built_in(MINIMUM, min)
+def minimum(potentials: FloatArray) -> FloatArray:
+    """Return min_i phi_i(s, a), the most pessimistic source. (N, S, A) -> (S, A).
 
     Over the sources that are not NaN, as in all aggregates here; NaN where all are.
 
     Examples
     --------
-    >>> maximum(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
-    array([[3., 5.]])
+    >>> minimum(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
+    array([[1., 5.]])
     """
-    return np.asarray(np.fmax.reduce(_given(potentials), axis=0))
+    return np.asarray(np.fmin.reduce(_checked(potentials), axis=0))
 
 
+@_built_in(MEAN, lambda numbers: sum(numbers) / len(numbers))
 def mean(potentials: FloatArray) -> FloatArray:
     """Return the mean of phi_i(s, a) over the sources. (N, S, A) -> (S, A).
 
@@ -41,21 +82,23 @@ def mean(potentials: FloatArray) -> FloatArray:
     >>> mean(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
     array([[2., 5.]])
     """
-    known = np.count_nonzero(~np.isnan(_given(potentials)), axis=0)
+    known = np.count_nonzero(~np.isnan(_checked(potentials)), axis=0)
     return np.asarray(total(potentials) / np.maximum(known, 1))
 
 
-def minimum(potentials: FloatArray) -> FloatArray:
-    """Return min_i phi_i(s, a), the most pessimistic source. (N, S, A) -> (S, A).
+@_built_in(MAXIMUM, max)
+def maximum(potentials: FloatArray) -> FloatArray:
+    """Return max_i phi_i(s, a), the most optimistic source. (N, S, A) -> (S, A).
 
     Examples
     --------
-    >>> minimum(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
-    array([[1., 5.]])
+    >>> maximum(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
+    array([[3., 5.]])
     """
-    return np.asarray(np.fmin.reduce(_given(potentials), axis=0))
+    return np.asarray(np.fmax.reduce(_checked(potentials), axis=0))
 
 
+@_built_in(TOTAL, sum)
 def total(potentials: FloatArray) -> FloatArray:
     """Return sum_i phi_i(s, a), Svetlik's aggregate (paper E4). (N, S, A) -> (S, A).
 
@@ -64,7 +107,7 @@ def total(potentials: FloatArray) -> FloatArray:
     >>> total(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
     array([[4., 5.]])
     """
-    potentials = _given(potentials)
+    potentials = _checked(potentials)
     unknown = np.isnan(potentials)
     if not unknown.any():
         return np.asarray(potentials.sum(axis=0))
@@ -72,7 +115,7 @@ def total(potentials: FloatArray) -> FloatArray:
     return np.where(unknown.all(axis=0), np.nan, known)
 
 
-def _given(values: FloatArray) -> FloatArray:
+def _checked(values: FloatArray) -> FloatArray:
     """Return potentials as an array of at least one, or raise CurriculumError."""
     array = np.asarray(values)
     if array.dtype.kind not in "fiu" or array.ndim == 0 or len(array) == 0:
@@ -112,21 +155,10 @@ def aggregate(
 
 
 def aggregate_numbers(function: Aggregate, potentials: Sequence[float]) -> float:
-    """Return the aggregate of N finite numbers, as :func:`aggregate` does for one pair.
-
-    The aggregates of this module need no array, which would take most of the time.
-    """
-    for known, plain in _OF_NUMBERS:
-        if function is known and math.isfinite(result := plain(potentials)):
+    """Return the aggregate of N finite numbers, as :func:`aggregate` does for one pair."""
+    known = built_in(function)
+    if known is not None and known.of_numbers is not None:
+        result = known.of_numbers(potentials)
+        if math.isfinite(result):
             return result
     return float(aggregate(function, np.array(potentials).reshape(-1, 1, 1))[0, 0])
-
-
-_OF_NUMBERS: tuple[tuple[Aggregate, Callable[[Sequence[float]], float]], ...] = (
-    (mean, lambda numbers: sum(numbers) / len(numbers)),
-    (maximum, max),
-    (minimum, min),
-    (total, sum),
-)
-UNCHANGED_ALONE = tuple(known for known, _ in _OF_NUMBERS)
-"""Aggregates for which the aggregate of one potential is that potential."""

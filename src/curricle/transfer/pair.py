@@ -23,8 +23,8 @@ from curricle.tasks.mdp import (
     reachable_states,
     tables,
 )
+from curricle.transfer.bisimulation import Model, model_for_refinement, refined
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
-from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
 
 NOT_PROVEN = float("nan")
 ENDLESS = 1_000
@@ -91,19 +91,19 @@ class TaskPair:
     @cached_property
     def target_mdp(self) -> FiniteMDP:
         """The target's tables."""
-        found = self.sampled[0]
-        return discounted(tables(self.target) if found is None else found.mdp)
+        estimate = self.sampled[0]
+        return discounted(tables(self.target) if estimate is None else estimate.mdp)
 
     @cached_property
     def source_mdp(self) -> FiniteMDP:
         """The source's tables."""
-        found = self.sampled[1]
-        return discounted(tables(self.source) if found is None else found.mdp)
+        estimate = self.sampled[1]
+        return discounted(tables(self.source) if estimate is None else estimate.mdp)
 
     @property
     def steps(self) -> int:
         """Steps that were taken in both tasks to estimate their tables."""
-        return sum(found.steps for found in self.sampled if found is not None)
+        return sum(estimate.steps for estimate in self.sampled if estimate is not None)
 
     @cached_property
     def target_solution(self) -> Solution:
@@ -126,7 +126,7 @@ class TaskPair:
         rewards = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row]
         policies = np.full(rewards.shape, 1 / rewards.shape[1]), greedy_policy(rewards)
         values = [evaluate(mdp, policy).values for policy in policies]
-        return max(values, key=lambda one: float(one[self.judged].mean()))
+        return max(values, key=lambda by_policy: float(by_policy[self.judged].mean()))
 
     @cached_property
     def judged(self) -> BoolArray:
@@ -144,12 +144,14 @@ class TaskPair:
         V* of the source also solves V = max_a r' + gamma_t P V, with r' = r + (gamma_s - gamma_t)
         P V: a task with the target's discount. Where discounts agree nothing changes.
         """
-        own, other = self.target_mdp, self.source_mdp
-        rewards = (other.probability * other.reward).sum(axis=1)
-        if own.discount != other.discount:
-            after = (other.probability * self.source_solution.values[other.next_state]).sum(axis=1)
-            rewards = rewards + (other.discount - own.discount) * after
-        return model_for_refinement(own), model_for_refinement(other, rewards)
+        target, source = self.target_mdp, self.source_mdp
+        rewards = (source.probability * source.reward).sum(axis=1)
+        if target.discount != source.discount:
+            after = (source.probability * self.source_solution.values[source.next_state]).sum(
+                axis=1
+            )
+            rewards = rewards + (source.discount - target.discount) * after
+        return model_for_refinement(target), model_for_refinement(source, rewards)
 
     @cached_property
     def source_blocks(self) -> IntArray:
@@ -163,10 +165,12 @@ class TaskPair:
             return None
         judged = (self.target, self.target_solution), (self.source, self.source_solution)
         try:
-            own, other = (s if tables(task).discount < 1 else solve(task) for task, s in judged)
+            of_target, of_source = (
+                s if tables(task).discount < 1 else solve(task) for task, s in judged
+            )
         except SettingError:
             return None
-        return own, other
+        return of_target, of_source
 
     def bound(self, index: IntArray) -> float:
         """Return a bound of how far Q* of any mapped pair is from what it reads; or `NOT_PROVEN`.
@@ -183,14 +187,14 @@ class TaskPair:
 
     def proposal(self, index: IntArray, how: str) -> "Proposal":
         """Return the proposal to read the source through an index, (S, A), and how it was found."""
-        mapping = SearchedMapping(self.target, self.source, index, how=how)
+        mapping = StateActionMapping(self.target, self.source, index, how=how)
         return Proposal(mapping, how, self.bound(index))
 
 
-def apart(index: IntArray, own: Solution, other: Solution) -> FloatArray:
+def apart(index: IntArray, of_target: Solution, of_source: Solution) -> FloatArray:
     """Return abs(Q*(s, a) - Q* of the pair that it reads), (S, A); NaN where it reads none."""
-    read = np.where(index >= 0, other.action_values.ravel()[np.maximum(index, 0)], 0.0)
-    return np.asarray(abs(own.action_values - np.where(index == UNMAPPED, np.nan, read)))
+    read = np.where(index >= 0, of_source.action_values.ravel()[np.maximum(index, 0)], 0.0)
+    return np.asarray(abs(of_target.action_values - np.where(index == UNMAPPED, np.nan, read)))
 
 
 def discounted(mdp: FiniteMDP) -> FiniteMDP:
@@ -201,14 +205,6 @@ def discounted(mdp: FiniteMDP) -> FiniteMDP:
 
 
 # -- what a search proposes ------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class SearchedMapping(StateActionMapping):
-    """A mapping that a search made pair by pair, with the words that say how."""
-
-    how: str = ""
-    steps: int = 0  # of the search in tasks without tables, charged as those of sources are
 
 
 class Proposal(NamedTuple):
@@ -228,18 +224,16 @@ class Proposal(NamedTuple):
 
 
 def search_steps(transfers: Iterable[Any]) -> int:
-    """Return the steps that the searches for the mappings of transfers took.
-
-    Mappings between the same two tasks are taken to be of one search.
-    """
+    """Return the steps that the searches for the mappings of transfers took."""
     most: dict[tuple[str, str], int] = {}
-    for one in transfers:
-        edge = one.source, one.target
-        most[edge] = max(most.get(edge, 0), getattr(one.mapping, "steps", 0))
+    for transfer in transfers:
+        edge = transfer.source, transfer.target
+        most[edge] = max(most.get(edge, 0), transfer.mapping.steps)
     return sum(most.values())
 
 
 # -- tables estimated from steps -------------------------------------------------------------------
+
 
 LARGEST = 2_000_000
 """State-action pairs of a task that is sampled."""

@@ -13,6 +13,7 @@ changes.
 from collections.abc import Iterator, Sequence
 from itertools import permutations, product
 from math import perm
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from curricle.errors import MappingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Space
 from curricle.transfer.mapping import pair_mapping
-from curricle.transfer.task_pair import Proposal, TaskPair
+from curricle.transfer.pair import Proposal, TaskPair
 
 # -- the order of values ---------------------------------------------------------------------------
 
@@ -51,9 +52,9 @@ def paths(mdp: FiniteMDP) -> list[Path]:
     """Return the components of states whose values lie on a path."""
     after = mdp.next_state[mdp.outcome_row]
     chance = np.where(mdp.terminal[:, None, None], 0.0, mdp.probability[mdp.outcome_row])
-    found = []
-    for place, given in enumerate(numbered(mdp.states)):
-        used, values = np.unique(given, return_inverse=True)  # a wall's row has no states
+    on_paths = []
+    for place, numbers in enumerate(numbered(mdp.states)):
+        used, values = np.unique(numbers, return_inverse=True)  # a wall's row has no states
         size = len(used)
         if size > MOST_VALUES:
             continue
@@ -65,14 +66,14 @@ def paths(mdp: FiniteMDP) -> list[Path]:
             position = order[values]
             step = position[after] - position[:, None, None]
             up, down = ((chance * moved).sum(axis=2) for moved in (step > 0, step < 0))
-            found.append(Path(place, used[np.argsort(order)], position, up, down))
-    return found
+            on_paths.append(Path(place, used[np.argsort(order)], position, up, down))
+    return on_paths
 
 
 def numbered(space: Space) -> list[IntArray]:
     """Return for each component its values at the points of a space, numbered from 0, (n,) each."""
     values = space.decode()
-    return [np.asarray(values[one.name] - one.low) for one in space.components]
+    return [np.asarray(values[component.name] - component.low) for component in space.components]
 
 
 def path_order(weight: FloatArray) -> IntArray | None:
@@ -83,11 +84,11 @@ def path_order(weight: FloatArray) -> IntArray | None:
     if it reaches all values and no pair left out weighs as much as one on it: falls that lead far
     back do not hide the order of a row, but the cells of a grid have none.
     """
-    one, other = np.triu_indices(len(weight), 1)
+    first, second = np.triu_indices(len(weight), 1)
     part, beside = np.arange(len(weight)), [list[int]() for _ in weight]
     lightest, heaviest = np.inf, 0.0  # on the path; left out
-    for pair in np.argsort(-weight[one, other], kind="stable"):
-        a, b, weighs = int(one[pair]), int(other[pair]), float(weight[one[pair], other[pair]])
+    for pair in np.argsort(-weight[first, second], kind="stable"):
+        a, b, weighs = int(first[pair]), int(second[pair]), float(weight[first[pair], second[pair]])
         if part[a] == part[b] or max(len(beside[a]), len(beside[b])) == 2:
             heaviest = max(heaviest, weighs)
         elif weighs > 0:
@@ -166,47 +167,39 @@ def by_component_warping(tasks: TaskPair) -> Iterator[Proposal]:
     >>> next(by_component_warping(tasks)).how
     'components in order, warped: row is row, column is column, key is key, lock is lock; ...'
     """
-    _check_sizes(tasks)
-    own, other = paths(tasks.target_mdp), paths(tasks.source_mdp)
-    _check_paths(tasks, own, other)
-    found = sorted(_assignments(tasks, own, other), key=lambda one: one.cost)
+    target_paths, source_paths = _checked_paths(tasks)
+    cheapest = attrgetter("cost")
+    assignments = sorted(_assignments(tasks, target_paths, source_paths), key=cheapest)
     warped, windows = list[Laid](), list[Laid]()
-    for assigned in found[:MOST_LAID]:
-        if assigned.cost <= found[0].cost + SLACK:
-            match = _Match(tasks, assigned, other)
+    for assigned in assignments[:MOST_LAID]:
+        if assigned.cost <= assignments[0].cost + SLACK:
+            match = _Match(tasks, assigned, source_paths)
             warped.append(match.warped())
             windows += match.windows()
-    fit = min((one.mismatch for one in windows), default=np.inf)
-    for laid in _best([one for one in warped if one.mismatch < fit]):
-        yield _proposal(tasks, laid, other, "warped")
-    for laid in _best(windows):
-        yield _proposal(tasks, laid, other, "window")
+    fit = min((window.mismatch for window in windows), default=np.inf)
+    better = [way for way in warped if way.mismatch < fit]
+    for kind, ways in (("warped", better), ("window", windows)):
+        for laid in sorted(ways, key=cheapest)[:KEPT]:
+            yield _proposal(tasks, laid, source_paths, kind)
 
 
-def _best(laid: list[Laid]) -> list[Laid]:
-    return sorted(laid, key=lambda one: one.cost)[:KEPT]
-
-
-def _check_sizes(tasks: TaskPair) -> None:
-    """Raise MappingError where the tasks are too large."""
-    for mdp in (tasks.target_mdp, tasks.source_mdp):
+def _checked_paths(tasks: TaskPair) -> tuple[list[Path], list[Path]]:
+    """Return the paths of both tasks; MappingError if none can be laid, or too many."""
+    target, source = tasks.target_mdp, tasks.source_mdp
+    for mdp in (target, source):
         if mdp.outcome_row.size > LARGEST:
             raise MappingError(
                 f"components are laid side by side in tasks of up to {LARGEST:,} pairs: one has "
                 f"{mdp.outcome_row.size:,}"
             )
-    combinations = np.prod(tasks.source_mdp.states.shape)
+    combinations = np.prod(source.states.shape)
     if combinations > LARGEST_BOX:
         raise MappingError(
             f"components are laid side by side for up to {LARGEST_BOX:,} combinations of a "
             f"source's values: got {combinations:,}"
         )
-
-
-def _check_paths(tasks: TaskPair, own: list[Path], other: list[Path]) -> None:
-    """Raise MappingError where there are no paths to lay beside the source's, or too many."""
-    target, source = tasks.target_mdp, tasks.source_mdp
-    on_paths = [path.place for path in other]
+    target_paths, source_paths = paths(target), paths(source)
+    on_paths = [path.place for path in source_paths]
     for place, component in enumerate(source.states.components):
         if place not in on_paths:
             raise MappingError(
@@ -214,34 +207,42 @@ def _check_paths(tasks: TaskPair, own: list[Path], other: list[Path]) -> None:
                 f"source's {component.name!r} do not"
             )
     actions = len(target.actions.components), len(source.actions.components)
-    if len(own) < len(other) or actions[0] < actions[1]:
+    if len(target_paths) < len(source_paths) or actions[0] < actions[1]:
         raise MappingError(
             "each component of the source is laid beside another of the target: the source has "
-            f"{len(other)} and {actions[1]} of actions, the target {len(own)} on paths and "
-            f"{actions[0]} of actions"
+            f"{len(source_paths)} and {actions[1]} of actions, the target {len(target_paths)} on "
+            f"paths and {actions[0]} of actions"
         )
-    ways = perm(len(own), len(other)) * 2 ** len(other) * perm(*actions)
+    ways = perm(len(target_paths), len(source_paths)) * 2 ** len(source_paths) * perm(*actions)
     if ways > MOST_ASSIGNMENTS:
         raise MappingError(
             f"components are assigned in up to {MOST_ASSIGNMENTS:,} ways: there are {ways:,}"
         )
+    return target_paths, source_paths
 
 
-# -- which component is which --------------------------------------------------------------------
+# -- which component is which ----------------------------------------------------------------------
 
 
-def _assignments(tasks: TaskPair, own: list[Path], other: list[Path]) -> Iterator[Assigned]:
+def _assignments(
+    tasks: TaskPair, target_paths: list[Path], source_paths: list[Path]
+) -> Iterator[Assigned]:
     """Yield every assignment of components, with the moves that agree best."""
     from scipy.optimize import linear_sum_assignment  # takes time, and few need it
 
     mine, theirs = (
         [_shares(some, actions, c) for c in range(len(actions.components))]
-        for some, actions in ((own, tasks.target_mdp.actions), (other, tasks.source_mdp.actions))
+        for some, actions in (
+            (target_paths, tasks.target_mdp.actions),
+            (source_paths, tasks.source_mdp.actions),
+        )
     )
-    for some in permutations(range(len(own)), len(other)):
-        for turned in product((False, True), repeat=len(other)):
+    for some in permutations(range(len(target_paths)), len(source_paths)):
+        for turned in product((False, True), repeat=len(source_paths)):
             ways = list(zip(some, turned, strict=True))
-            laid = tuple(own[i].reversed() if turn else own[i] for i, turn in ways)
+            laid = tuple(
+                target_paths[i].reversed() if turn else target_paths[i] for i, turn in ways
+            )
             for actions in permutations(range(len(mine)), len(theirs)):
                 cost, moves = 0.0, []
                 for c, there in zip(actions, theirs, strict=True):
@@ -255,10 +256,7 @@ def _assignments(tasks: TaskPair, own: list[Path], other: list[Path]) -> Iterato
 
 
 def _shares(some: list[Path], actions: Space, component: int) -> FloatArray:
-    """Return the share of a path's rises and of its falls that each value of a component makes.
-
-    (C, 2, M) float64. Shares, as a longer path has more of both.
-    """
+    """Return the share of a path's rises and of its falls that each value of a component makes."""
     values, size = numbered(actions)[component], actions.components[component].size
     made = np.array([
         [np.bincount(values, moved.sum(axis=0), size) for moved in (path.up, path.down)]
@@ -268,28 +266,28 @@ def _shares(some: list[Path], actions: Space, component: int) -> FloatArray:
     return np.asarray(np.divide(made, total, out=np.zeros_like(made), where=total > 0))
 
 
-# -- which value is which ------------------------------------------------------------------------
+# -- which value is which --------------------------------------------------------------------------
 
 
 class _Match:
     """Lays the paths of an assignment beside the source's."""
 
-    def __init__(self, tasks: TaskPair, assigned: Assigned, other: list[Path]):
+    def __init__(self, tasks: TaskPair, assigned: Assigned, source_paths: list[Path]):
         target, source = tasks.target_mdp, tasks.source_mdp
         self.assigned, live = assigned, ~target.terminal
         self.position = [path.position[live] for path in assigned.paths]
         self.sizes = [len(path.values) for path in assigned.paths]
-        self.others = [len(path.values) for path in other]
+        self.others = [len(path.values) for path in source_paths]
         paid = np.concatenate([_rewards(mdp)[~mdp.terminal].ravel() for mdp in (target, source)])
         scale = float(np.ptp(paid)) or 1.0
         action = _source_actions(tasks, assigned)
         self.mine = _described(target, assigned.paths, scale)[live]
-        self.theirs = _described(source, other, scale)[:, np.maximum(action, 0)]
+        self.theirs = _described(source, source_paths, scale)[:, np.maximum(action, 0)]
         self.lacking = action == MISSING
         # The source's live state at each combination of positions, -1 where there is none.
         self.state = np.full(self.others, -1)
         here = np.where(source.terminal, -1, np.arange(len(source.terminal)))
-        self.state[tuple(path.position for path in other)] = here
+        self.state[tuple(path.position for path in source_paths)] = here
 
     def warped(self) -> Laid:
         """Return the warp that fits best, from paths in proportion on."""
@@ -312,7 +310,7 @@ class _Match:
         free = [here - there + 1 for here, there in zip(self.sizes, self.others, strict=True)]
         if min(free) < 1 or max(free) == 1 or np.prod(free) * self.mine.size > LARGEST_WORK:
             return []
-        found = []
+        fits = []
         for first in np.ndindex(*free):
             rows = [np.arange(size) - at for size, at in zip(self.sizes, first, strict=True)]
             rows = [np.where((row >= 0) & (row < there), row, -1)
@@ -322,16 +320,16 @@ class _Match:
             )
             if inside.any():
                 mismatch = float(self._mismatch(rows, inside).mean())
-                found.append(Laid(self.assigned, tuple(rows), mismatch, mismatch))
-        return found
+                fits.append(Laid(self.assigned, tuple(rows), mismatch, mismatch))
+        return fits
 
     def _mismatch(self, rows: list[IntArray], some: Any = slice(None)) -> FloatArray:
         """Return how much what each pair does differs from what its source pair does, (S, A)."""
         state = self.state[tuple(r[at[some]] for r, at in zip(rows, self.position, strict=True))]
-        found = abs(self.mine[some] - self.theirs[np.maximum(state, 0)]).sum(axis=2)
-        found[state < 0] = NOWHERE
-        found[:, self.lacking] = NOWHERE
-        return np.asarray(found)
+        mismatch = abs(self.mine[some] - self.theirs[np.maximum(state, 0)]).sum(axis=2)
+        mismatch[state < 0] = NOWHERE
+        mismatch[:, self.lacking] = NOWHERE
+        return np.asarray(mismatch)
 
     def _warped_along(self, i: int, rows: list[IntArray]) -> IntArray:
         """Return the warp of one path that fits best, the others as they are."""
@@ -376,7 +374,7 @@ def _rewards(mdp: FiniteMDP) -> FloatArray:
     return np.asarray((mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row])
 
 
-# -- what is proposed ----------------------------------------------------------------------------
+# -- what is proposed ------------------------------------------------------------------------------
 
 
 def _source_actions(tasks: TaskPair, assigned: Assigned) -> IntArray:
@@ -388,20 +386,20 @@ def _source_actions(tasks: TaskPair, assigned: Assigned) -> IntArray:
 
 def _encoded(space: Space, values: list[IntArray]) -> IntArray:
     """Return the points of a space with these values, numbered from 0, and `MISSING` below 0."""
-    known = np.logical_and.reduce([each >= 0 for each in values])
+    known = np.logical_and.reduce([column >= 0 for column in values])
     whole = {
-        one.name: np.maximum(each, 0) + one.low
-        for one, each in zip(space.components, values, strict=True)
+        component.name: np.maximum(column, 0) + component.low
+        for component, column in zip(space.components, values, strict=True)
     }
     return np.where(known, space.encode(**whole), MISSING)
 
 
-def _proposal(tasks: TaskPair, laid: Laid, other: list[Path], kind: str) -> Proposal:
+def _proposal(tasks: TaskPair, laid: Laid, source_paths: list[Path], kind: str) -> Proposal:
     """Return the mapping that paths laid beside the source's make."""
     target, source, chosen = tasks.target_mdp, tasks.source_mdp, laid.assigned
     values = [
         np.where(row >= 0, there.values[row], -1)[path.position]
-        for path, row, there in zip(chosen.paths, laid.rows, other, strict=True)
+        for path, row, there in zip(chosen.paths, laid.rows, source_paths, strict=True)
     ]
     state = _encoded(source.states, values)
     # A state that goes on is unlike one that has ended.

@@ -16,7 +16,7 @@ from curricle.display import brief_repr, printed
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.tasks.mdp import steps_to
 from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
-from curricle.transfer.task_pair import TaskPair
+from curricle.transfer.pair import TaskPair
 
 NAN = float("nan")
 TIED = 1e-9
@@ -27,10 +27,9 @@ LARGEST_SAMPLE = 20_000
 
 @dataclass(frozen=True)
 class MappingScores:
-    """How a mapping fits its tasks; phi are the source's exact values Q* read through it.
+    """How a mapping fits its tasks; phi are the source's exact values Q* read through it."""
 
-    All means are over pairs (s, a) of the target in states that can be reached and do not end it.
-    """
+    # Means are over pairs (s, a) of the target in states that can be reached and do not end it.
 
     # Mean total variation distance, in [0, 1], between the next states that the source predicts
     # and those of the target, over the mapped pairs; NaN if nothing maps. A target state stands for
@@ -116,20 +115,15 @@ def score_mapping(
     )
 
 
-def backed_up(phi: FloatArray, tasks: TaskPair) -> FloatArray:
-    """Return r + gamma sum_s' P(s') max_a' phi(s', a') in the target, (S, A); NaN where unknown."""
+def bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
+    """Return the mean of abs(T phi - phi), and what share it is of abs(T phi - its median)."""
     mdp = tasks.target_mdp
     best = np.where(np.isnan(phi), -np.inf, phi).max(axis=1)
     best[np.isneginf(best)] = np.nan
     best[mdp.terminal] = 0.0
     after = np.where(mdp.probability > 0, mdp.probability * best[mdp.next_state], 0.0)
     expected = (mdp.probability * mdp.reward).sum(axis=1) + mdp.discount * after.sum(axis=1)
-    return np.asarray(expected[mdp.outcome_row])
-
-
-def bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
-    """Return the mean of abs(T phi - phi), and what share it is of abs(T phi - its median)."""
-    expected, stated = backed_up(phi, tasks)[tasks.judged], phi[tasks.judged]
+    expected, stated = expected[mdp.outcome_row][tasks.judged], phi[tasks.judged]
     known = ~np.isnan(expected - stated)
     if not known.any():
         return NAN, NAN
@@ -143,24 +137,21 @@ def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, floa
     """Return the start value of phi's greedy policy, what it regains, and that where known."""
     filled = np.where(np.isnan(phi), 0.0, phi)
     policy = greedy_policy(filled, tolerance=TIED * float(abs(filled).max()))
-    found = evaluate(tasks.target_mdp, policy)
+    of_policy = evaluate(tasks.target_mdp, policy)
     known = ~np.isnan(phi).all(axis=1) & tasks.judged
     best = tasks.target_solution.values
-    most, gained = (values - tasks.values_without for values in (best, found.values))
+    most, gained = (values - tasks.values_without for values in (best, of_policy.values))
 
     def share(states: BoolArray) -> float:
         whole = float(most[states].sum())
         nothing = whole <= TIED * max(1.0, float(abs(best[states]).sum()))
         return NAN if nothing else float(gained[known].sum()) / whole
 
-    return found.start_value, share(tasks.judged), share(known)
+    return of_policy.start_value, share(tasks.judged), share(known)
 
 
 def state_map(mapping: StateActionMapping, phi: FloatArray) -> IntArray:
-    """Return the source state that the best pair of each target state reads, (S,) int64.
-
-    `ENDED` where it is at the source's end, `UNMAPPED` where no pair has a counterpart.
-    """
+    """Return the source state that the best pair of each target state reads, (S,) int64."""
     known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
     pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
     return np.where(pair >= 0, pair // mapping.source.actions.size, pair)
@@ -195,9 +186,11 @@ def _dynamics_error(
     )
 
 
-def total_variation(one: IntArray, p: FloatArray, other: IntArray, q: FloatArray) -> FloatArray:
+def total_variation(
+    outcomes_p: IntArray, p: FloatArray, outcomes_q: IntArray, q: FloatArray
+) -> FloatArray:
     """Return the total variation distance of two distributions in each row, (n,) float64."""
-    outcomes = np.concatenate([one, other], axis=1)
+    outcomes = np.concatenate([outcomes_p, outcomes_q], axis=1)
     masses = np.concatenate([p, -q], axis=1)
     # Equal outcomes add up before their difference counts, once.
     same: BoolArray = outcomes[:, :, None] == outcomes[:, None, :]
@@ -222,16 +215,16 @@ def fitted_constant(stated: FloatArray, factor: FloatArray) -> float:
     These are the Bellman residuals of n states for fixed greedy policies, (n,) each; 0 where the
     constant does not act.
     """
-    found = 0.0
+    constant = 0.0
     for _ in range(SWEEPS):
-        weight = np.where(stated > factor * found, EXPECTILE, 1 - EXPECTILE)
+        weight = np.where(stated > factor * constant, EXPECTILE, 1 - EXPECTILE)
         curvature = float((weight * factor**2).sum())
         if curvature == 0:
             return 0.0
-        last, found = found, float((weight * factor * stated).sum()) / curvature
-        if abs(found - last) <= SETTLED * max(abs(found), abs(last)):
+        last, constant = constant, float((weight * factor * stated).sum()) / curvature
+        if abs(constant - last) <= SETTLED * max(abs(constant), abs(last)):
             break
-    return found
+    return constant
 
 
 def fitted_unmapped_value(
@@ -280,23 +273,20 @@ def fitted_unmapped_value(
         return None
     rewards = (tasks.target_mdp.probability * tasks.target_mdp.reward).sum(axis=1)
     lowest = min(0.0, float(rewards.min())) / (1 - tasks.target_mdp.discount)
-    found = 0.0
+    constant = 0.0
     for _ in range(SWEEPS):
-        last = found
-        found = fitted_constant(*_residuals(phi, unmapped, found, rewards, tasks))
-        found = min(0.0, max(lowest, found))
-        if abs(found - last) <= SETTLED * max(abs(found), abs(last)):
+        last = constant
+        constant = fitted_constant(*_residuals(phi, unmapped, constant, rewards, tasks))
+        constant = min(0.0, max(lowest, constant))
+        if abs(constant - last) <= SETTLED * max(abs(constant), abs(last)):
             break
-    return found if found < 0 else None
+    return constant if constant < 0 else None
 
 
 def _residuals(
     phi: FloatArray, unmapped: BoolArray, constant: float, rewards: FloatArray, tasks: TaskPair
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residuals for what is greedy at this constant, before and after a step.
-
-    `rewards` are the expected ones of the target's outcome rows.
-    """
+    """Return the residuals for what is greedy at this constant, before and after a step."""
     mdp, states = tasks.target_mdp, np.arange(len(phi))
     action = np.where(unmapped, constant, phi).argmax(axis=1)
     live = ~mdp.terminal

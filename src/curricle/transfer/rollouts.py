@@ -1,0 +1,535 @@
+"""Greedy rollouts of a potential: what it predicts at each step, and the return that follows.
+
+They calibrate a potential, or say how far it is from the truth and where learning will start,
+before anything is learnt. Tasks with numbered states are rolled out in compiled loops, observation
+tasks side by side with one call of the policy a step.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.checks import whole_number
+from curricle.display import brief_repr
+from curricle.errors import SettingError
+from curricle.frozen_arrays import Frozen, frozen
+from curricle.learning.potential import PairPotential
+from curricle.learning.value_lookup import ValueLookup, read_row
+from curricle.planning.greedy import (
+    Values,
+    acting_row,
+    acting_rows,
+    best_of,
+    greedy_actions,
+    highest,
+)
+from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
+from curricle.planning.simulator import EpisodeEnds, GreedyPolicy, StepRecord, simulate
+from curricle.planning.solution import Solution, right_choices
+from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
+from curricle.tasks.kernel import compiled, splitmix64, stream_start
+from curricle.tasks.live import open_model
+from curricle.tasks.mdp import Task, generative_model, reachable_states, tables
+from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
+from curricle.transfer.potential import ObservationPotential
+
+LARGEST_ARRAY = 1_000_000
+"""Pairs (S x A) up to which a potential is read from an array, also where it could be looked up."""
+MOST_STEPS = 50_000_000
+"""Steps that may be recorded (2.4 GB)."""
+OBSERVATION_ROLLOUTS = 50
+"""Episodes of which returns are the mean, unless another number is given."""
+COVERAGE_EPISODES = 20
+"""Episodes whose observations are the sample for a mapping's coverage."""
+MAX_RANKED = 200_000
+"""Pairs over which a rank correlation is taken at most; a sample of more."""
+STREAM = "potential_quality"
+"""Name of the random stream of rollouts that judge a potential."""
+NAN = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class GreedyRollouts(Frozen):
+    """E greedy episodes with n steps in all, and what the potential predicts at each step."""
+
+    states: IntArray  # (n,)
+    actions: IntArray  # (n,)
+    predicted: FloatArray  # (n,) phi(s_t, a_t)
+    return_to_go: FloatArray  # (n,) discounted rewards from step t to the end of its episode
+    bootstrap_discount: FloatArray  # (n,) gamma^(steps to the end) if truncated, 0 if terminated
+    bootstrapped_value: FloatArray  # (n,) max_a phi of the last state if truncated, else 0
+    lengths: IntArray  # (E,) steps of each episode
+    ended: BoolArray  # (E,) whether it terminated
+    returns: FloatArray  # (E,) its sum of rewards, undiscounted
+    one_reward: bool  # whether every step had the same reward
+
+    __repr__ = brief_repr
+
+
+def greedy_rollouts(
+    potential: PairPotential | ObservationPotential,
+    *,
+    episodes: int,
+    seed: int = 0,
+    stream: str = "greedy_rollouts",
+    max_steps: int | None = None,
+) -> GreedyRollouts:
+    """Return episodes of the greedy policy of a potential in its task.
+
+    Each is truncated at the task's time limit or, without one, where rewards are discounted by a
+    factor below 1e-9. All stop after `max_steps`, the last of them truncated there. Ties are broken
+    at random where states are numbered; elsewhere ``states`` and ``actions`` are empty.
+    """
+    if isinstance(potential, ObservationPotential):
+        seen = greedy_episodes(
+            potential, episodes=episodes, seed=seed, stream=stream, max_steps=max_steps
+        )
+        return _of_episodes(potential, seen)
+    if not isinstance(potential, PairPotential):
+        raise SettingError(f"rollouts need a potential of state-action pairs: got {potential!r}")
+    task = generative_model(potential.task)
+    episodes, horizon = rollout_size(potential.task, episodes, max_steps)
+    start, view = stream_start(seed, stream), acting_view(potential)
+    draws = np.array([start], dtype=np.uint64)
+    with open_model(task, start) as model:
+        policy = GreedyPolicy(view)
+        steps, ends = simulate(model, policy, draws, episodes=episodes, limit=horizon)
+    if max_steps is not None:
+        steps, ends = _first_of(steps, ends, max_steps)
+    first = np.cumsum(ends.lengths) - ends.lengths
+    predicted, *following = (np.empty(len(steps.states)) for _ in range(4))
+    compiled(_predict, False)(view, task.discount, steps, ends, predicted, tuple(following))
+    return_to_go, bootstrap_discount, bootstrapped_value = map(frozen, following)
+    return GreedyRollouts(
+        states=frozen(steps.states),
+        actions=frozen(steps.actions),
+        predicted=frozen(predicted),
+        return_to_go=return_to_go,
+        bootstrap_discount=bootstrap_discount,
+        bootstrapped_value=bootstrapped_value,
+        lengths=frozen(ends.lengths),
+        ended=frozen(ends.terminated),
+        returns=frozen(np.add.reduceat(steps.rewards, first)),
+        one_reward=bool((steps.rewards == steps.rewards[0]).all()),
+    )
+
+
+def _first_of(steps: StepRecord, ends: EpisodeEnds, n: int) -> tuple[StepRecord, EpisodeEnds]:
+    """Return the first n steps; an episode that goes on is truncated there."""
+    after = np.cumsum(ends.lengths)
+    if after[-1] <= n:
+        return steps, ends
+    last = int(np.searchsorted(after, n))
+    kept: list[Any] = [array[: last + 1].copy() for array in ends]
+    cut = EpisodeEnds(*kept)
+    if after[last] > n:
+        cut.lengths[last] -= after[last] - n
+        cut.last_states[last] = steps.states[n]
+        cut.terminated[last] = cut.truncated[last] = False
+    return StepRecord(steps.states[:n], steps.actions[:n], steps.rewards[:n]), cut
+
+
+def rollout_size(task: Any, episodes: int, max_steps: int | None = None) -> tuple[int, int]:
+    """Return the episodes, checked, and the most steps of each; SettingError if too many."""
+    episodes = whole_number("episodes of rollouts", episodes, 1, SettingError)
+    horizon = GreedyEvaluation().horizon(task)
+    horizon = horizon if max_steps is None else min(horizon, max_steps)
+    if episodes * horizon > MOST_STEPS:
+        raise SettingError(
+            f"rollouts of {episodes:,} episodes of up to {horizon:,} steps must not exceed "
+            f"{MOST_STEPS:,} steps in all: set a time limit or ask for fewer"
+        )
+    return episodes, horizon
+
+
+# -- numbered states, in compiled loops ------------------------------------------------------------
+
+
+class LookedUp(NamedTuple):
+    """The values of a potential that is looked up in its sources' values."""
+
+    lookup: ValueLookup
+    row: FloatArray  # (A,) work space
+    values: FloatArray  # (1, A) work space
+
+
+@acting_rows.body(LookedUp)
+def _looked_up_row(view, state, out):
+    read_row(view.lookup, state, view.row)
+    for action in range(out.shape[1]):
+        out[0, action] = view.row[action]
+
+
+@greedy_actions.body(LookedUp)
+def _greedy_looked_up(view, state, bits):
+    acting_row(view, state, view.values)
+    return best_of(view.values, 0, bits)[1]
+
+
+def greedy_start(potential: PairPotential, evaluation: GreedyEvaluation, *, seed: int = 0) -> float:
+    """Return the greedy policy's return, which :func:`learn` records where Q starts at phi."""
+    return greedy_policy_return(potential.task, acting_view(potential), evaluation, seed=seed)
+
+
+def acting_view(potential: PairPotential) -> LookedUp | Values:
+    """Return a potential as compiled loops read it: an array, unless that would be large."""
+    task = generative_model(potential.task)
+    n_actions, kernel = task.actions.size, potential.kernel
+    if kernel is not None and task.states.size * n_actions > LARGEST_ARRAY:
+        return LookedUp(kernel, np.empty(n_actions), np.empty((1, n_actions)))
+    return Values(potential.values)
+
+
+def _predict(view, discount, steps, ends, predicted, following):
+    """Fill in phi of each step and what followed it; arrays as in :class:`GreedyRollouts`."""
+    return_to_go, bootstrap_discount, bootstrapped_value = following
+    row, first = np.empty((1, view.values.shape[1])), 0
+    for episode in range(ends.lengths.shape[0]):
+        last = first + ends.lengths[episode]
+        total, weight, value = 0.0, 0.0, 0.0
+        if not ends.terminated[episode]:
+            acting_row(view, np.uint64(ends.last_states[episode]), row)
+            weight, value = 1.0, highest(row, np.uint64(0))
+        for t in range(last - 1, first - 1, -1):
+            acting_row(view, np.uint64(steps.states[t]), row)
+            predicted[t] = row[0, np.uint64(steps.actions[t])]
+            total, weight = steps.rewards[t] + discount * total, discount * weight
+            return_to_go[t], bootstrap_discount[t], bootstrapped_value[t] = total, weight, value
+        first = last
+
+
+# -- observations, side by side --------------------------------------------------------------------
+
+
+Policy = Callable[[Any, Sequence[int]], tuple[Any, Any]]
+"""n stacked observations, and the environments they are of -> n actions, and predicted values."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationEpisode:
+    """One episode of T steps."""
+
+    rewards: FloatArray  # (T,)
+    predicted: FloatArray  # (T,) as the policy returned it
+    terminated: bool  # rather than truncated
+    last_observation: Any
+    observations: list[Any]  # T of them: those in which an action was taken
+
+
+class Environments:
+    """Environments of a task, one an episode, in which a policy is rolled out side by side."""
+
+    def __init__(self, task: ObservationTask, episodes: int, max_steps: int):
+        self.task, self.max_steps = task, max_steps
+        self.environments = [task.environment() for _ in range(episodes)]
+
+    def rollouts(self, policy: Policy, seed: int) -> list[ObservationEpisode]:
+        """Return one episode of each environment; `seed` decides where each begins."""
+        n = len(self.environments)
+        current = [
+            environment.reset(seed=splitmix64(seed ^ k) >> 33)[0]
+            for k, environment in enumerate(self.environments)
+        ]
+        rewards, predicted, observations = ([list[Any]() for _ in range(n)] for _ in range(3))
+        terminated, running = [False] * n, list(range(n))
+        for _ in range(self.max_steps):
+            rows = [current[k] for k in running]
+            actions, values = policy(stack(self.task.observations, rows), running)
+            still_running = []
+            for k, row, action, value in zip(running, rows, actions, values, strict=True):
+                current[k], reward, terminated[k], truncated, _ = self.environments[k].step(action)
+                rewards[k].append(float(reward))
+                predicted[k].append(value)
+                observations[k].append(row)
+                if not (terminated[k] or truncated):
+                    still_running.append(k)
+            running = still_running
+            if not running:
+                break
+        return [
+            ObservationEpisode(np.array(r), np.array(p, float), *others)
+            for r, p, *others in zip(
+                rewards, predicted, terminated, current, observations, strict=True
+            )
+        ]
+
+    def close(self) -> None:
+        """Close the environments."""
+        for environment in self.environments:
+            environment.close()
+
+
+def episode_returns(episodes: Sequence[ObservationEpisode], discount: float) -> FloatArray:
+    """Return the discounted sum of rewards of each episode."""
+    sums = [episode.rewards @ discount ** np.arange(len(episode.rewards)) for episode in episodes]
+    return np.array(sums)
+
+
+def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
+    """Return the mean of these."""
+    return float(episode_returns(episodes, discount).mean())
+
+
+def greedy_episodes(
+    potential: ObservationPotential,
+    *,
+    episodes: int,
+    seed: int = 0,
+    stream: str = "greedy_rollouts",
+    max_steps: int | None = None,
+) -> list[ObservationEpisode]:
+    """Return episodes of a potential's greedy policy, which predicts phi(s_t, a_t)."""
+
+    def policy(observations: Any, _: Sequence[int]) -> tuple[Any, Any]:
+        phi = potential.pairs(observations)
+        actions = phi.argmax(axis=1)
+        return actions, phi[np.arange(len(phi)), actions]
+
+    start = stream_start(seed, stream)
+    rolled = _episodes(potential.task, policy, episodes, start, max_steps)
+    return rolled if max_steps is None else list(_first_steps(rolled, max_steps))
+
+
+def _first_steps(rolled: Sequence[ObservationEpisode], n: int) -> Iterator[ObservationEpisode]:
+    """Yield the episodes of the first n steps; one that goes on is truncated there."""
+    for episode in rolled:
+        if n == 0:
+            return
+        if len(episode.rewards) > n:
+            yield ObservationEpisode(
+                episode.rewards[:n],
+                episode.predicted[:n],
+                terminated=False,
+                last_observation=episode.observations[n],
+                observations=episode.observations[:n],
+            )
+            return
+        yield episode
+        n -= len(episode.rewards)
+
+
+def random_episodes(
+    task: ObservationTask, *, episodes: int, seed: int = 0
+) -> list[ObservationEpisode]:
+    """Return episodes of a policy that samples its actions from the task's space."""
+    start, space = stream_start(seed, "random"), deepcopy(task.actions)
+    space.seed(splitmix64(start) >> 33)
+
+    def policy(_: Any, running: Sequence[int]) -> tuple[Any, Any]:
+        return [space.sample() for _ in running], np.zeros(len(running))
+
+    return _episodes(task, policy, episodes, start)
+
+
+def _episodes(
+    task: ObservationTask, policy: Policy, episodes: int, start: int, max_steps: int | None = None
+) -> list[ObservationEpisode]:
+    with closing(Environments(task, *rollout_size(task, episodes, max_steps))) as environments:
+        return environments.rollouts(policy, start)
+
+
+def _of_episodes(
+    potential: ObservationPotential, seen: Sequence[ObservationEpisode]
+) -> GreedyRollouts:
+    """Return what is known of greedy episodes."""
+    columns = zip(*(_returns_to_go(episode, potential) for episode in seen), strict=True)
+    return_to_go, bootstrap_discount, bootstrapped_value = map(np.concatenate, columns)
+    rewards = np.concatenate([episode.rewards for episode in seen])
+    empty = frozen(np.zeros(0, np.int64))
+    return GreedyRollouts(
+        states=empty,
+        actions=empty,
+        predicted=frozen(np.concatenate([episode.predicted for episode in seen])),
+        return_to_go=frozen(return_to_go),
+        bootstrap_discount=frozen(bootstrap_discount),
+        bootstrapped_value=frozen(bootstrapped_value),
+        lengths=frozen(np.array([len(episode.rewards) for episode in seen])),
+        ended=frozen(np.array([episode.terminated for episode in seen])),
+        returns=frozen(np.array([episode.rewards.sum() for episode in seen])),
+        one_reward=bool((rewards == rewards[0]).all()),
+    )
+
+
+def _returns_to_go(
+    episode: ObservationEpisode, potential: ObservationPotential
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return per step the return to go, the bootstrap's discount and the bootstrapped value."""
+    task, n = potential.task, len(episode.rewards)
+    return_to_go, total = np.empty(n), 0.0
+    for t in range(n - 1, -1, -1):
+        total = episode.rewards[t] + task.discount * total
+        return_to_go[t] = total
+    if episode.terminated:
+        return return_to_go, np.zeros(n), np.zeros(n)
+    value = float(potential.v(stack(task.observations, [episode.last_observation]))[0])
+    return return_to_go, task.discount ** np.arange(n, 0, -1.0), np.full(n, value)
+
+
+# -- targets whose optimum is unknown --------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationTarget:
+    """A target whose optimum is unknown; as :class:`Target` is for tasks with tables."""
+
+    # `evaluation` is by rollouts, also where that of its learner is exact: tables of the
+    # environment pay its own rewards, so that both are in the same units.
+
+    task: ObservationTask
+    evaluation: GreedyEvaluation
+    solution: None = None
+    typical_reward: float = float("nan")
+    optimum: float = float("nan")
+
+    @cached_property
+    def _random_returns(self) -> FloatArray:
+        rolled = random_episodes(self.task, episodes=self.episodes)
+        return episode_returns(rolled, self.evaluation.discount(self.task))
+
+    @property
+    def random_return(self) -> float:
+        """The mean return of the random policy."""
+        return float(self._random_returns.mean())
+
+    @property
+    def floor(self) -> float:
+        """The return above which something was learnt: the random policy's and its noise."""
+        noise = self._random_returns.std(ddof=1) / np.sqrt(self.episodes)
+        return self.random_return + STANDARD_ERRORS * float(noise)
+
+    @property
+    def episodes(self) -> int:
+        """Episodes of which returns are the mean."""
+        return self.evaluation.episodes or OBSERVATION_ROLLOUTS
+
+    def observations(self, potential: ObservationPotential) -> Any:
+        """Return stacked observations of greedy rollouts, of random ones without action values."""
+        if potential.of_actions:
+            rolled = greedy_episodes(potential, episodes=COVERAGE_EPISODES)
+        else:
+            rolled = random_episodes(self.task, episodes=COVERAGE_EPISODES)
+        rows = [row for episode in rolled for row in episode.observations]
+        return stack(self.task.observations, rows)
+
+
+def target_of(
+    task: Any, evaluation: GreedyEvaluation | None = None, *, episodes: int | None = None
+) -> Target | ObservationTarget:
+    """Return a task of either kind as a target."""
+    if not is_observation_task(task):
+        return Target.of(task, evaluation, episodes=ROLLOUTS if episodes is None else episodes)
+    evaluation = GreedyEvaluation() if evaluation is None else evaluation
+    number = OBSERVATION_ROLLOUTS if episodes is None else episodes
+    return ObservationTarget(task, replace(evaluation, method="rollouts", episodes=number))
+
+
+# -- how far a potential is from the truth ---------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PotentialQuality:
+    """How a potential compares with the values of its target."""
+
+    start: float  # expected return of its greedy policy: where learning starts
+    optimistic: float  # share of pairs (s, a) with phi > Q*
+    excess: float  # mean of phi - Q*
+    mean_absolute_value: float  # of V*, to compare an excess with
+    rank: float  # Spearman's correlation of phi and Q*; NaN where one of them does not vary
+    greedy_agreement: float = NAN  # share of states whose greedy actions are all optimal, if exact
+    # The largest min(V*, 0) - max_a phi over the states that optimal policies visit: how far phi
+    # lies below both the truth and an initial value of 0. Such a state is avoided, so learning does
+    # not correct its value. NaN unless exact.
+    largest_underestimate: float = NAN
+    most_underestimated_state: int = -1  # where that is; -1 if nowhere
+    # Whether it is compared with Q*, and not with the return to go of greedy rollouts, which Q*
+    # exceeds, over the steps of these.
+    exact: bool = False
+
+
+def potential_quality(
+    potential: PairPotential | ObservationPotential,
+    target: Target | ObservationTarget,
+    *,
+    seed: int = 0,
+) -> PotentialQuality:
+    """Return how a potential compares with the values of its target."""
+    if isinstance(target, ObservationTarget):
+        assert isinstance(potential, ObservationPotential)
+        return _of_observations(potential, target, seed)
+    assert not isinstance(potential, ObservationPotential)
+    start = greedy_start(potential, target.evaluation, seed=seed)
+    if target.solution is None:
+        episodes = target.evaluation.rollouts(target.task)
+        rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
+        return _by_rollouts(rollouts, start, seed)
+    mdp = tables(target.task)
+    alive = ~mdp.terminal
+    phi, q = potential.values[alive], target.solution.action_values[alive]
+    underestimate, state = _largest_underestimate(potential, target.solution, target.task)
+    return PotentialQuality(
+        start=start,
+        # A difference within the proven error of Q* does not count.
+        optimistic=float((phi > q + target.solution.error_bound).mean()),
+        excess=float((phi - q).mean()),
+        mean_absolute_value=float(abs(target.solution.values[alive]).mean()),
+        rank=_rank_correlation(phi.ravel(), q.ravel(), seed),
+        greedy_agreement=float(right_choices(phi, target.solution.optimal[alive]).mean()),
+        largest_underestimate=underestimate,
+        most_underestimated_state=state,
+        exact=True,
+    )
+
+
+def _of_observations(
+    potential: ObservationPotential, target: ObservationTarget, seed: int
+) -> PotentialQuality:
+    if not potential.of_actions:
+        return PotentialQuality(NAN, NAN, NAN, NAN, NAN)
+    episodes = target.episodes
+    rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
+    first = np.cumsum(rollouts.lengths) - rollouts.lengths
+    discounted = target.evaluation.discounted
+    returns = rollouts.return_to_go[first] if discounted else rollouts.returns
+    return _by_rollouts(rollouts, float(returns.mean()), seed)
+
+
+def _by_rollouts(rollouts: GreedyRollouts, start: float, seed: int) -> PotentialQuality:
+    """Return the comparison with the returns to go; `start` is the greedy policy's mean return."""
+    return_to_go = rollouts.return_to_go + rollouts.bootstrap_discount * rollouts.bootstrapped_value
+    return PotentialQuality(
+        start=start,
+        optimistic=float((rollouts.predicted > return_to_go).mean()),
+        excess=float((rollouts.predicted - return_to_go).mean()),
+        mean_absolute_value=float(abs(return_to_go).mean()),
+        rank=_rank_correlation(rollouts.predicted, return_to_go, seed),
+    )
+
+
+def _largest_underestimate(
+    potential: PairPotential, solution: Solution, task: Task
+) -> tuple[float, int]:
+    """Return the largest min(V*, 0) - max_a phi where optimal policies lead, and its state."""
+    mdp = tables(task)
+    visited = reachable_states(mdp, solution.optimal)
+    below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
+    below[~visited | mdp.terminal] = 0.0
+    state = int(below.argmax())
+    return (float(below[state]), state) if below[state] > 0 else (0.0, -1)
+
+
+def _rank_correlation(phi: FloatArray, truth: FloatArray, seed: int) -> float:
+    """Return Spearman's rank correlation, of a sample where there are many."""
+    if phi.size > MAX_RANKED:
+        drawn = np.random.default_rng(seed).choice(phi.size, MAX_RANKED, False, shuffle=False)
+        phi, truth = phi[drawn], truth[drawn]
+    if not (np.ptp(phi) > 0 and np.ptp(truth) > 0):
+        return NAN
+    from scipy.stats import rankdata  # half a second that few need
+
+    return float(np.corrcoef(rankdata(phi), rankdata(truth))[0, 1])
