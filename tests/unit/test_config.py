@@ -20,8 +20,8 @@ from curricle.learning import (
 )
 from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
-from curricle.study.config import settings, tasks
-from curricle.study.config.tables import table_of
+from curricle.study import schema as settings, task_tables as tasks
+from curricle.study.schema import table_of
 from curricle.transfer import Calibrate, aggregation
 from tests.studies import HUNT, MAZE, only
 from tests.tasks import predator_edges

@@ -9,7 +9,7 @@ import pytest
 
 import curricle as cr
 from curricle.study import StudyConfig
-from curricle.study.config.tables import load
+from curricle.study.schema import load
 from tests.studies import MAZE, only
 
 # Functions of the user's own.

@@ -8,9 +8,9 @@ from hypothesis import given, strategies as st
 
 from curricle.errors import ConfigError
 from curricle.study import read_study
-from curricle.study.config.merging import Positions
-from curricle.study.config.reading import configured
-from curricle.study.config.tables import load
+from curricle.study.config import configured
+from curricle.study.file import Positions
+from curricle.study.schema import load
 from tests.studies import NUMBERED_HUNT as HUNT, NUMBERED_MAZES as MAZES
 
 # Names: tasks, crops, arms.
@@ -323,7 +323,7 @@ STUDIES = st.fixed_dictionaries(
 def test_no_study_however_odd_is_worse_than_refused(study):
     sentences = []
     try:
-        configured(study, Path("nowhere"), Positions("x.toml", study))
+        configured(study, Path("nowhere"), Positions("x.toml"))
     except ConfigError as error:
         sentences = str(error).splitlines()
     assert all(line.startswith("x.toml: ") for line in sentences)

@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 
-from curricle.study.config.merging import line_numbers
+from curricle.study.file import line_numbers
 
 
 def lines(text):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config import StudyConfig
 from curricle.transfer import (
     UNMAPPED,
     StateActionMapping,

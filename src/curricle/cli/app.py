@@ -118,7 +118,7 @@ def announce_imports() -> None:
     """Print which modules a study names before they are imported."""
     import logging
 
-    from curricle.study.config.tables import LOGGER
+    from curricle.study.schema import LOGGER
 
     if not LOGGER.handlers:
         LOGGER.addHandler(logging.StreamHandler())
@@ -167,7 +167,7 @@ def new(
 def _what_new_writes() -> str:
     """Return the studies that can be written, as a table."""
     from curricle.cli.tables import line_width
-    from curricle.study.config import templates
+    from curricle.study import templates
     from curricle.text_tables import text_table
 
     environments = (
@@ -181,12 +181,12 @@ def _what_new_writes() -> str:
 def _new_study(kind: str) -> tuple[str, str]:
     """Return the name and the text of a file; ConfigError if nothing is called so."""
     from curricle.errors import ConfigError
-    from curricle.study.config import templates
-    from curricle.study.config.tables import suggestion
+    from curricle.study import templates
+    from curricle.study.schema import suggestion
 
     if kind in templates.KINDS:
         return f"{kind}.toml", templates.template(kind)
-    from curricle.study.config.templates.of_environment import environment_study
+    from curricle.study.templates.of_environment import environment_study
 
     if kind.isalpha() and kind.islower() and (meant := suggestion(kind, templates.KINDS)):
         raise ConfigError(f"there is no study {kind!r} to start from{meant}")
@@ -314,7 +314,7 @@ def merge(
 @app.command()
 def schema() -> None:
     """Print the JSON Schema of study files, for editors that complete and check TOML."""
-    from curricle.study.config.study_config import json_schema
+    from curricle.study.config import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=1))
 

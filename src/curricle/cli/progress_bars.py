@@ -25,7 +25,7 @@ from rich.console import Console
 from curricle.files import Place, place_at
 from curricle.progress import Bars, shown
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config import StudyConfig
 from curricle.study.progress import Pace, Progress, shown_units
 from curricle.study.results import StudyResults
 from curricle.study.running import run_study

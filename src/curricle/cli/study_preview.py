@@ -17,14 +17,14 @@ from curricle.files import Place, place_at
 from curricle.planning.target import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
-from curricle.study.config.sweeps import value_text
+from curricle.study.config import StudyConfig
 from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
 from curricle.study.packing import bytes_a_seed, seeds_per_file
 from curricle.study.running import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore, holds_study
 from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
 from curricle.study.units import numbered_seeds, units_of
+from curricle.study.vary import value_text
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model, has_tables
 from curricle.text_tables import counted

@@ -24,7 +24,7 @@ from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config import StudyConfig
 from curricle.study.record import (
     LONGEST_EPISODE,
     Analysis,

@@ -14,7 +14,7 @@ from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import SETTINGS
-from curricle.study.config.tables import NameGraph
+from curricle.study.schema import NameGraph
 from curricle.transfer.edges import mappings_digest
 
 # -- In what two descriptions of results differ, so that their results may too ---------------------

@@ -11,9 +11,9 @@ import numpy as np
 from curricle.array_types import FloatArray
 from curricle.comparison.comparison import Comparison
 from curricle.statistics.intervals import mean_interval
-from curricle.study.config.sweeps import value_text
 from curricle.study.record import CurriculaRecord
 from curricle.study.tuning import SpaceRecord, TuningRecord
+from curricle.study.vary import value_text
 
 THIRDS = 3
 SWEEP, TUNING = "sweep", "tuning"

@@ -12,7 +12,7 @@ from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import PolicyReuse
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config import StudyConfig
 from curricle.study.packing import seeds_per_file
 from curricle.study.record import (
     ArmRecord,

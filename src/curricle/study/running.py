@@ -21,7 +21,7 @@ from curricle.learning.result import LearningResult
 from curricle.progress import check_progress, interruptible
 from curricle.study.analysis import analyse
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config import Study, StudyConfig, study_of
 from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of
 from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
 from curricle.study.packing import Packing, Taken, files_of, pack
@@ -40,7 +40,6 @@ from curricle.study.store import (
     write_errors,
     write_failures,
 )
-from curricle.study.study_arguments import Study, study_of
 from curricle.study.tuning import (
     BEGUN,
     TRIALS,

@@ -18,12 +18,12 @@ from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.metrics import mean_return
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
-from curricle.study.config.sweeps import RangeTable, Tuning, ends_of, value_text, with_values
+from curricle.study.config import StudyConfig
 from curricle.study.dependencies import Dependencies, key_of, settings_key_of
 from curricle.study.record import Count, Plain
 from curricle.study.serialization import RUN, of_seeds
 from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.vary import RangeTable, Tuning, value_text, with_values
 from curricle.text_tables import counted
 
 # -- What a results folder says about a tuning: every trial, and the best of each arm --------------
@@ -212,9 +212,9 @@ def extreme_trials(study: StudyConfig) -> StudyConfig:
     """
     tune = tuning_of(study)
     ends = dict[str, tuple[str, Settings]]()
-    for name, space in tune.space.items():
+    for name in tune.space:
         arm = next(arm for arm in tune.places if tune.places[arm][name])
-        for value in ends_of(space):
+        for value in tune.ends(name):
             ends[f"{name} = {value_text(value)}"] = arm, {name: value}
     return trial_study(study, ends)
 

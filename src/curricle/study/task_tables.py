@@ -18,30 +18,31 @@ from pydantic import (
 
 from curricle.deep.miniature import HELD_OUT, MOST_STATES, RESETS, miniatures
 from curricle.errors import ConfigError, TaskError
+from curricle.files import read_bounded
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.tabulation.tabulate import tabulate
 from curricle.planning.solution import solve, visit_distribution
-from curricle.study.config.settings import SHAPINGS, Settings
-from curricle.study.config.tables import (
+from curricle.study.schema import (
+    SHAPINGS,
     AnyEncoder,
     Choice,
     Count,
+    DeepLearnerTable,
     Flag,
     KeyPath,
     Name,
     Number,
     ObjectTable,
     Reference,
+    Settings,
     Table,
     Whole,
     encoder,
     load,
     shown,
     suggestion,
-    table,
     table_of,
     tagged,
-    text_of,
     unknown,
     users_code,
     whole_number,
@@ -64,17 +65,17 @@ from curricle.tasks.river_swim import RiverSwim
 from curricle.tasks.start_states import GoalDistance, TaskWithStart, with_start
 from curricle.tasks.task import generative_model
 
-# -- Start states of a task in a study file: a ring around its goal, reachable ones, or visits -----
+# -- Where episodes start: a ring around the goal, reachable states, or where a policy goes --------
 
 WORDS = ("uniform", "reachable")
 
 
 def _distance(value: Any) -> tuple[int, int]:
     """Return a range of distances; one number is a range."""
-    given = value if isinstance(value, list | tuple) else (value, value)
-    if len(given) != 2:
+    ends = value if isinstance(value, list | tuple) else (value, value)
+    if len(ends) != 2:
         raise wrong(f"must be a number of steps, or the lowest and the highest: got {shown(value)}")
-    low, high = (whole_number(one) for one in given)
+    low, high = map(whole_number, ends)
     if not 0 <= low <= high:
         raise wrong(f"must be steps from low to high, at least 0: got {shown(value)}")
     return low, high
@@ -107,16 +108,13 @@ class StartTable(Table):
         return self
 
 
-def _word(value: Any) -> str:
+def _start_word(value: Any) -> str:
     if value not in WORDS:
         raise wrong(
             "must be 'uniform', 'reachable', or a table with distance or visits: got "
             f"{shown(value)}{suggestion(value, WORDS)}"
         )
     return str(value)
-
-
-StartStates = Annotated[Any, Choice((StartTable,), lambda _: StartTable, _word, str)]
 
 
 def started(task: Any, start: Any) -> Any:
@@ -141,7 +139,7 @@ class TaskTable(ObjectTable, Settings):
     deep: ClassVar[bool] = False
     """Whether it is seen through observations and learnt by a network."""
 
-    start_states: StartStates = Field(
+    start_states: Annotated[Any, Choice((StartTable,), None, _start_word, str)] = Field(
         default=None,
         description="Where episodes start instead: 'uniform', 'reachable', { distance = [1, 3] } "
         'from the goal, or { visits = "random" }.',
@@ -149,57 +147,53 @@ class TaskTable(ObjectTable, Settings):
 
     def mismatches(self, name: str) -> Iterator[tuple[KeyPath, str]]:
         """Yield the settings that do not suit the task `name`, each with what is wrong."""
-        found = _mismatches_of_networks if self.deep else _mismatches_of_tables
-        return found(self, name)
+        network = isinstance(self.learner, DeepLearnerTable)
+        kind = None if self.shaping is None else type(self.shaping).makes
+        if not self.deep:
+            if network:
+                yield (
+                    ("learner",),
+                    f'must be tabular for {name}, such as {{ type = "QLearning" }}: networks learn '
+                    "tasks seen through observations, of type 'observation_task'",
+                )
+            if kind is not None and not kind.for_tables:
+                text = f"must be for tables, to learn {name}: got {self.shaping.type!r}"
+                yield ("shaping",), text
+            return
+        if not network:
+            yield (
+                ("learner",),
+                f'must be {{ type = "deep", ... }} for {name}, which is seen through observations '
+                "and learnt by a network",
+            )
+        if kind is not None and not kind.for_networks:
+            known = ", ".join(of.makes.__name__ for of in SHAPINGS if of.makes.for_networks)
+            text = f"must be one of {known} for {name}, which a network learns: got "
+            yield ("shaping",), f"{text}{self.shaping.type!r}"
+        if self.start_states is not None:
+            text = f"must be left out for {name}: it is for tables, and a network learns {name}"
+            yield ("start_states",), text
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
         """Return the arguments for what makes the task."""
-        given = super().arguments_in(folder)
-        if given.get("time_limit") == "none":
-            given["time_limit"] = None
-        return given
+        arguments = super().arguments_in(folder)
+        if arguments.get("time_limit") == NONE:
+            arguments["time_limit"] = None
+        return arguments
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the task; `whole` is what a crop is a part of, or a member of a family."""
         return super().build(folder)
 
 
-def _mismatches_of_networks(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
-    """Yield the settings that do not suit a task that is learnt by a network."""
-    if not task.deep_learner:
-        yield (
-            ("learner",),
-            f'must be {{ type = "deep", ... }} for {name}, which is seen through observations and '
-            "learnt by a network",
-        )
-    if task.shaping is not None and not task.shaping.makes.for_networks:
-        known = ", ".join(one.__name__ for one in SHAPINGS if one.makes.for_networks)
-        yield (
-            ("shaping",),
-            f"must be one of {known} for {name}, which a network learns: got {task.shaping.type!r}",
-        )
-    left_out = f"must be left out for {name}: it is for tables, and a network learns {name}"
-    if getattr(task, "start_states", None) is not None:
-        yield ("start_states",), left_out
-
-
-def _mismatches_of_tables(task: Settings, name: str) -> Iterator[tuple[KeyPath, str]]:
-    """Yield the settings that do not suit a task that is learnt in a table."""
-    if task.deep_learner:
-        yield (
-            ("learner",),
-            f'must be tabular for {name}, such as {{ type = "QLearning" }}: networks learn tasks '
-            "seen through observations, of type 'observation_task'",
-        )
-    if task.shaping is not None and not task.shaping.makes.for_tables:
-        yield ("shaping",), f"must be for tables, to learn {name}: got {task.shaping.type!r}"
+NONE = "none"
+"""What a file writes for None."""
+TimeLimit = Annotated[
+    int | Literal["none"], word("be a whole number, or 'none'", (NONE,), other=whole_number)
+]
 
 
 # -- Tasks that are environments: Gymnasium's or one's own, in tables or seen by networks ----------
-
-TimeLimit = Annotated[
-    int | Literal["none"], word("be a whole number, or 'none'", ("none",), other=whole_number)
-]
 
 
 class Maker(Table):
@@ -217,25 +211,22 @@ class Maker(Table):
     @model_validator(mode="after")
     def _one_environment(self) -> Self:
         if (self.id is None) == (self.factory is None):
-            found = "neither" if self.id is None else "both"
-            raise wrong(f"must have id or factory: got {found}")
+            raise wrong(f"must have id or factory: got {'both' if self.id else 'neither'}")
         return self
 
-    def made_by(
-        self, make: Callable[..., Any], folder: Path, wrapped: Any = None, **options: Any
-    ) -> Any:
+    def made_by(self, make: Callable[..., Any], folder: Path, **options: Any) -> Any:
         """Return what a function of the library makes of the environment.
 
-        `wrapped` is an encoder of its observations, as a study file has it.
+        `options` are the arguments of the function, and how its observations are wrapped.
         """
-        own = str(self.id or self.factory)
-        what = self.id or load(own, folder)
+        reference = str(self.id or self.factory)
+        what, wrapped = self.id or load(reference, folder), options.pop("wrapped", None)
         maker = EnvironmentMaker(what, dict(self.arguments), encoder(wrapped, folder))
-        with users_code(own):
+        with users_code(reference):
             try:
                 return make(maker, **options)
             except TaskError as error:
-                if self.factory or ":" not in own or re.search(r"-v\d+$", own):
+                if self.factory or ":" not in reference or re.search(r"-v\d+$", reference):
                     raise
                 hint = "a class or function of your own is named by factory, not by id"
                 raise TaskError(f"{error}; {hint}") from error
@@ -244,9 +235,26 @@ class Maker(Table):
 Names = tuple[Name, ...] | None
 
 
-class GymnasiumTask(Maker, TaskTable):
+class EnvironmentTable(Maker, TaskTable):
+    """An environment as a task: a function of the library makes it."""
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the environment as a task; what the file leaves out is as the function has it."""
+        arguments = self.arguments_in(folder).items()
+        stated = {
+            name: value for name, value in arguments if getattr(self, name, value) is not None
+        }
+        return self.made_by(type(self).makes, folder, **stated)
+
+
+class GymnasiumTask(EnvironmentTable):
     """An environment of Gymnasium's registry, or one's own."""
 
+    makes: ClassVar[Any] = from_gymnasium
+    parameters: ClassVar[tuple[str, ...]] = (
+        *("discount", "time_limit", "names", "sizes", "actions", "encode", "live"),
+    )
+    functions: ClassVar[tuple[str, ...]] = ("encode",)
     type: Literal["gymnasium"] = "gymnasium"
     discount: Number = Field(default=0.99, description="In [0, 1].")
     time_limit: TimeLimit | None = Field(
@@ -273,34 +281,27 @@ class GymnasiumTask(Maker, TaskTable):
         default=None, description="Whether to call step for every step even if there is a table."
     )
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the environment as a task."""
-        given: dict[str, Any] = {"names": self.names, "sizes": self.sizes, "actions": self.actions}
-        given |= {"discount": self.discount, "live": bool(self.live)}
-        if self.encode is not None:
-            given["encode"] = load(self.encode, folder)
-        return self.made_by(from_gymnasium, folder, time_limit=_limit(self.time_limit), **given)
 
-
-def _limit(given: int | str | None) -> Any:
-    """Return a time limit as Python takes it."""
-    limits: dict[Any, Any] = {None: "own", "none": None}
-    return limits.get(given, given)
-
-
-class EnvironmentTable(Maker, TaskTable):
-    """An environment as a task."""
-
+class _EncodedTable(EnvironmentTable):
     discount: Number = Field(default=0.99, description="In [0, 1].")
     encode: AnyEncoder | None = Field(
         default=None,
         description="An encoder of its observations: its name, a table, or module:function.",
     )
 
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments, with what wraps the environment."""
+        return {**super().arguments_in(folder), "wrapped": self.encode}
 
-class TabulatedTaskTable(EnvironmentTable):
+
+class TabulatedTaskTable(_EncodedTable):
     """An environment as exact tables of every state that can be reached."""
 
+    makes: ClassVar[Any] = tabulate
+    parameters: ClassVar[tuple[str, ...]] = (
+        *("discount", "time_limit", "names", "actions", "outcomes", "samples"),
+    )
+    functions: ClassVar[tuple[str, ...]] = ("outcomes",)
     type: Literal["tabulated"] = "tabulated"
     time_limit: TimeLimit | None = Field(
         default=None,
@@ -322,36 +323,22 @@ class TabulatedTaskTable(EnvironmentTable):
         default=None, description="A file beside the study, which keeps the tables."
     )
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the environment as tables."""
-        return self.made_by(
-            tabulate,
-            folder,
-            self.encode,
-            discount=self.discount,
-            time_limit=_limit(self.time_limit),
-            names=self.names,
-            actions=self.actions,
-            seeds=self.reset_seeds,
-            outcomes=None if self.outcomes is None else load(self.outcomes, folder),
-            samples=self.samples,
-            cache=None if self.cache is None else folder / self.cache,
-        )
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments, seeds and cache as the function calls them."""
+        cache = None if self.cache is None else folder / self.cache
+        return {**super().arguments_in(folder), "seeds": self.reset_seeds, "cache": cache}
 
 
-class ObservationTaskTable(EnvironmentTable):
+class ObservationTaskTable(_EncodedTable):
     """An environment whose observations a network reads."""
 
+    makes: ClassVar[Any] = observation_task
+    parameters: ClassVar[tuple[str, ...]] = ("discount", "time_limit")
     type: Literal["observation_task"] = "observation_task"
     deep: ClassVar[bool] = True
     time_limit: Whole | None = Field(
         default=None, description="Steps after which an episode is cut; the environment's own."
     )
-
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the environment as a task seen through observations."""
-        settings: Any = {"discount": self.discount, "time_limit": self.time_limit}
-        return self.made_by(observation_task, folder, self.encode, **settings)
 
 
 def _member(value: Any) -> Any:
@@ -368,6 +355,8 @@ class DistilledTask(TaskTable):
     What their own sources say takes the place of exact answers, if transfers lead to them.
     """
 
+    makes: ClassVar[Any] = miniatures
+    parameters: ClassVar[tuple[str, ...]] = ("resets", "held_out", "max_states")
     type: Literal["distilled"] = "distilled"
     deep: ClassVar[bool] = True
     members: Members = Field(
@@ -394,25 +383,16 @@ class DistilledTask(TaskTable):
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the miniatures; they are solved when they are first needed."""
-        settings: Any = {"discount": self.discount, "time_limit": self.time_limit}
+        options = {"discount": self.discount, "time_limit": self.time_limit, "wrapped": self.encode}
         members, tested_on = (
-            [one.made_by(observation_task, folder, self.encode, **settings) for one in given]
-            for given in (self.members, self.tested_on)
+            [maker.made_by(observation_task, folder, **options) for maker in makers]
+            for makers in (self.members, self.tested_on)
         )
-        made = miniatures(
-            *members,
-            tested_on=tested_on,
-            resets=self.resets,
-            held_out=self.held_out,
-            max_states=self.max_states,
-        )
+        made = miniatures(*members, tested_on=tested_on, **self.arguments_in(folder))
         return replace(made, shuffled=self.shuffled)
 
 
-# -- Task families in a study file: tables that name one, and tasks that are members of one --------
-
-NONE = "none"
-"""What a file writes for None."""
+# -- Task families: tables that name one, and tasks that are members of one ------------------------
 
 
 class FamilyTable(Table):
@@ -426,74 +406,43 @@ class FamilyTable(Table):
     )
 
     @model_validator(mode="after")
-    def _known_parameters(self, info: ValidationInfo) -> Self:
-        self.__pydantic_extra__.update(checked_parameters(self.family, self.__pydantic_extra__, ()))
+    def _known_parameters(self) -> Self:
+        self.__pydantic_extra__.update(_checked(self.family, self.__pydantic_extra__))
         return self
 
 
-def of_family(task: dict[str, Any], families: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a task as data with the table of the family that it names under it."""
-    name = task.get("family")
-    if not isinstance(name, str) or task.get("type", "family") != "family":
-        return task
-    own = table(families.get(name))
-    defaults = {key: value for key, value in own.items() if key != "family"}
-    return {**defaults, **task, "family": own.get("family", name), "type": "family"}
-
-
-def checked_parameters(
-    family: str, given: Mapping[str, Any], families: tuple[str, ...]
+def _checked(
+    family: str, values: Mapping[str, Any], families: tuple[str, ...] = ()
 ) -> dict[str, Any]:
     """Return parameters as a built-in family's members hold them, those of others as they are.
 
     `families` are the names of the study's own, for messages.
     """
     if ":" in family:  # its module is imported when the task is built
-        return dict(given)
+        return dict(values)
     if family not in BUILT_IN:
         known = (*families, *BUILT_IN)
-        raise wrong_at(
-            (
-                ("family",),
-                f"must be one of {', '.join(known)}, or a family of one's own as module:function: "
-                f"got {shown(family)}{suggestion(family, known)}",
-            )
-        )
-    return _checked_by(BUILT_IN[family], given)
+        text = f"must be one of {', '.join(known)}, or a family of one's own as module:function: "
+        raise wrong_at((("family",), f"{text}got {shown(family)}{suggestion(family, known)}"))
+    return _checked_by(BUILT_IN[family], values)
 
 
-def _checked_by(family: TaskFamily, given: Mapping[str, Any]) -> dict[str, Any]:
+def _checked_by(family: TaskFamily, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return parameters as a family's members hold them, or raise what is wrong at each key."""
-    found, wrong = dict[str, Any](), list[tuple[KeyPath, str]]()
-    by_name = {one.name: one for one in family.parameters}
-    for name, value in given.items():
+    checked, messages = dict[str, Any](), list[tuple[KeyPath, str]]()
+    by_name = {parameter.name: parameter for parameter in family.parameters}
+    for name, value in values.items():
         if name not in by_name:
-            wrong.append(((name,), unknown(name, by_name)))
+            messages.append(((name,), unknown(name, by_name)))
             continue
         try:
             none = by_name[name].optional and value == NONE  # which data hold as it is written
-            found[name] = NONE if none else by_name[name].checked(value, family.name)
+            checked[name] = NONE if none else by_name[name].checked(value, family.name)
         except TaskError as error:
-            wrong.append(((name,), str(error).removeprefix(f"{name} of {family.name} ")))
-    if wrong:
-        raise wrong_at(*wrong)
-    return found
-
-
-def _own(reference: str, folder: Path) -> TaskFamily:
-    found = load(reference, folder)
-    if not isinstance(found, TaskFamily):
-        raise ConfigError(
-            f"{reference} must be a TaskFamily, such as a function under @task_family(): got "
-            f"{found!r}"
-        )
-    taken = [one.name for one in found.parameters if one.name in FamilyTask.model_fields]
-    if taken:
-        raise ConfigError(
-            f"{reference} has the parameter {taken[0]}, which is a key of every task in a file: "
-            "give it another name"
-        )
-    return found
+            messages.append(((name,), str(error).removeprefix(f"{name} of {family.name} ")))
+    if messages:
+        raise wrong_at(*messages)
+    return checked
 
 
 class FamilyTask(TaskTable):
@@ -511,20 +460,38 @@ class FamilyTask(TaskTable):
     @model_validator(mode="after")
     def _known_parameters(self, info: ValidationInfo) -> Self:
         families = (info.context or {}).get("families", ())
-        given = checked_parameters(self.family, self.__pydantic_extra__, families)
-        defaults = BUILT_IN[self.family].parameters if self.family in BUILT_IN else ()
-        given = {**{one.name: one.default for one in defaults if not one.required}, **given}
+        values = _checked(self.family, self.__pydantic_extra__, families)
         if self.family in BUILT_IN:
-            given = {name: NONE if value is None else value for name, value in given.items()}
-        self.__pydantic_extra__.update(given)
+            parameters = BUILT_IN[self.family].parameters
+            defaults = {of.name: of.default for of in parameters if not of.required}
+            values = {
+                name: NONE if value is None else value
+                for name, value in {**defaults, **values}.items()
+            }
+        self.__pydantic_extra__.update(values)
         return self
 
     def member(self, folder: Path) -> FamilyMember:
         """Return the address of the task in its family, which may be the user's own."""
-        family = BUILT_IN.get(self.family) or _own(self.family, folder)
-        optional = {one.name for one in family.parameters if one.optional}
+        family = BUILT_IN.get(self.family) or self._users_family(folder)
+        optional = {parameter.name for parameter in family.parameters if parameter.optional}
         values = _checked_by(family, self.__pydantic_extra__).items()
         return family(**{k: None if v == NONE and k in optional else v for k, v in values})
+
+    def _users_family(self, folder: Path) -> TaskFamily:
+        family = load(self.family, folder)
+        if not isinstance(family, TaskFamily):
+            raise ConfigError(
+                f"{self.family} must be a TaskFamily, such as a function under @task_family(): got "
+                f"{family!r}"
+            )
+        for parameter in family.parameters:
+            if parameter.name in type(self).model_fields:
+                raise ConfigError(
+                    f"{self.family} has the parameter {parameter.name}, which is a key of every "
+                    "task in a file: give it another name"
+                )
+        return family
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the task that the family makes."""
@@ -535,11 +502,23 @@ class FamilyTask(TaskTable):
         return task
 
 
-# -- Tasks: mazes, crops, pursuits, other domains, Gymnasium's environments, and a user's own ------
+# -- Tasks of the library: mazes, crops, pursuits, other domains -----------------------------------
 
+LARGEST_FILE = 10_000_000
+"""Bytes of a study file or a map: the largest example has 3,000."""
 Pair = tuple[Whole, Whole]
 CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)
 """Tasks that lie on a map, of which a crop may be a part."""
+
+
+def text_of(path: Path) -> str:
+    """Return the content of a text file; ValueError says why it cannot be read."""
+    try:
+        return read_bounded(path, LARGEST_FILE).decode("utf-8-sig")  # with or without a mark
+    except OSError as error:
+        raise ValueError(error.strerror) from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"it is not UTF-8: {error}") from None
 
 
 def _in_order(value: Any) -> Any:
@@ -552,7 +531,7 @@ def _without_margins(drawing: str) -> str:
 
 
 def _cells_or(*words: str) -> Any:
-    """Return the type of one of some words, or of a list of cells that stands for a set."""
+    """Return the type of some words, or of a list of cells that stands for a set."""
     rule = f"be {', '.join(map(repr, words))} or a list of cells"
     cells = tuple[Pair, ...]
     return Annotated[
@@ -560,8 +539,9 @@ def _cells_or(*words: str) -> Any:
     ]
 
 
-Start: Any = _cells_or("map", "uniform")
-Ends = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator(_in_order)]
+def _listed_or(rule: str, lists: Any, *words: str) -> Any:
+    """Return the type of some words, or of lists."""
+    return Annotated[Literal[words] | lists, word(rule, words, lists=lists)]
 
 
 class _MazeTask(TaskTable):
@@ -577,75 +557,14 @@ class _MazeTask(TaskTable):
             return data
         if "map" in data:
             raise wrong("has both map and file: one of them is enough")
-        others = {key: value for key, value in data.items() if key != "file"}
-        return {**others, "map": _text(data["file"], (info.context or {}).get("folder", Path()))}
-
-
-def _text(name: Any, folder: Path) -> str:
-    """Return the content of a text file beside the study file."""
-    if not isinstance(name, str):
-        raise wrong_at((("file",), f"must be text in quotes: got {shown(name)}"))
-    try:
-        return text_of(folder / name)
-    except ValueError as error:
-        raise wrong_at((("file",), f"cannot be read: {shown(name)}, {error}")) from None
-
-
-def _task_table(makes: Any, tag: str, base: type[TaskTable] = TaskTable, **types: Any) -> Any:
-    """Return the table of a task of the library's."""
-    return table_of(makes, base, tag=tag, time_limit=TimeLimit, **types)
-
-
-Map = Annotated[str, AfterValidator(_without_margins)]
-MazeTask = _task_table(GridWorld, "maze", _MazeTask, map=Map, ends=Ends, start=Start)
-
-
-def _level(value: Any) -> int | str:
-    """Return a level's number, or its map without margins."""
-    return _without_margins(value) if isinstance(value, str) else whole_number(value)
-
-
-FourRoomsTask = _task_table(
-    FourRooms,
-    "four_rooms",
-    goal=Annotated[
-        Literal["north", "east", "south", "west"] | Pair,
-        word("be a hallway or a list of a row and a column", tuple(MOVES), lists=Pair),
-    ],
-    start=_cells_or("corner", "uniform"),
-)
-KeyLockPitTask = _task_table(
-    KeyLockPit,
-    "key_lock_pit",
-    _MazeTask,
-    map=Map,
-    needs=Annotated[
-        Literal["all"] | tuple[tuple[Whole, ...], ...],
-        word(
-            "be 'all' or a list of keys for each lock",
-            ("all",),
-            lists=tuple[tuple[Whole, ...], ...],
-        ),
-    ],
-    start=Start,
-)
-BlockDudeTask = _task_table(
-    BlockDude, "block_dude", level=Annotated[int | str, BeforeValidator(_level)]
-)
-RiverSwimTask = _task_table(
-    RiverSwim,
-    "river_swim",
-    start=Annotated[
-        Literal["uniform"] | tuple[Whole, ...],
-        word("be 'uniform' or a list of positions", ("uniform",), lists=tuple[Whole, ...]),
-        AfterValidator(_in_order),
-    ],
-)
-DeepSeaTask = _task_table(DeepSea, "deep_sea", start=_cells_or("surface", "uniform"))
-
-
-# The tables below that are not derived stand for functions, some of whose parameters are a task, a
-# function of the user's or free keyword arguments.
+        name, folder = data["file"], (info.context or {}).get("folder", Path())
+        if not isinstance(name, str):
+            raise wrong_at((("file",), f"must be text in quotes: got {shown(name)}"))
+        try:
+            text = text_of(folder / name)
+        except ValueError as error:
+            raise wrong_at((("file",), f"cannot be read: {shown(name)}, {error}")) from None
+        return {**{key: value for key, value in data.items() if key != "file"}, "map": text}
 
 
 class CropTask(TaskTable):
@@ -657,7 +576,9 @@ class CropTask(TaskTable):
         description="First row and the one after the last, in the map's coordinates."
     )
     columns: Pair = Field(description="First column and the one after the last.")
-    start: Start = Field(default="uniform", description="As in a maze.")
+    start: _cells_or("map", "uniform") = Field(  # type: ignore[valid-type]
+        default="uniform", description="As in a maze."
+    )
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the part of the whole."""
@@ -671,36 +592,7 @@ class CropTask(TaskTable):
 
 
 class _PursuitTask(TaskTable):
-    def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments, a function that moves the prey loaded."""
-        given = super().arguments_in(folder)
-        if isinstance(given["prey"], str) and ":" in given["prey"]:
-            given["prey"] = load(given["prey"], folder)
-        return given
-
-
-PursuitTask = _task_table(
-    Pursuit,
-    "pursuit",
-    _PursuitTask,
-    capture=Annotated[
-        Literal["all", "any", "as_published"] | int,
-        word(
-            "be 'all', 'any', 'as_published' or a number of predators",
-            ("all", "any", "as_published"),
-            other=whole_number,
-        ),
-    ],
-    prey=Annotated[
-        str | tuple[tuple[Number, ...], ...],
-        word(
-            "be 'uniform', rows of probabilities, or a function as module:function",
-            ("uniform",),
-            function=True,
-            lists=tuple[tuple[Number, ...], ...],
-        ),
-    ],
-)
+    functions: ClassVar[tuple[str, ...]] = ("prey",)
 
 
 class FactoryTask(TaskTable):
@@ -719,15 +611,60 @@ class FactoryTask(TaskTable):
         return made
 
 
+def _level(value: Any) -> int | str:
+    """Return a level's number, or its map without margins."""
+    return _without_margins(value) if isinstance(value, str) else whole_number(value)
+
+
+def _domain(makes: Any, tag: str, base: type[TaskTable] = TaskTable, **types: Any) -> Any:
+    """Return the table of a task of the library's; `types` are those that TOML writes otherwise."""
+    return table_of(makes, base, tag=tag, time_limit=TimeLimit, **types)
+
+
+_MAP = {
+    "map": Annotated[str, AfterValidator(_without_margins)],
+    "start": _cells_or("map", "uniform"),
+}
+_ENDS = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator(_in_order)]
+_NEEDS = _listed_or(
+    "be 'all' or a list of keys for each lock", tuple[tuple[Whole, ...], ...], "all"
+)
+_HALLWAY = _listed_or("be a hallway or a list of a row and a column", Pair, *MOVES)
+_PLACES = _listed_or("be 'uniform' or a list of positions", tuple[Whole, ...], "uniform")
+_ROWS = tuple[tuple[Number, ...], ...]
+_CAPTURES = ("all", "any", "as_published")
+MazeTask = _domain(GridWorld, "maze", _MazeTask, ends=_ENDS, **_MAP)
+PursuitTask = _domain(
+    Pursuit,
+    "pursuit",
+    _PursuitTask,
+    capture=Annotated[
+        Literal[_CAPTURES] | int,
+        word(
+            "be 'all', 'any', 'as_published' or a number of predators",
+            _CAPTURES,
+            other=whole_number,
+        ),
+    ],
+    prey=Annotated[
+        str | _ROWS,
+        word(
+            "be 'uniform', rows of probabilities, or a function as module:function",
+            ("uniform",),
+            function=True,
+            lists=_ROWS,
+        ),
+    ],
+)
 TASKS = (
     MazeTask,
     CropTask,
     PursuitTask,
-    FourRoomsTask,
-    KeyLockPitTask,
-    BlockDudeTask,
-    RiverSwimTask,
-    DeepSeaTask,
+    _domain(FourRooms, "four_rooms", goal=_HALLWAY, start=_cells_or("corner", "uniform")),
+    _domain(KeyLockPit, "key_lock_pit", _MazeTask, needs=_NEEDS, **_MAP),
+    _domain(BlockDude, "block_dude", level=Annotated[int | str, BeforeValidator(_level)]),
+    _domain(RiverSwim, "river_swim", start=Annotated[_PLACES, AfterValidator(_in_order)]),
+    _domain(DeepSea, "deep_sea", start=_cells_or("surface", "uniform")),
     GymnasiumTask,
     TabulatedTaskTable,
     FactoryTask,
@@ -735,13 +672,11 @@ TASKS = (
     ObservationTaskTable,
     DistilledTask,
 )
-_BY_TYPE = tagged(*TASKS)
+_BY_TYPE = tagged(*TASKS).choose
 AnyTask = Annotated[
     Any,
     Choice(
         TASKS,
-        lambda value: (
-            FamilyTask if "family" in value and "type" not in value else _BY_TYPE.choose(value)
-        ),
+        lambda value: FamilyTask if "family" in value and "type" not in value else _BY_TYPE(value),
     ),
 ]

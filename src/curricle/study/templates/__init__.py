@@ -3,7 +3,7 @@
 from importlib.resources import files
 
 from curricle.errors import ConfigError
-from curricle.study.config.tables import unknown
+from curricle.study.schema import unknown
 
 KINDS = {
     "maze": "a maze learnt from its corner",
