@@ -2,8 +2,7 @@
 
 from curricle.learning.stopping import ended_by
 from curricle.report.page import ShownStudy, page_of
-from curricle.study.analysis import analysed
-from curricle.study.recording import curricula_record
+from curricle.study.analysis import analysed, curricula_record
 
 
 def study_page(name, comparison, results, *, decisions=None, environment=None):

@@ -14,11 +14,11 @@ from curricle.plotting.scales import rounded, without_seeds
 from curricle.report.sections import signed
 from curricle.statistics import Interval
 from curricle.study.cost import duration, total_words
-from curricle.study.effects import short
 from curricle.study.file import path_text
 from curricle.study.results import parquet_of
 from curricle.study.schema import unknown
 from curricle.study.store import place_of
+from curricle.study.tuning import short
 from curricle.study.units import numbered_seeds, seed_ranges, seeds_in
 from curricle.study.vary import short_names, value_text, varied_in
 from curricle.tasks.observation_task import made_by

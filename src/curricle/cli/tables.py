@@ -16,9 +16,15 @@ from curricle.checks import one_of
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.cost import total_words
-from curricle.study.effects import TUNING, Effects, effects_of
 from curricle.study.results import StudyResults
-from curricle.study.tuning import TuningRecord, read_tuning, tuning_words
+from curricle.study.tuning import (
+    BY_TUNING,
+    Effects,
+    TuningRecord,
+    effects_of,
+    read_tuning,
+    tuning_words,
+)
 from curricle.study.units import numbered_seeds
 from curricle.study.vary import value_text
 from curricle.text_tables import UNBOUNDED, counted, text_table
@@ -178,7 +184,7 @@ def print_tuning(tuning: TuningRecord) -> None:
 
 def _print_levels(found: Effects) -> None:
     """Print the main effect of each setting on each arm."""
-    tuned = found.kind == TUNING
+    tuned = found.kind == BY_TUNING
     over = "trials, from the lowest to the highest" if tuned else "arms, 95 % intervals over seeds"
     print()
     print_text(f"main effects: mean return, sources charged, over all {over}")

@@ -40,9 +40,8 @@ from curricle.report.svg import inline_svg
 from curricle.report.templates import Script, render
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
-from curricle.study.effects import Effects
 from curricle.study.record import Analysis, CurriculaRecord
-from curricle.study.tuning import TuningRecord
+from curricle.study.tuning import Effects, TuningRecord
 
 # -- The learning curves of a page as data for its script ------------------------------------------
 

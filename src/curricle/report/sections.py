@@ -13,9 +13,8 @@ from curricle.learning.result import LearningResult
 from curricle.plotting.scales import minus, rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
-from curricle.study.effects import Effects, short
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
-from curricle.study.tuning import TuningRecord
+from curricle.study.tuning import Effects, TuningRecord, short
 from curricle.study.units import numbered_seeds
 from curricle.study.vary import value_text
 from curricle.text_tables import counted

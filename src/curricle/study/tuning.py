@@ -1,26 +1,30 @@
-"""Tuning: trials of settings for every arm, the best of each, and their record."""
+"""Tuning: trials of settings for every arm, the best of each, their record, and what it shows."""
 
 import json
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import blake2b
-from itertools import product
-from typing import Annotated, Any, Self
+from itertools import pairwise, product
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, JsonValue, model_validator
 
+from curricle.array_types import FloatArray
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import most_source_steps
+from curricle.comparison.comparison import Comparison
 from curricle.errors import SettingError
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
+from curricle.statistics.intervals import mean_interval
 from curricle.statistics.metrics import mean_return
 from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
 from curricle.study.dependencies import Dependencies, key_of, settings_key_of
-from curricle.study.record import Count, Plain
+from curricle.study.record import Count, CurriculaRecord, Plain
 from curricle.study.serialization import RUN, of_seeds
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.vary import RangeTable, Tuning, value_text, with_values
@@ -409,3 +413,163 @@ def _optuna() -> Any:
         ) from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna
+
+
+# -- What a sweep or a tuning shows: the mean return with each value of a setting ------------------
+
+THIRDS = 3
+BY_SWEEP, BY_TUNING = "sweep", "tuning"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting that was varied, and the values that it had."""
+
+    key: str
+    """As in the study's file."""
+    levels: tuple[str, ...]
+    """The values in words, or parts of its range."""
+    range: SpaceRecord | None = None
+
+    @classmethod
+    def listed(cls, key: str, values: Iterable[Any]) -> "Setting":
+        """Return a setting of which every value is a level."""
+        return cls(key, tuple(dict.fromkeys(map(value_text, values))))
+
+    @classmethod
+    def searched(cls, key: str, space: SpaceRecord) -> "Setting":
+        """Return a setting that was searched; the levels of a range are its thirds."""
+        if space.values:
+            return cls.listed(key, space.values)
+        low, high = float(space.low or 0.0), float(space.high or 0.0)
+        bounds = (np.geomspace if space.log else np.linspace)(low, high, THIRDS + 1)
+        texts = tuple(f"{short(a)} to {short(b)}" for a, b in pairwise(bounds.tolist()))
+        return cls(key, texts, space)
+
+    def level(self, value: Any) -> str:
+        """Return the level that a value belongs to."""
+        if self.range is None:
+            return value_text(value)
+        ends: tuple[Any, ...] = self.range.low, self.range.high, value
+        low, high, here = (math.log(x) if self.range.log else x for x in ends)
+        number = int((here - low) / (high - low) * len(self.levels))
+        return self.levels[min(max(number, 0), len(self.levels) - 1)]
+
+
+class Tried(NamedTuple):
+    """The arm that values of settings were tried for, and what came of it."""
+
+    arm: str
+    values: Mapping[str, Any]
+    result: Any
+
+
+@dataclass(frozen=True)
+class Level:
+    """The mean return with one value of a setting, whatever the others are."""
+
+    text: str
+    number: int
+    """Of arms or trials."""
+    mean: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Effects:
+    """What a sweep or a tuning shows."""
+
+    kind: str  # BY_SWEEP or BY_TUNING
+    settings: tuple[Setting, ...]
+    levels: Mapping[tuple[str, str], tuple[Level, ...]]
+    """(arm, key) -> the main effect of a setting: its levels, in order."""
+
+    @property
+    def rows(self) -> Iterator[tuple[str, str, Level]]:
+        """The levels of each setting for each arm: arm, key and level."""
+        arms = dict.fromkeys(arm for arm, _ in self.levels)
+        for setting in self.settings:
+            for arm in arms:
+                for level in self.levels.get((arm, setting.key), ()):
+                    yield arm, setting.key, level
+
+
+def effects_of(
+    comparison: Comparison, record: CurriculaRecord, tuning: TuningRecord | None
+) -> tuple[Effects, ...]:
+    """Return what the sweep and the tuning of a study show, those that there are."""
+    swept = sweep_effects(comparison, record, tuning)
+    tuned = None if tuning is None else tuning_effects(tuning)
+    return tuple(effects for effects in (swept, tuned) if effects is not None)
+
+
+def sweep_effects(
+    comparison: Comparison, record: CurriculaRecord, tuning: TuningRecord | None
+) -> Effects | None:
+    """Return what the sweep of a study shows; None if it has none.
+
+    A main effect is the mean over all arms with a value, with its 95 % interval over seeds.
+    """
+    tuned = set() if tuning is None else {*tuning.space}
+    tried = [
+        Tried(
+            arm.variant.arm,
+            {key: value for key, value in arm.variant.values.items() if key not in tuned},
+            comparison.returns[name],
+        )
+        for name, arm in record.arms.items()
+        if arm.variant is not None and name in comparison.arms
+    ]
+    keys = dict.fromkeys(key for arm in tried for key in arm.values)
+    settings = tuple(
+        Setting.listed(key, [arm.values[key] for arm in tried if key in arm.values]) for key in keys
+    )
+    return Effects(BY_SWEEP, settings, _levels(tried, settings, _over_seeds)) if settings else None
+
+
+def tuning_effects(tuning: TuningRecord) -> Effects:
+    """Return what a tuning shows: the mean of the trials of each level, the lowest and the highest.
+
+    Trials crowd where returns are high, so they are no fair sample of a range.
+    """
+    tried = [
+        Tried(arm.arm, trial.values, trial.score)
+        for arm in tuning.arms.values()
+        for trial in arm.trials
+        if trial.score is not None
+    ]
+    settings = tuple(Setting.searched(key, space) for key, space in tuning.space.items())
+    return Effects(BY_TUNING, settings, _levels(tried, settings, _over_trials))
+
+
+def _levels(
+    tried: Sequence[Tried], settings: Sequence[Setting], level_of: Callable[[str, Any], Level]
+) -> dict[tuple[str, str], tuple[Level, ...]]:
+    """Return the main effect of each setting on each arm; `level_of` sums up what came of it."""
+    levels = {}
+    for arm in dict.fromkeys(trial.arm for trial in tried):
+        for setting in settings:
+            results: dict[str, list[Any]] = {text: [] for text in setting.levels}
+            for trial in tried:
+                if trial.arm == arm and setting.key in trial.values:
+                    results[setting.level(trial.values[setting.key])].append(trial.result)
+            if any(results.values()):
+                levels[arm, setting.key] = tuple(
+                    level_of(text, some) for text, some in results.items() if some
+                )
+    return levels
+
+
+def short(number: float) -> str:
+    """Return a number in three significant digits, or as a whole number."""
+    return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
+
+
+def _over_seeds(text: str, returns: Sequence[FloatArray]) -> Level:
+    mean = mean_interval(np.mean(returns, axis=0))
+    return Level(text, len(returns), float(mean.estimate), float(mean.low), float(mean.high))
+
+
+def _over_trials(text: str, scores: Sequence[float]) -> Level:
+    return Level(text, len(scores), float(np.mean(scores)), min(scores), max(scores))

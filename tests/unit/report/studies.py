@@ -8,8 +8,7 @@ import numpy as np
 
 import curricle as cr
 from curricle.learning.record import Snapshots
-from curricle.study.analysis import analysed
-from curricle.study.recording import curricula_record
+from curricle.study.analysis import analysed, curricula_record
 from tests.study_pages import study_page
 from tests.tasks import predator_edges
 

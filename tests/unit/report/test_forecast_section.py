@@ -7,8 +7,7 @@ import pytest
 import curricle as cr
 from curricle.report.sections import forecast_sections
 from curricle.study import analysis as analysis_module
-from curricle.study.analysis import analysed
-from curricle.study.recording import curricula_record
+from curricle.study.analysis import analysed, curricula_record
 
 from .studies import Reader, hunt_plan, page_of, shown
 
