@@ -9,7 +9,7 @@ import os
 import sys
 import webbrowser
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -145,7 +145,12 @@ def run_with_bars(
     pace = Pace()
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
     with ExitStack() as ending:
-        report = ending.enter_context(_page_of_run(path, pace)) if page else None
+        report: InterimReport | None = None
+        if page:
+            from curricle.report.study_report import interim_report  # with Matplotlib
+
+            settings_of_page = path, pace.line_in, _complain, open_page
+            report = ending.enter_context(interim_report(*settings_of_page))
         show_units = ending.enter_context(shown_units(progress, pace, and_compilation(pace.line)))
 
         def show(progress: Progress) -> None:
@@ -163,15 +168,9 @@ def run_with_bars(
         return run_study(study, path, **how, **settings)
 
 
-def _page_of_run(path: str | Place, pace: Pace) -> "AbstractContextManager[InterimReport]":
-    from curricle.report.study_report import interim_report
-
-    return interim_report(path, pace.line_in, _complain, open_page)
-
-
 def watch_results(folder: str, out: Path | None) -> None:
     """Show the report of a folder, in which another process may store units, until it is over."""
-    from curricle.report.study_report import default_page, watch_folder
+    from curricle.report.study_report import default_page, watch_folder  # with Matplotlib
 
     if out is None:
         out = Path(mkdtemp(prefix="curricle-")) / default_page(place_at(folder)).name
