@@ -4,6 +4,7 @@ A file is validated twice: as it is written (:class:`FileTable`), which finds ke
 reads, and with every arm complete (:class:`StudyConfig`), which runs, is stored and makes keys.
 """
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, wraps
@@ -93,30 +94,29 @@ Messages = Iterator[tuple[KeyPath, str]]
 
 Unvalidated = WrapValidator(lambda value, _: as_table(value))
 """A table that is validated only once it is complete, but is in the JSON Schema."""
-_LEARNERS = "Further learners from scratch by name, each what it changes in the target's."
 
 
 class RunTable(Table):
     """How a study is run and read: its top-level keys that are no settings of tasks."""
 
-    name: Name = Field(description="Name of the study.")
+    name: Name
+    """Name of the study."""
     seeds: Annotated[
         tuple[int, ...], BeforeValidator(seeds_of, json_schema_input_type=int | str | list[int])
-    ] = Field(default=tuple(range(30)), description='How many, a list, or ranges such as "0-29".')
-    seeds_per_unit: Count = Field(
-        default=5, description="Seeds trained together as one unit of work."
-    )
-    threshold: Number | None = Field(
-        default=None, description="Return at which the target counts as learnt."
-    )
-    window: Count = Field(default=5, description="Checkpoints over which curves are smoothed.")
-    snapshots: Whole = Field(
-        24, ge=0, description="Value tables of the first seed kept during training, for the report."
-    )
-    scratch: Flag = Field(
-        default=True, description="Whether learning the target from scratch is an arm too."
-    )
-    scratch_learners: dict[Name, AnyLearner] = Field(default={}, description=_LEARNERS)
+    ] = tuple(range(30))
+    """How many, a list, or ranges such as "0-29"."""
+    seeds_per_unit: Count = 5
+    """Seeds trained together as one unit of work."""
+    threshold: Number | None = None
+    """Return at which the target counts as learnt."""
+    window: Count = 5
+    """Checkpoints over which curves are smoothed."""
+    snapshots: Whole = Field(24, ge=0)
+    """Value tables of the first seed kept during training, for the report."""
+    scratch: Flag = True
+    """Whether learning the target from scratch is an arm too."""
+    scratch_learners: dict[Name, AnyLearner] = Field({})
+    """Further learners from scratch by name, each what it changes in the target's."""
 
 
 class ArmTables(Table):
@@ -157,43 +157,36 @@ class ArmTables(Table):
 class ArmPatch(Settings):
     """An arm as written: what it changes in the study's curriculum."""
 
-    tasks: dict[str, dict[str, Any]] = Field(default={}, description="Changes of tasks, by name.")
-    transfers: list[int] | list[TransferTable] | dict[str, dict[str, Any]] = Field(
-        default=[],
-        description="Which of the study's transfers to keep, by number from 0; others instead; or "
-        "changes of some, by number.",
-    )
+    tasks: dict[str, dict[str, Any]] = Field({})
+    """Changes of tasks, by name."""
+    transfers: list[int] | list[TransferTable] | dict[str, dict[str, Any]] = Field([])
+    """Which of the study's transfers to keep, by number from 0; others instead; or changes of some,
+    by number."""
 
 
 class FileTable(RunTable, Settings):
     """A study as it is written in a file."""
 
-    families: dict[str, FamilyTable] = Field(
-        default={}, description="Families of tasks by name, each with defaults of its own."
-    )
-    tasks: dict[str, Annotated[AnyTask, Unvalidated]] = Field(
-        description="The tasks by name, each with settings of its own.", min_length=1
-    )
-    transfers: tuple[TransferTable, ...] = Field(
-        default=(), description="The transfers between tasks."
-    )
-    scratch_learners: dict[Name, Annotated[AnyLearner, Unvalidated]] = Field(
-        default={}, description=_LEARNERS
-    )
-    arms: dict[str, Annotated[ArmPatch, Unvalidated]] = Field(
-        default={}, description="What is compared: by name, what each changes; one arm by default."
-    )
-    sweep: SweepTable = Field(
-        default=SweepTable(), description="Lists of settings, which make arms of every arm."
-    )
-    tune: TuneTable | None = Field(
-        default=None, description="Settings that are searched for every arm before it is run."
-    )
+    families: dict[str, FamilyTable] = Field({})
+    """Families of tasks by name, each with defaults of its own."""
+    tasks: dict[str, Annotated[AnyTask, Unvalidated]] = Field(min_length=1)
+    """The tasks by name, each with settings of its own."""
+    transfers: tuple[TransferTable, ...] = ()
+    """The transfers between tasks."""
+    scratch_learners: dict[Name, Annotated[AnyLearner, Unvalidated]] = Field({})
+    """Further learners from scratch by name, each what it changes in the target's."""
+    arms: dict[str, Annotated[ArmPatch, Unvalidated]] = Field({})
+    """What is compared: by name, what each changes; one arm by default."""
+    sweep: SweepTable = SweepTable()
+    """Lists of settings, which make arms of every arm."""
+    tune: TuneTable | None = None
+    """Settings that are searched for every arm before it is run."""
 
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of study files, for editors that complete and check TOML."""
-    schema = FileTable.model_json_schema()
+    text = json.dumps(FileTable.model_json_schema())
+    schema: dict[str, Any] = json.loads(text, object_hook=_on_one_line)
     titles = {task.__name__ for task in TASKS}
     for definition in schema["$defs"].values():
         if (title := definition.get("title")) in titles:
@@ -201,6 +194,12 @@ def json_schema() -> dict[str, Any]:
             definition["required"] = ["family" if title == FamilyTask.__name__ else "type"]
     dialect = "https://json-schema.org/draft/2020-12/schema"
     return {"$schema": dialect, **schema, "title": "Curricle study"}
+
+
+def _on_one_line(node: dict[str, Any]) -> dict[str, Any]:
+    """Return a part of a schema with its description, a docstring, on one line."""
+    text = node.get("description")
+    return {**node, "description": " ".join(text.split())} if isinstance(text, str) else node
 
 
 # -- What a study file says, complete and checked, and the curricula that it describes -------------

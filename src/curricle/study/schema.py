@@ -121,7 +121,7 @@ class Table(BaseModel):
     "must be a number: got 'x'".
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     @classmethod
     def known(cls) -> tuple[str, ...]:
@@ -685,7 +685,8 @@ def _loaded(value: Any, folder: Path) -> Any:
 class EpisodesTable(ObjectTable):
     """A budget in episodes."""  # by hand: the parameter is called `number`, the key `episodes`
 
-    episodes: Whole = Field(description="How many.")
+    episodes: Whole
+    """How many."""
 
     def build(self, folder: Path = Path()) -> Episodes:
         """Return the budget."""
@@ -734,36 +735,26 @@ _AGGREGATE = f"be one of {', '.join(AGGREGATES)}, or a function as module:functi
 class Settings(Table):
     """Settings for all tasks, or for one."""
 
-    aggregate: Annotated[str, word(_AGGREGATE, AGGREGATES, function=True)] = Field(
-        default="mean",
-        description="How several potentials into a task become one: maximum, mean, minimum, total, "
-        "or a function (N, S, A) -> (S, A) as module:function.",
-    )
-    unknown_value: Number | None = Field(
-        default=None,
-        description="The potential of pairs that all mappings leave unmapped; 0 by default.",
-    )
-    learner: AnyLearner = Field(default=LEARNERS[0](), description="The learning algorithm.")
-    budget: AnyBudget = Field(
-        default=None,
-        description="Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }. "
-        "By default 100_000 for the target. A source ends when its return has settled, or after "
-        "its steps: by default a tenth of the target's, which all such sources share.",
-    )
-    shaping: AnyShaping = Field(
-        default=None,
-        description="How a potential, or a network, enters learning: its name, or "
-        '{ type = "QInitialisation", guard = true }, which is the default where it is possible.',
-    )
-    eval_freq: Whole | None = Field(
-        default=None, description="Steps between checkpoints; a hundredth of the budget by default."
-    )
-    evaluation: Annotated[Any, Choice((EvaluationTable,))] = Field(
-        default=EvaluationTable(), description="How the greedy policy is evaluated."
-    )
-    storage: Annotated[Any, Choice((StorageTable,))] = Field(
-        default=StorageTable(), description="How values are stored."
-    )
+    aggregate: Annotated[str, word(_AGGREGATE, AGGREGATES, function=True)] = "mean"
+    """How several potentials into a task become one: maximum, mean, minimum, total, or a function
+    (N, S, A) -> (S, A) as module:function."""
+    unknown_value: Number | None = None
+    """The potential of pairs that all mappings leave unmapped; 0 by default."""
+    learner: AnyLearner = LEARNERS[0]()
+    """The learning algorithm."""
+    budget: AnyBudget = None
+    """Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }. By default
+    100_000 for the target. A source ends when its return has settled, or after its steps: by
+    default a tenth of the target's, which all such sources share."""
+    shaping: AnyShaping = None
+    """How a potential, or a network, enters learning: its name, or { type = "QInitialisation",
+    guard = true }, which is the default where it is possible."""
+    eval_freq: Whole | None = None
+    """Steps between checkpoints; a hundredth of the budget by default."""
+    evaluation: Annotated[Any, Choice((EvaluationTable,))] = EvaluationTable()
+    """How the greedy policy is evaluated."""
+    storage: Annotated[Any, Choice((StorageTable,))] = StorageTable()
+    """How values are stored."""
 
     def setting(self, which: str, folder: Path) -> Any:
         """Return a setting, such as ``"learner"``, as :class:`Curriculum` takes it."""
@@ -775,6 +766,7 @@ class Settings(Table):
 
 # -- Transfers: which mapping, how much of the source's values, calibrated or not ------------------
 
+MAPPINGS_BY_NAME = ("identity", "same_position", "relative_objects", "family", "auto")
 MAPPINGS = ("project", "mapping", "function", "factory", "observations")
 """Ways to say which source pair a target pair reads; a transfer has one of them."""
 OF_OBSERVATIONS = ("observations", "actions", "status")
@@ -798,50 +790,32 @@ class _TransferTable(ObjectTable):
         shift: float
 
     # The keys that say f are by hand: they are arguments of five functions that make a mapping.
-    project: dict[str, str] | None = Field(
-        default=None,
-        description="f by name: source component = target component where the names differ; may be "
-        "empty.",
-    )
+    project: dict[str, str] | None = None
+    """f by name: source component = target component where the names differ; may be empty."""
     mapping: Literal["identity", "same_position", "relative_objects", "family", "auto"] | None = (
-        Field(
-            default=None,
-            description="f, one of Curricle's other mappings; 'family' is what the family of both "
-            "tasks says, one transfer for each mapping that it names; 'auto' is the best that is "
-            "found between the tasks.",
-        )
+        None
     )
-    function: Reference | None = Field(
-        default=None,
-        description="f as a function from the target's decoded states and actions to the source's, "
-        "module:function.",
-    )
-    factory: Reference | None = Field(
-        default=None,
-        description="A function that makes f from the tasks, (target, source) -> mapping.",
-    )
-    observations: Reference | None = Field(
-        default=None,
-        description="f as a function from a target's stacked observations to the source's, or to "
-        "the numbers of its states, module:function.",
-    )
+    """f, one of Curricle's other mappings; 'family' is what the family of both tasks says, one
+    transfer for each mapping that it names; 'auto' is the best that is found between the tasks."""
+    function: Reference | None = None
+    """f as a function from the target's decoded states and actions to the source's,
+    module:function."""
+    factory: Reference | None = None
+    """A function that makes f from the tasks, (target, source) -> mapping."""
+    observations: Reference | None = None
+    """f as a function from a target's stacked observations to the source's, or to the numbers of
+    its states, module:function."""
     actions: Annotated[
         tuple[int, ...] | str | None, word(ACTIONS, function=True, other=_whole_numbers)
-    ] = Field(
-        default=None,
-        description="With observations: the source's action for each of the target's, -1 where "
-        "there is none, or a function of observations, module:function.",
-    )
-    status: Reference | None = Field(
-        default=None,
-        description="With observations: a function from them to whether there is a counterpart, "
-        "module:function.",
-    )
-    unmapped_value: Number | None = Field(
-        default=None,
-        description="A value for pairs without a source pair; by default aggregates skip them, and "
-        "a mapping that is found has the value that fits.",
-    )
+    ] = None
+    """With observations: the source's action for each of the target's, -1 where there is none, or a
+    function of observations, module:function."""
+    status: Reference | None = None
+    """With observations: a function from them to whether there is a counterpart,
+    module:function."""
+    unmapped_value: Number | None = None
+    """A value for pairs without a source pair; by default aggregates skip them, and a mapping that
+    is found has the value that fits."""
 
     @model_validator(mode="after")
     def _one_mapping(self) -> Self:

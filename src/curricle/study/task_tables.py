@@ -86,18 +86,13 @@ class StartTable(Table):
 
     distance: Annotated[
         tuple[int, int] | None, BeforeValidator(_distance, json_schema_input_type=int | list[int])
-    ] = Field(
-        default=None,
-        description="Steps to the goal, or the fewest and the most: a ring around the goal.",
-    )
-    goal: dict[str, JsonValue] | None = Field(
-        default=None,
-        description="With distance: the goal by components, each a value, a label or a list; by "
-        "default the ends that are entered with the largest reward.",
-    )
-    visits: Literal["random", "optimal"] | None = Field(
-        default=None, description="Where the random or the optimal policy goes, as often as there."
-    )
+    ] = None
+    """Steps to the goal, or the fewest and the most: a ring around the goal."""
+    goal: dict[str, JsonValue] | None = None
+    """With distance: the goal by components, each a value, a label or a list; by default the ends
+    that are entered with the largest reward."""
+    visits: Literal["random", "optimal"] | None = None
+    """Where the random or the optimal policy goes, as often as there."""
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -139,11 +134,9 @@ class TaskTable(ObjectTable, Settings):
     deep: ClassVar[bool] = False
     """Whether it is seen through observations and learnt by a network."""
 
-    start_states: Annotated[Any, Choice((StartTable,), None, _start_word, str)] = Field(
-        default=None,
-        description="Where episodes start instead: 'uniform', 'reachable', { distance = [1, 3] } "
-        'from the goal, or { visits = "random" }.',
-    )
+    start_states: Annotated[Any, Choice((StartTable,), None, _start_word, str)] = None
+    """Where episodes start instead: 'uniform', 'reachable', { distance = [1, 3] } from the goal, or
+    { visits = "random" }."""
 
     def mismatches(self, name: str) -> Iterator[tuple[KeyPath, str]]:
         """Yield the settings that do not suit the task `name`, each with what is wrong."""
@@ -199,14 +192,12 @@ TimeLimit = Annotated[
 class Maker(Table):
     """An environment of Gymnasium's, or one's own."""
 
-    id: Name | None = Field(default=None, description="Of Gymnasium's registry: CartPole-v1.")
-    factory: Reference | None = Field(
-        default=None,
-        description="Instead: a class or function of one's own that makes it, module:Class.",
-    )
-    arguments: dict[str, JsonValue] = Field(
-        default={}, description="Passed by name to gymnasium.make, or to the class or function."
-    )
+    id: Name | None = None
+    """Of Gymnasium's registry: CartPole-v1."""
+    factory: Reference | None = None
+    """Instead: a class or function of one's own that makes it, module:Class."""
+    arguments: dict[str, JsonValue] = Field({})
+    """Passed by name to gymnasium.make, or to the class or function."""
 
     @model_validator(mode="after")
     def _one_environment(self) -> Self:
@@ -256,38 +247,27 @@ class GymnasiumTask(EnvironmentTable):
     )
     functions: ClassVar[tuple[str, ...]] = ("encode",)
     type: Literal["gymnasium"] = "gymnasium"
-    discount: Number = Field(default=0.99, description="In [0, 1].")
-    time_limit: TimeLimit | None = Field(
-        default=None,
-        description="Steps after which an episode is cut, or 'none'; the environment's own.",
-    )
-    names: Names = Field(
-        default=None, description="Of a state's components, the numbers in an observation."
-    )
-    sizes: tuple[Count, ...] | None = Field(
-        default=None,
-        description="How many values each has, where an observation is one number.",
-    )
-    actions: Names = Field(
-        default=None,
-        description="A label for each action; north, east, south and west are drawn as arrows.",
-    )
-    encode: Reference | None = Field(
-        default=None,
-        description="A function from observations to states, module:function, with its states as "
-        "its attribute.",
-    )
-    live: Flag | None = Field(  # None is not stored, so that keys of older results stay
-        default=None, description="Whether to call step for every step even if there is a table."
-    )
+    discount: Number = 0.99
+    """In [0, 1]."""
+    time_limit: TimeLimit | None = None
+    """Steps after which an episode is cut, or 'none'; the environment's own."""
+    names: Names = None
+    """Of a state's components, the numbers in an observation."""
+    sizes: tuple[Count, ...] | None = None
+    """How many values each has, where an observation is one number."""
+    actions: Names = None
+    """A label for each action; north, east, south and west are drawn as arrows."""
+    encode: Reference | None = None
+    """A function from observations to states, module:function, with its states as its attribute."""
+    live: Flag | None = None  # None is not stored, so that keys of older results stay
+    """Whether to call step for every step even if there is a table."""
 
 
 class _EncodedTable(EnvironmentTable):
-    discount: Number = Field(default=0.99, description="In [0, 1].")
-    encode: AnyEncoder | None = Field(
-        default=None,
-        description="An encoder of its observations: its name, a table, or module:function.",
-    )
+    discount: Number = 0.99
+    """In [0, 1]."""
+    encode: AnyEncoder | None = None
+    """An encoder of its observations: its name, a table, or module:function."""
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
         """Return the arguments, with what wraps the environment."""
@@ -303,25 +283,20 @@ class TabulatedTaskTable(_EncodedTable):
     )
     functions: ClassVar[tuple[str, ...]] = ("outcomes",)
     type: Literal["tabulated"] = "tabulated"
-    time_limit: TimeLimit | None = Field(
-        default=None,
-        description="Steps after which an episode is cut, or 'none'; the environment's own.",
-    )
-    names: Names = Field(default=None, description="Other names for a state's components.")
-    actions: Names = Field(default=None, description="A label for each action.")
-    reset_seeds: tuple[Whole, ...] = Field(
-        default=(0,), description="Of the resets that starts are taken from."
-    )
-    outcomes: Reference | None = Field(
-        default=None,
-        description="Of random steps: a function of a state and an action, module:function.",
-    )
-    samples: Count | None = Field(
-        default=None, description="Instead: steps that each pair's outcomes are estimated from."
-    )
-    cache: Name | None = Field(
-        default=None, description="A file beside the study, which keeps the tables."
-    )
+    time_limit: TimeLimit | None = None
+    """Steps after which an episode is cut, or 'none'; the environment's own."""
+    names: Names = None
+    """Other names for a state's components."""
+    actions: Names = None
+    """A label for each action."""
+    reset_seeds: tuple[Whole, ...] = (0,)
+    """Of the resets that starts are taken from."""
+    outcomes: Reference | None = None
+    """Of random steps: a function of a state and an action, module:function."""
+    samples: Count | None = None
+    """Instead: steps that each pair's outcomes are estimated from."""
+    cache: Name | None = None
+    """A file beside the study, which keeps the tables."""
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
         """Return the arguments, seeds and cache as the function calls them."""
@@ -336,9 +311,8 @@ class ObservationTaskTable(_EncodedTable):
     parameters: ClassVar[tuple[str, ...]] = ("discount", "time_limit")
     type: Literal["observation_task"] = "observation_task"
     deep: ClassVar[bool] = True
-    time_limit: Whole | None = Field(
-        default=None, description="Steps after which an episode is cut; the environment's own."
-    )
+    time_limit: Whole | None = None
+    """Steps after which an episode is cut; the environment's own."""
 
 
 def _member(value: Any) -> Any:
@@ -359,27 +333,24 @@ class DistilledTask(TaskTable):
     parameters: ClassVar[tuple[str, ...]] = ("resets", "held_out", "max_states")
     type: Literal["distilled"] = "distilled"
     deep: ClassVar[bool] = True
-    members: Members = Field(
-        min_length=1, description="Ids, or tables with id or factory, and arguments."
-    )
-    tested_on: Members = Field(
-        default=(), description="Relatives that are only tested on, of growing size."
-    )
-    discount: Number = Field(default=0.99, description="In [0, 1].")
-    encode: AnyEncoder | None = Field(
-        default=None,
-        description="An encoder of their observations: its name, a table, or module:function.",
-    )
-    time_limit: Whole | None = Field(
-        default=None, description="Steps after which an episode is cut; the environments' own."
-    )
-    resets: Count = Field(default=RESETS, description="Of each member; alike levels count once.")
-    held_out: Number = Field(default=HELD_OUT, description="Share of the levels that is held out.")
-    max_states: Count = Field(default=MOST_STATES, description="Of each member.")
-    shuffled: Flag = Field(
-        default=False,
-        description="Whether each observation has the answer of another: a placebo.",
-    )
+    members: Members = Field(min_length=1)
+    """Ids, or tables with id or factory, and arguments."""
+    tested_on: Members = ()
+    """Relatives that are only tested on, of growing size."""
+    discount: Number = 0.99
+    """In [0, 1]."""
+    encode: AnyEncoder | None = None
+    """An encoder of their observations: its name, a table, or module:function."""
+    time_limit: Whole | None = None
+    """Steps after which an episode is cut; the environments' own."""
+    resets: Count = RESETS
+    """Of each member; alike levels count once."""
+    held_out: Number = HELD_OUT
+    """Share of the levels that is held out."""
+    max_states: Count = MOST_STATES
+    """Of each member."""
+    shuffled: Flag = False
+    """Whether each observation has the answer of another: a placebo."""
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the miniatures; they are solved when they are first needed."""
@@ -452,10 +423,8 @@ class FamilyTask(TaskTable):
     __pydantic_extra__: dict[str, JsonValue]
 
     type: Literal["family"] = "family"
-    family: str = Field(
-        description="The name of a table in [families], of a family that is built in, or "
-        "module:function."
-    )
+    family: str
+    """The name of a table in [families], of a family that is built in, or module:function."""
 
     @model_validator(mode="after")
     def _known_parameters(self, info: ValidationInfo) -> Self:
@@ -545,9 +514,8 @@ def _listed_or(rule: str, lists: Any, *words: str) -> Any:
 
 
 class _MazeTask(TaskTable):
-    file: str | None = Field(
-        default=None, description="A text file with the map instead, relative to the study file."
-    )
+    file: str | None = None
+    """A text file with the map instead, relative to the study file."""
 
     @model_validator(mode="before")
     @classmethod
@@ -571,14 +539,14 @@ class CropTask(TaskTable):
     """A part of a maze, or of another task drawn as one, of the study; all else is as there."""
 
     type: Literal["crop"] = "crop"
-    of: Name = Field(description="The task (or crop) it is a part of, by its name in [tasks].")
-    rows: Pair = Field(
-        description="First row and the one after the last, in the map's coordinates."
-    )
-    columns: Pair = Field(description="First column and the one after the last.")
-    start: _cells_or("map", "uniform") = Field(  # type: ignore[valid-type]
-        default="uniform", description="As in a maze."
-    )
+    of: Name
+    """The task (or crop) it is a part of, by its name in [tasks]."""
+    rows: Pair
+    """First row and the one after the last, in the map's coordinates."""
+    columns: Pair
+    """First column and the one after the last."""
+    start: _cells_or("map", "uniform") = "uniform"  # type: ignore[valid-type]
+    """As in a maze."""
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the part of the whole."""
@@ -599,8 +567,10 @@ class FactoryTask(TaskTable):
     """A task that a function of the user's makes."""
 
     type: Literal["factory"] = "factory"
-    factory: Reference = Field(description="The function that returns the task, module:function.")
-    arguments: dict[str, JsonValue] = Field(default={}, description="Passed to it by name.")
+    factory: Reference
+    """The function that returns the task, module:function."""
+    arguments: dict[str, JsonValue] = Field({})
+    """Passed to it by name."""
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return what the function returns, if it is a task."""

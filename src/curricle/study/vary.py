@@ -60,11 +60,8 @@ class SweepTable(Table):
 
     model_config = ConfigDict(extra="allow")
 
-    mode: Literal["grid", "paired"] = Field(
-        default="grid",
-        description="Every combination of the values; or the first of each list, the second of "
-        "each, and so on.",
-    )
+    mode: Literal["grid", "paired"] = "grid"
+    """Every combination of the values; or the first of each list, the second of each, and so on."""
 
 
 def _tuning_seeds(value: Any) -> tuple[int, ...]:
@@ -86,9 +83,12 @@ Bound = Annotated[int | float, BeforeValidator(_bound)]
 class RangeTable(Table):
     """Numbers from `low` to `high`: whole ones if both are."""
 
-    low: Bound = Field(description="The smallest value.")
-    high: Bound = Field(description="The largest value.")
-    log: Flag = Field(default=False, description="Whether equal ratios are equally likely.")
+    low: Bound
+    """The smallest value."""
+    high: Bound
+    """The largest value."""
+    log: Flag = False
+    """Whether equal ratios are equally likely."""
 
     @property
     def whole(self) -> bool:
@@ -107,21 +107,18 @@ class RangeTable(Table):
 class TuneTable(Table):
     """How settings are searched for every arm before it is run."""
 
-    trials: Annotated[Count, Field(le=MOST_TRIALS)] = Field(
-        default=20, description="Settings that are tried for each arm, learning from scratch too."
-    )
+    trials: Annotated[Count, Field(le=MOST_TRIALS)] = 20
+    """Settings that are tried for each arm, learning from scratch too."""
     seeds: Annotated[
         tuple[int, ...],
         BeforeValidator(_tuning_seeds, json_schema_input_type=int | str | list[int]),
-    ] = Field(
-        default=tuple(range(FIRST_SEED, FIRST_SEED + 3)),
-        description="Seeds of each trial: how many, a list, or ranges; none of the study's.",
-    )
-    seed: Whole = Field(default=0, ge=0, description="Of the search: the same seed, one outcome.")
-    space: dict[str, Any] = Field(
-        description="What is searched, by its keys in the file: lists of values, or tables with "
-        "low, high and perhaps log = true."
-    )
+    ] = tuple(range(FIRST_SEED, FIRST_SEED + 3))
+    """Seeds of each trial: how many, a list, or ranges; none of the study's."""
+    seed: Whole = Field(default=0, ge=0)
+    """Of the search: the same seed, one outcome."""
+    space: dict[str, Any]
+    """What is searched, by its keys in the file: lists of values, or tables with low, high and
+    perhaps log = true."""
 
 
 class Tuning(TuneTable):
