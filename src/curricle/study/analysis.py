@@ -13,7 +13,6 @@ from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import one_of
 from curricle.comparison.comparing import OF_OPTIMUM, STATED, threshold_of_optimum
 from curricle.comparison.forecasting import forecast
-from curricle.comparison.forecasts import Forecast
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
@@ -60,9 +59,7 @@ from curricle.text_tables import counted
 from curricle.transfer.edges import Transfer, same_transfer, transfer_words
 from curricle.transfer.observation_rollouts import target_of
 
-# -- What a study's folder records of it, before it is run: plain data of its tasks and curricula --
-
-Keys = Mapping[tuple[str, str], str]
+# -- What a study's folder records of it before it is run: plain data of its tasks and curricula ---
 
 
 def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
@@ -73,16 +70,16 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
         node = first.node(arms.target)
         threshold, level = threshold_of_optimum(target_of(node.task, node.evaluation)), OF_OPTIMUM
-    of_study = {name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots")}
-    of_arms = {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
+    fields = {name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots")}
+    fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
+    fields |= {"tasks": curricula.tasks, "arms": curricula.arms}
     problem = task_summary(first.tasks[arms.target])
-    both = {"tasks": curricula.tasks, "arms": curricula.arms, **of_study, **of_arms}
-    return StudyRecord(threshold=threshold, threshold_from=level, problem=problem, **both)
+    return StudyRecord(threshold=threshold, threshold_from=level, problem=problem, **fields)
 
 
 def curricula_record(
     curricula: Mapping[str, Curriculum],
-    keys: Keys,
+    keys: Mapping[tuple[str, str], str],
     scratches: Collection[str] = (),
     variants: Mapping[str, VariantRecord] = MappingProxyType({}),
 ) -> CurriculaRecord:
@@ -97,25 +94,32 @@ def curricula_record(
             name: NodeRecord(
                 task=_number(curriculum.tasks[name], tasks, same_task),
                 key=keys.get((arm, name), ""),
-                settings=_settings(curriculum, name),
-                aggregate=_aggregate(curriculum, name),
+                settings={
+                    which: _setting_text(curriculum.setting(which, name))
+                    for which in SETTINGS
+                    if curriculum.in_edges(name) or which not in OF_TARGETS
+                },
+                aggregate=_aggregate(curriculum, name, "a custom aggregate")
+                if len(curriculum.in_edges(name)) > 1
+                else None,
                 seeds_per_file=seeds_per_file(curriculum.node(name)),
             )
             for name in curriculum.order
         }
         transfers = tuple(
             TransferRecord(
-                source=one.source,
-                target=one.target,
-                words=transfer_words(one),
-                number=_number(one, edges, same_transfer),
+                source=edge.source,
+                target=edge.target,
+                words=transfer_words(edge),
+                number=_number(edge, edges, same_transfer),
             )
-            for one in curriculum.transfers
+            for edge in curriculum.transfers
         )
+        calibration = ", calibrated" * (curriculum.calibration(curriculum.target) is not None)
         arms[arm] = ArmRecord(
             nodes=nodes,
             transfers=transfers,
-            potential=_potential(curriculum),
+            potential=_aggregate(curriculum, curriculum.target, "") + calibration,
             scratch=arm in scratches,
             depends_on_total=_depends_on_total(curriculum),
             variant=variants.get(arm),
@@ -123,12 +127,12 @@ def curricula_record(
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
 
 
-def _number(one: Any, known: list[Any], same: Any) -> int:
+def _number(value: Any, known: list[Any], same: Any) -> int:
     """Return the place of an object among those that differ, to which it is added if it is new."""
     for number, other in enumerate(known):
-        if same(one, other):
+        if same(value, other):
             return number
-    known.append(one)
+    known.append(value)
     return len(known) - 1
 
 
@@ -136,9 +140,8 @@ def _task(task: Any) -> TaskRecord:
     if is_observation_task(task):
         kind = f"observations, {task.shapes.replace('->', '→')}"
         return TaskRecord(kind=kind, text=plain_text(task), states=0, actions=0, view=None)
-    generative = generative_model(task)
-    states, actions = generative.states.size, generative.actions.size
-    view = GridView.for_replay(task)
+    model, view = generative_model(task), GridView.for_replay(task)
+    states, actions = model.states.size, model.actions.size
     return TaskRecord(
         kind=f"{type(task).__name__}, {counted(states, 'state')} × {counted(actions, 'action')}",
         text=plain_text(task),
@@ -146,16 +149,6 @@ def _task(task: Any) -> TaskRecord:
         actions=actions,
         view=None if view is None else ViewRecord.of(view),
     )
-
-
-def _settings(curriculum: Curriculum, name: str) -> dict[str, str]:
-    """Return the settings of a task's training in words."""
-    sources = curriculum.in_edges(name)
-    return {
-        which: _setting_text(curriculum.setting(which, name))
-        for which in SETTINGS
-        if sources or which not in OF_TARGETS
-    }
 
 
 def _setting_text(value: Any) -> str:
@@ -168,16 +161,15 @@ def _setting_text(value: Any) -> str:
     return str(name) if name else value if isinstance(value, str) else plain_text(value)
 
 
-def _aggregate(curriculum: Curriculum, name: str) -> str | None:
-    if len(curriculum.in_edges(name)) < 2:
-        return None
-    return getattr(curriculum.setting("aggregate", name), "__name__", "a custom aggregate")
+def _aggregate(curriculum: Curriculum, name: str, nameless: str) -> str:
+    """Return the name of what combines the transfers into a task."""
+    return str(getattr(curriculum.setting("aggregate", name), "__name__", nameless))
 
 
 def _depends_on_total(curriculum: Curriculum) -> str:
     """Return why what a target learns by a step depends on its budget; empty if it does not."""
     target = curriculum.target
-    learner, shaping = (curriculum.setting(one, target) for one in ("learner", "shaping"))
+    learner, shaping = (curriculum.setting(which, target) for which in ("learner", "shaping"))
     if curriculum.calibration(target) is not None:
         return "its calibration may take a share of the total"
     if isinstance(learner, DeepLearner) and learner.scheduled:
@@ -188,16 +180,7 @@ def _depends_on_total(curriculum: Curriculum) -> str:
     return ""
 
 
-def _potential(curriculum: Curriculum) -> str:
-    """Return the name that a forecast gives to the potential of a curriculum's target."""
-    function = curriculum.setting("aggregate", curriculum.target)
-    calibrated = curriculum.calibration(curriculum.target) is not None
-    return getattr(function, "__name__", "") + ", calibrated" * calibrated
-
-
-# -- What only the tasks themselves can say of results: forecasts, certificates, episodes ----------
-#
-# It is found when a study's run ends, and stored in plain data.
+# -- What only the tasks say of results: forecasts, certificates, episodes; stored when a run ends -
 
 EFFORT = 800_000
 """Target pairs times forecasts times seeds at most: about ten seconds."""
@@ -205,8 +188,6 @@ MOST_SEEDS = 3
 """Seeds of a forecast."""
 LARGEST_CERTIFIED = 20_000_000
 """Target pairs up to which a potential is certified."""
-
-
 DIGEST_BYTES = 8
 LARGEST_TABLE = 20_000_000
 """Pairs (S x A) of a task up to which its episodes are kept."""
@@ -217,14 +198,13 @@ def analyse(study: StudyResults, arms: Arms) -> None:
 
     It is of the first seeds that every arm has finished.
     """
-    curricula = {arm: one for arm, one in arms.curricula.items() if arm not in study.failed}
+    curricula = {arm: c for arm, c in arms.curricula.items() if arm not in study.failed}
     if not study.seeds or arms.total is None or SCRATCH not in curricula:
         return
     seeds = study.seeds[:MOST_SEEDS]
-    keys = sorted(one for one in study.record.keys.items() if one[0][0] in curricula)
+    keys = sorted(item for item in study.record.keys.items() if item[0][0] in curricula)
     of = blake2b(repr((keys, seeds)).encode(), digest_size=DIGEST_BYTES).hexdigest()
-    there = study.analysis
-    if there is not None and there.of == of:
+    if study.analysis is not None and study.analysis.of == of:
         return
     results = {}
     for arm, curriculum in curricula.items():
@@ -232,8 +212,8 @@ def analyse(study: StudyResults, arms: Arms) -> None:
             name: replace(study.result(arm, name, seeds=seeds), task=curriculum.tasks[name])
             for name in curriculum.order
         }
-        given = study.trained(arm, curriculum, seeds)
-        results[arm] = CurriculumResult(curriculum, nodes, {}, given=given)
+        trained = study.trained(arm, curriculum, seeds)
+        results[arm] = CurriculumResult(curriculum, nodes, {}, given=trained)
     study.store.write_record(ANALYSIS, analysed(results, study.record.only(curricula), of))
 
 
@@ -247,12 +227,7 @@ def analysed(
     """
     groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
     sections = tuple(_section(arms, results, len(groups)) for arms in groups)
-    return Analysis(of=of, sections=sections, episodes=_episodes(results))
-
-
-def _episodes(results: Mapping[str, CurriculumResult]) -> dict[str, dict[str, EpisodePair]]:
-    """Return the episodes of each task of each arm that has snapshots, and a view of its states."""
-    found: dict[str, dict[str, EpisodePair]] = {}
+    episodes: dict[str, dict[str, EpisodePair]] = {}
     for arm, result in results.items():
         for name, node in result.nodes.items():
             view = None if node.snapshots is None else GridView.for_replay(node.task)
@@ -260,8 +235,8 @@ def _episodes(results: Mapping[str, CurriculumResult]) -> dict[str, dict[str, Ep
                 discounted = result.curriculum.setting("evaluation", name).discounted
                 pair = before_and_after(node.snapshots, node.task, view, discounted=discounted)
                 if pair:
-                    found.setdefault(arm, {})[name] = pair
-    return found
+                    episodes.setdefault(arm, {})[name] = pair
+    return Analysis(of=of, sections=sections, episodes=episodes)
 
 
 def before_and_after(
@@ -273,12 +248,12 @@ def before_and_after(
     `discounted`. None where the task is given by functions or too large, or where a state is not in
     the view.
     """
-    generative = generative_model(task)
-    pairs = generative.states.size * generative.actions.size
+    model = generative_model(task)
+    pairs = model.states.size * model.actions.size
     if pairs > LARGEST_TABLE or not (has_tables(task) or is_live(task)):
         return None
-    weight = generative.discount if discounted else 1.0
-    steps = min(generative.time_limit or LONGEST_EPISODE, LONGEST_EPISODE)
+    weight = model.discount if discounted else 1.0
+    steps = min(model.time_limit or LONGEST_EPISODE, LONGEST_EPISODE)
     episodes = list[EpisodeRecord]()
     for place in (0, -1):
         values = Values(frozen(snapshots.values[place].astype(np.float64)))
@@ -288,8 +263,8 @@ def before_and_after(
             return None
         rewards = path.rewards * weight ** np.arange(len(path))
         returns = np.concatenate([[0.0], rewards.cumsum()])
-        one = EpisodeRecord(cells=cells, returns=returns, terminated=path.terminated)
-        episodes.append(one)
+        record = EpisodeRecord(cells=cells, returns=returns, terminated=path.terminated)
+        episodes.append(record)
     before, after = episodes
     return EpisodePair(before=before, after=after)
 
@@ -297,40 +272,32 @@ def before_and_after(
 def _section(
     arms: tuple[str, ...], results: Mapping[str, CurriculumResult], n_groups: int
 ) -> SectionRecord:
-    target = results[arms[0]].curriculum.target
-    if is_observation_task(results[arms[0]].curriculum.tasks[target]):
-        seeds, certified, left_out = _observed_extent(arms, results, target)
-    else:
-        seeds, certified, left_out = _extent(arms, results, target, n_groups)
-    found: Forecast | None = None
+    curriculum = results[arms[0]].curriculum
+    target = curriculum.target
+    extent = _observed_extent if is_observation_task(curriculum.tasks[target]) else _extent
+    seeds, certified, left_out = extent(arms, results, target, n_groups)
+    record: ForecastRecord | None = None
     certificates: dict[str, tuple[tuple[str, ...], Certificate | SampledCertificate]] = {}
     try:
-        found = _forecast(arms, results, target, seeds) if seeds else None
+        record = _forecast(arms, results, target, seeds) if seeds else None
         for arm in arms if certified else ():
-            certificate = _certified(results[arm], target)
+            shaping = results[arm].curriculum.setting("shaping", target)
+            potential = _entering(results[arm], target)
+            task = results[arm].curriculum.tasks[target]
+            certificate = certify(task, shaping.with_potential(potential))
             alike, _ = certificates.get(str(certificate), ((), certificate))
             certificates[str(certificate)] = (*alike, arm), certificate
     except CurricleError as error:  # what was learnt stands all the same
         left_out.append(f"What is missing here is left out: {error}")
     return SectionRecord(
         arms=arms,
-        forecast=None if found is None else _plain(found),
+        forecast=record,
         certificates=tuple(
-            CertificateRecord(arms=alike, holds=one.holds, text=str(one))
-            for alike, one in certificates.values()
+            CertificateRecord(arms=alike, holds=certificate.holds, text=str(certificate))
+            for alike, certificate in certificates.values()
         ),
         left_out=tuple(left_out),
     )
-
-
-def _plain(found: Forecast) -> ForecastRecord:
-    rows = list[RowRecord]()
-    for one in found.rows:
-        values: dict[str, Any] = {name: one.mean(name) for name in ("start", "optimistic")}
-        same = RowRecord.model_fields.keys() - values.keys()
-        rows.append(RowRecord(**values, **{name: getattr(one, name) for name in same}))
-    same = ForecastRecord.model_fields.keys() - {"rows"}
-    return ForecastRecord(rows=tuple(rows), **{name: getattr(found, name) for name in same})
 
 
 def _extent(
@@ -341,17 +308,15 @@ def _extent(
     space = generative_model(first.curriculum.tasks[target])
     pairs = space.states.size * space.actions.size
     kept = all(
-        isinstance(results[arm].sources[t.source].values, np.ndarray)
+        isinstance(results[arm].sources[edge.source].values, np.ndarray)
         for arm in arms
-        for t in results[arm].curriculum.in_edges(target)
+        for edge in results[arm].curriculum.in_edges(target)
     )
     seeds = kept * min(MOST_SEEDS, EFFORT // (pairs * n_groups), len(first[target].seeds))
     certified = kept and pairs <= LARGEST_CERTIFIED
     why = f"{target} has {pairs:,} state-action pairs"
-    if not kept:
-        why = "the sources' values were not kept in dense tables"
-    elif n_groups > 1:
-        why += f" and there are {n_groups} graphs"
+    why += f" and there are {n_groups} graphs" * (n_groups > 1)
+    why = why if kept else "the sources' values were not kept in dense tables"
     left_out = []
     if not seeds:
         left_out.append(
@@ -365,7 +330,7 @@ def _extent(
 
 
 def _observed_extent(
-    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, _: int
 ) -> tuple[int, bool, list[str]]:
     """Return the same of a target seen through observations: one seed, and no certificates."""
     left_out = [
@@ -373,9 +338,8 @@ def _observed_extent(
         "numbered states."
     ]
     first = results[arms[0]]
-    readable = all(
-        first.sources[t.source].values is not None for t in first.curriculum.in_edges(target)
-    )
+    edges = first.curriculum.in_edges(target)
+    readable = all(first.sources[edge.source].values is not None for edge in edges)
     if not readable:
         left_out.append(
             "The forecast is left out, because the sources' values were not kept, or their "
@@ -386,44 +350,40 @@ def _observed_extent(
 
 def _forecast(
     arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, seeds: int
-) -> Forecast:
+) -> ForecastRecord:
     first = results[arms[0]]
-    curriculum = first.curriculum
-    sources = curriculum.ancestors(target)
-    trained = {name: first.sources[name].first(seeds) for name in sources}
-    others = [results[arm].curriculum.setting("aggregate", target) for arm in arms[1:]]
-    # No trial: the experiment itself has been made.
-    return forecast(
-        curriculum,
+    sources = first.curriculum.ancestors(target)
+    foreseen = forecast(
+        first.curriculum,
         seeds=first[target].seeds[:seeds],
-        aggregates=others,
-        trained=trained,
-        trial=False,
+        aggregates=[results[arm].curriculum.setting("aggregate", target) for arm in arms[1:]],
+        trained={name: first.sources[name].first(seeds) for name in sources},
+        trial=False,  # the experiment itself has been made
     )
-
-
-def _certified(result: CurriculumResult, target: str) -> Certificate | SampledCertificate:
-    shaping = result.curriculum.setting("shaping", target)
-    task = result.curriculum.tasks[target]
-    return certify(task, shaping.with_potential(_entering(result, target)))
+    rows = list[RowRecord]()
+    for row in foreseen.rows:
+        values: dict[str, Any] = {name: row.mean(name) for name in ("start", "optimistic")}
+        same = RowRecord.model_fields.keys() - values.keys()
+        rows.append(RowRecord(**values, **{name: getattr(row, name) for name in same}))
+    same = ForecastRecord.model_fields.keys() - {"rows"}
+    return ForecastRecord(rows=tuple(rows), **{name: getattr(foreseen, name) for name in same})
 
 
 def _entering(result: CurriculumResult, target: str) -> PairPotential:
     """Return the potential with which the first seed of a target began."""
-    curriculum: Curriculum = result.curriculum
     phi: PairPotential
     if kept := result.potentials.get(target):
         phi = kept[0]
         return phi
-    sources = {name: one.first(1) for name, one in result.sources.items()}
-    phi, *_ = found = curriculum.potentials(target, sources)
-    if (settings := curriculum.calibration(target)) is not None:
-        node = curriculum.node(target)
-        phi = calibrated(node, found, settings, result[target].seeds[:1])[0].potential
+    sources = {name: source.first(1) for name, source in result.sources.items()}
+    phi, *_ = potentials = result.curriculum.potentials(target, sources)
+    if (settings := result.curriculum.calibration(target)) is not None:
+        node = result.curriculum.node(target)
+        phi = calibrated(node, potentials, settings, result[target].seeds[:1])[0].potential
     return phi
 
 
-# -- One episode of what a study learnt: as its folder stores it, or played in the task itself -----
+# -- An episode of what a study learnt: as its folder stores it, or played in the task itself ------
 
 IN_THE_TASK = "--study FILE, the study's own file, plays one in the task itself"
 
@@ -433,8 +393,8 @@ def stored_episode(
 ) -> tuple[int, Episode]:
     """Return the last greedy episode of a task that a folder stores, and the seed that learnt it.
 
-    No task is made and no module of the study imported. Of the rewards the folder keeps what they
-    add up to, of the actions nothing.
+    No task is made and no module of the study imported. The folder keeps the sum of the rewards,
+    and no actions.
 
     A `seed` is the one that must have learnt it. StoreError when the folder has no such arm or
     task, or no such episode: those of tasks with a grid and snapshots are stored, of the first
@@ -459,13 +419,8 @@ def stored_episode(
     view, record = about.view.view, pair.after
     if record.cells.shape[1] != len(view.markers) or record.cells.max() >= np.prod(view.shape):
         raise StoreError(f"{results.store.path} stores an episode of {task!r} that is off its grid")
-    return first, episode_of(view, record)
-
-
-def episode_of(view: GridView, record: EpisodeRecord) -> Episode:
-    """Return a stored episode, drawn on the view of its task."""
     scene, moments = ViewScene(view), np.arange(len(record.cells))
-    return Episode(
+    return first, Episode(
         frames=Drawn(lambda moment: scene.image(record.cells[moment]), moments),
         actions=np.zeros(0, np.int64),
         rewards=np.diff(record.returns),
@@ -486,8 +441,7 @@ def played_episode(
     limit.
     """
     _check_names(results, arm, task)
-    learnt = results.result(arm, task)
-    arms = Arms.of(study)
+    learnt, arms = results.result(arm, task), Arms.of(study)
     if arms.keys.get((arm, task)) != results.record.keys[arm, task]:
         raise StoreError(
             f"an episode is played by the study that was run: {results.store.path} holds {task!r} "
@@ -496,8 +450,7 @@ def played_episode(
     if seed is None:
         last = learnt.greedy_return[:, -1]
         seed = learnt.seeds[0 if np.isnan(last).all() else int(np.nanargmax(last))]
-    curriculum = arms.curricula[arm]
-    (policy,) = results.policies(arm, curriculum, [seed], task=task)
+    (policy,) = results.policies(arm, arms.curricula[arm], [seed], task=task)
     return seed, policy.episode()
 
 

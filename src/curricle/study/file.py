@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, cast
 
 from pydantic import ValidationError
 
@@ -406,44 +406,42 @@ def line_numbers(text: str) -> dict[KeyPath, int]:
     return _Scanner(text).lines
 
 
-class _Token(NamedTuple):
-    text: str
-    sign: str
-    """The text if it is a sign, such as ``=``; "end" after the last token."""
-    line: int
-
-
 class _Scanner:
     """Reads the tokens of a text once, looking at the next before it is taken."""
 
     def __init__(self, text: str):
-        self.tokens = _tokens(text)
-        self.next = next(self.tokens)
+        line, self.tokens = 1, list[tuple[str, str, int]]()  # text, sign or "", line
+        for match in TOKEN.finditer(text):
+            if match.lastgroup != "blank":
+                sign = match[0] if match.lastgroup == "sign" else ""
+                self.tokens.append((match[0], sign, line))
+            line += match[0].count("\n")
+        self.tokens = [("", "end", line), *reversed(self.tokens)]
         self.lines: dict[KeyPath, int] = {}
         self.arrays = Counter[KeyPath]()
         here: KeyPath = ()
-        while self.next.sign != "end":
-            if self.next.sign == "\n":
-                self.take()
-            elif self.next.sign == "[":
+        while self.sign != "end":
+            if self.sign == "\n":
+                self.tokens.pop()
+            elif self.sign == "[":
                 here = self.header()
             else:
                 self.pair(here)
 
-    def take(self) -> _Token:
-        taken, self.next = self.next, next(self.tokens, self.next)
-        return taken
+    @property
+    def sign(self) -> str:
+        """The next token if it is a sign, such as ``=``; "end" after the last."""
+        return self.tokens[-1][1]
 
     def skip(self, *signs: str) -> None:
-        while self.next.sign in signs:
-            self.take()
+        while self.sign in signs:
+            self.tokens.pop()
 
     def header(self) -> KeyPath:
         """Return the path of the table that a ``[header]`` or ``[[header]]`` begins."""
-        line = self.take().line
-        listed = self.next.sign == "["
+        line = self.tokens.pop()[2]
+        listed, path = self.sign == "[", cast(KeyPath, ())
         self.skip("[")
-        path: KeyPath = ()
         keys = self.keys()
         for n, key in enumerate(keys):
             path = (*path, key)
@@ -458,48 +456,35 @@ class _Scanner:
 
     def keys(self) -> list[str]:
         """Take a dotted key."""
-        keys = [_unquoted(self.take().text)]
-        while self.next.sign == ".":
-            self.take()
-            keys.append(_unquoted(self.take().text))
+        keys = list[str]()
+        while not keys or self.sign == ".":
+            self.skip(".")
+            text = self.tokens.pop()[0]
+            keys.append(tomllib.loads(f"key = {text}")["key"] if text[0] in "'\"" else text)
         return keys
 
     def pair(self, here: KeyPath) -> None:
         """Take ``key = value``."""
-        line = self.next.line
+        line = self.tokens[-1][2]
         for key in self.keys():
             here = (*here, key)
             self.lines.setdefault(here, line)
-        self.take()  # =
+        self.skip("=")
         self.value(here)
 
     def value(self, here: KeyPath) -> None:
         """Take a value, with the keys and entries inside it."""
-        begin = self.take().sign
+        begin, entry = self.tokens.pop()[1], 0
         if begin in ("[", "{"):
-            end, entry = "]" if begin == "[" else "}", 0
             self.skip("\n")
-            while self.next.sign != end:
-                if end == "}":
+            while self.sign not in ("]", "}"):
+                if begin == "{":
                     self.pair(here)
                 else:
-                    self.lines.setdefault((*here, entry), self.next.line)
+                    self.lines.setdefault((*here, entry), self.tokens[-1][2])
                     self.value((*here, entry))
                     entry += 1
                 self.skip(",", "\n")
-            self.take()
-        while self.next.sign in ("", "."):  # the rest of a number or a date
-            self.take()
-
-
-def _tokens(text: str) -> Iterator[_Token]:
-    line = 1
-    for match in TOKEN.finditer(text):
-        if match.lastgroup != "blank":
-            yield _Token(match[0], match[0] if match.lastgroup == "sign" else "", line)
-        line += match[0].count("\n")
-    yield _Token("", "end", line)
-
-
-def _unquoted(key: str) -> str:
-    return str(tomllib.loads(f"key = {key}")["key"]) if key[0] in "'\"" else key
+            self.tokens.pop()
+        while self.sign in ("", "."):  # the rest of a number or a date
+            self.tokens.pop()

@@ -623,11 +623,6 @@ def named(*tables: Any, function: bool = False) -> Callable[[Any], Any]:
 # -- Encoders of observations: by name, as a table, or a function of the user's --------------------
 
 
-def encoder(value: Any, folder: Path) -> Any:
-    """Return the encoder that a value of a study file stands for; None where there is none."""
-    return load(value, folder) if isinstance(value, str) else built(value, folder)
-
-
 def _encoder_of(*tables: Any) -> Any:
     return Annotated[Any, tagged(*tables, simple=named(*tables, function=True), simple_type=str)]
 
@@ -776,12 +771,6 @@ ACTIONS = (
 )
 
 
-def _whole_numbers(value: Any) -> tuple[int, ...]:
-    if not isinstance(value, list | tuple):
-        raise wrong(f"must {ACTIONS}: got {shown(value)}")
-    return tuple(map(whole_number, value))
-
-
 class _TransferTable(ObjectTable):
     if TYPE_CHECKING:
         source: str  # derived, as are target, scale, shift and calibrate
@@ -806,7 +795,7 @@ class _TransferTable(ObjectTable):
     """f as a function from a target's stacked observations to the source's, or to the numbers of
     its states, module:function."""
     actions: Annotated[
-        tuple[int, ...] | str | None, word(ACTIONS, function=True, other=_whole_numbers)
+        tuple[int, ...] | str | None, word(ACTIONS, function=True, lists=tuple[Whole, ...])
     ] = None
     """With observations: the source's action for each of the target's, -1 where there is none, or a
     function of observations, module:function."""

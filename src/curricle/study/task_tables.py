@@ -37,7 +37,7 @@ from curricle.study.schema import (
     Settings,
     Table,
     Whole,
-    encoder,
+    built,
     load,
     shown,
     suggestion,
@@ -105,10 +105,8 @@ class StartTable(Table):
 
 def _start_word(value: Any) -> str:
     if value not in WORDS:
-        raise wrong(
-            "must be 'uniform', 'reachable', or a table with distance or visits: got "
-            f"{shown(value)}{suggestion(value, WORDS)}"
-        )
+        text = "must be 'uniform', 'reachable', or a table with distance or visits: got "
+        raise wrong(f"{text}{shown(value)}{suggestion(value, WORDS)}")
     return str(value)
 
 
@@ -212,7 +210,8 @@ class Maker(Table):
         """
         reference = str(self.id or self.factory)
         what, wrapped = self.id or load(reference, folder), options.pop("wrapped", None)
-        maker = EnvironmentMaker(what, dict(self.arguments), encoder(wrapped, folder))
+        encode = load(wrapped, folder) if isinstance(wrapped, str) else built(wrapped, folder)
+        maker = EnvironmentMaker(what, dict(self.arguments), encode)
         with users_code(reference):
             try:
                 return make(maker, **options)

@@ -165,8 +165,7 @@ Choose = Callable[[Dependencies], str]
 
 def tuning_of(study: StudyConfig) -> Tuning:
     """Return the tuning of a study that has one."""
-    if study.tune is None:
-        raise SettingError(f"{study.name} has nothing to tune")
+    assert study.tune is not None, f"{study.name} has nothing to tune"
     return study.tune
 
 
@@ -318,7 +317,12 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
         optuna=_optuna().__version__,
         seeds=tuning.seeds,
         total=total,
-        space={name: _space(one) for name, one in tuning.space.items()},
+        space={
+            name: SpaceRecord(low=space.low, high=space.high, log=space.log)
+            if isinstance(space, RangeTable)
+            else SpaceRecord(values=space)
+            for name, space in tuning.space.items()
+        },
         arms={
             name: TunedArm(arm=(study.variants or {})[name].arm, trials=tuple(search.trials))
             for name, search in searches.items()
@@ -342,12 +346,6 @@ def _arm(
     return Arm.of(result, spent[order], total, arms.eval_freq)
 
 
-def _space(space: Any) -> SpaceRecord:
-    if isinstance(space, RangeTable):
-        return SpaceRecord(low=space.low, high=space.high, log=space.log)
-    return SpaceRecord(values=tuple(space))
-
-
 class Search:
     """The search for the settings of one arm: Optuna's TPE, with the study's seed.
 
@@ -357,6 +355,14 @@ class Search:
     def __init__(self, tuning: Tuning, arm: str):
         optuna = _optuna()
         self.space = {name: tuning.space[name] for name in tuning.keys(arm)}
+        kinds, self.distributions = optuna.distributions, dict[str, Any]()
+        for name, space in self.space.items():
+            if isinstance(space, RangeTable):
+                kind = kinds.IntDistribution if space.whole else kinds.FloatDistribution
+                self.distributions[name] = kind(space.low, space.high, log=space.log)
+            else:  # Optuna takes the numbers of listed values
+                values = tuple(range(len(space)))
+                self.distributions[name] = kinds.CategoricalDistribution(values)
         self.trials = list[TrialRecord]()
         self._asked = list[tuple[Any, dict[str, Any]]]()
         with warnings.catch_warnings():
@@ -373,10 +379,13 @@ class Search:
         Each must be told before the next are asked for.
         """
         for _ in range(number if self.space else not self.trials):
-            trial = self._study.ask(
-                {name: _distribution(space) for name, space in self.space.items()}
-            )
-            values = {name: _value(self.space[name], given) for name, given in trial.params.items()}
+            trial = self._study.ask(self.distributions)
+            values = {
+                name: value
+                if isinstance(space := self.space[name], RangeTable)
+                else json.loads(json.dumps(space[value]))
+                for name, value in trial.params.items()
+            }
             self._asked.append((trial, values))
             yield len(self.trials) + len(self._asked) - 1, values
 
@@ -387,20 +396,6 @@ class Search:
         failed = _optuna().trial.TrialState.FAIL
         self._study.tell(trial, score if known else None, state=None if known else failed)
         self.trials.append(TrialRecord(values=values, score=score if known else None))
-
-
-def _distribution(space: Any) -> Any:
-    """Return a space as Optuna's; of listed values it takes the numbers."""
-    kinds = _optuna().distributions
-    if not isinstance(space, RangeTable):
-        return kinds.CategoricalDistribution(tuple(range(len(space))))
-    kind = kinds.IntDistribution if space.whole else kinds.FloatDistribution
-    return kind(space.low, space.high, log=space.log)
-
-
-def _value(space: Any, given: Any) -> Any:
-    """Return the value of a setting for what Optuna gives."""
-    return given if isinstance(space, RangeTable) else json.loads(json.dumps(space[given]))
 
 
 def _optuna() -> Any:

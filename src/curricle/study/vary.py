@@ -314,7 +314,13 @@ def varied_arms(study: Raw, complete: Mapping[str, Any]) -> VariedArms:
             arm = next(arm for arm in places if places[arm][setting.name])
             here = places[arm][setting.name]
             homes = dict.fromkeys(here, setting.home)
-            for value in _some(setting.values):
+            values = setting.values
+            if isinstance(values, dict):
+                ends = values["low"], values["high"]
+                # A number between them is no whole number, which some settings refuse.
+                between = ends[0] + (ends[1] - ends[0]) / 3**0.5
+                values = ends if all(isinstance(end, int) for end in ends) else (*ends, between)
+            for value in values:
                 probe = with_values(every[arm].curriculum, dict.fromkeys(here, value), homes)
                 probes[f"{setting.name} = {value_text(value)}"] = probe
     return VariedArms(fields, probes)
@@ -368,20 +374,17 @@ def scratch_variants(study: Raw, complete: Mapping[str, Any]) -> dict[str, Varia
     for learner in table(study.get("scratch_learners")):
         label = f"{SCRATCH}, {learner}"
         for name, variant in [*variants.items()]:
-            if variant.arm == SCRATCH:
-                plan = _by_another(study, learner, variant.curriculum)
-                if all(other.curriculum != plan for other in variants.values()):
-                    made = variant._replace(arm=label, curriculum=plan)
-                    variants[label + name.removeprefix(SCRATCH)] = made
+            if variant.arm != SCRATCH:
+                continue
+            plan, tasks = variant.curriculum, variant.curriculum["tasks"]
+            *_, target = tasks
+            task = {**tasks[target], "learner": complete_learners(study, plan)[learner]}
+            changed = Located({**tasks, target: Located(task, tasks[target])}, tasks)
+            plan = Located({**plan, "tasks": changed}, plan)
+            if all(other.curriculum != plan for other in variants.values()):
+                made = variant._replace(arm=label, curriculum=plan)
+                variants[label + name.removeprefix(SCRATCH)] = made
     return variants
-
-
-def _by_another(study: Raw, learner: str, plan: dict[str, Any]) -> dict[str, Any]:
-    """Return a curriculum of the target alone with a further learner from scratch."""
-    *_, target = plan["tasks"]
-    task = {**plan["tasks"][target], "learner": complete_learners(study, plan)[learner]}
-    tasks = {**plan["tasks"], target: Located(task, plan["tasks"][target])}
-    return Located({**plan, "tasks": Located(tasks, plan["tasks"])}, plan)
 
 
 def _places_from_scratch(
@@ -428,18 +431,6 @@ def _sets(learner: Any, path: KeyPath) -> bool:
             return False
         learner = learner[part]
     return bool(path)
-
-
-def _some(space: Any) -> Sequence[Any]:
-    """Return the values of a setting that are checked: those listed, or ends and one between.
-
-    That one is no whole number unless all are, which some settings refuse.
-    """
-    if not isinstance(space, dict):
-        return tuple(space)
-    low, high = space["low"], space["high"]
-    whole = isinstance(low, int) and isinstance(high, int)
-    return (low, high) if whole else (low, high, low + (high - low) / 3**0.5)
 
 
 # -- What is wrong with them -----------------------------------------------------------------------
