@@ -134,12 +134,12 @@ def explained(wanted: bool) -> Iterator[None]:
 
 def used(text: str) -> dict[str, str]:
     """Return the words that a text has, and what each means."""
-    left, found = " ".join(text.split()), set[str]()
+    left, words = " ".join(text.split()), set[str]()
     for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
         left, times = _pattern(word).subn(" ", left)
         if times:
-            found.add(word)
-    return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in found}
+            words.add(word)
+    return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in words}
 
 
 def _pattern(word: str) -> re.Pattern[str]:

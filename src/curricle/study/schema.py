@@ -299,8 +299,10 @@ class Choice:
     """
 
     tables: tuple[type[Table], ...]
-    choose: Callable[[dict[str, Any]], type[Table]] | None = None
-    """Returns the table that a dict is meant to be; the only one if it is None."""
+    default: str | None = None
+    """The ``type`` of a table that says none."""
+    choose: Callable[[dict[str, Any]], Any] = lambda value: None
+    """Returns the table that a dict is meant to be; None where its key ``type`` says it."""
     simple: Callable[[Any], Any] = as_table
     """Validates what is not a table."""
     simple_type: Any = None
@@ -316,29 +318,27 @@ class Choice:
 
     def _validated(self, value: Any, _: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         if isinstance(value, dict):
-            meant = self.tables[0] if self.choose is None else self.choose(value)
-            return meant.model_validate(value, context=info.context)
+            return self._meant(value).model_validate(value, context=info.context)
         return value if isinstance(value, Table) else self.simple(value)
 
-
-def tagged(
-    *tables: type[Table],
-    default: str | None = None,
-    simple: Callable[[Any], Any] = as_table,
-    simple_type: Any = None,
-) -> Choice:
-    """Return the choice among tables by their key ``type``, which may be left out for a default."""
-    by_name = {str(kind.model_fields["type"].default): kind for kind in tables}
-
-    def choose(value: dict[str, Any]) -> type[Table]:
-        if "type" not in value and default is None:
+    def _meant(self, value: dict[str, Any]) -> type[Table]:
+        """Return the table that a dict is meant to be."""
+        if len(self.tables) == 1:
+            return self.tables[0]
+        meant: type[Table] | None = self.choose(value)
+        if meant is not None:
+            return meant
+        name, by_name = value.get("type", self.default), tags(self.tables)
+        if "type" not in value and self.default is None:
             raise wrong_at((("type",), f"is missing: one of {', '.join(by_name)}"))
-        name = value.get("type", default)
         if not isinstance(name, str) or name not in by_name:
             raise wrong_at((("type",), not_one_of(name, by_name)))
         return by_name[name]
 
-    return Choice(tables, choose, simple, simple_type)
+
+def tags(tables: Iterable[type[Table]]) -> dict[str, type[Table]]:
+    """Return tables by the value of their key ``type``."""
+    return {str(made.model_fields["type"].default): made for made in tables}
 
 
 # -- Functions that a study file names as ``module:function`` --------------------------------------
@@ -566,7 +566,7 @@ def _flag_or(made: type[Table], off: Any) -> Any:
             raise wrong(f"must be true, false or a table: got {shown(value)}")
         return made() if value else off
 
-    return Annotated[Any, Choice((made,), None, flag, bool)]
+    return Annotated[Any, Choice((made,), simple=flag, simple_type=bool)]
 
 
 def summary(makes: Any) -> str:
@@ -598,14 +598,14 @@ def _plain(text: str) -> str:
 _PLAIN: dict[Any, Any] = {int: Whole, float: Number, bool: Flag, NoneType: None}
 _SCHEDULES = tuple(table_of(makes, tag=makes.__name__) for makes in (linear, exponential, harmonic))
 Rate = Annotated[
-    Any, tagged(*_SCHEDULES, simple=TypeAdapter(Number).validate_python, simple_type=float)
+    Any, Choice(_SCHEDULES, simple=TypeAdapter(Number).validate_python, simple_type=float)
 ]
 """A number, or a table that says how it changes."""
 
 
 def named(*tables: Any, function: bool = False) -> Callable[[Any], Any]:
     """Return the validator of a table's name in its place, or of ``module:function``."""
-    known = {str(kind.model_fields["type"].default): kind for kind in tables}
+    known = tags(tables)
 
     def simple(value: Any) -> Any:
         if function and isinstance(value, str) and ":" in value:
@@ -624,7 +624,8 @@ def named(*tables: Any, function: bool = False) -> Callable[[Any], Any]:
 
 
 def _encoder_of(*tables: Any) -> Any:
-    return Annotated[Any, tagged(*tables, simple=named(*tables, function=True), simple_type=str)]
+    simple = named(*tables, function=True)
+    return Annotated[Any, Choice(tables, simple=simple, simple_type=str)]
 
 
 class _StackedFramesTable(ObjectTable):
@@ -711,18 +712,18 @@ SHAPINGS = tuple(
 EvaluationTable = table_of(GreedyEvaluation)
 _OR_WHOLE = BeforeValidator(lambda limit: limit if isinstance(limit, str) else whole_number(limit))
 StorageTable = table_of(Storage, memory_limit=Annotated[int | str | None, _OR_WHOLE])
-AnyLearner = Annotated[Any, tagged(*LEARNERS, DeepLearnerTable, default="QLearning")]
+AnyLearner = Annotated[Any, Choice((*LEARNERS, DeepLearnerTable), "QLearning")]
 AnyBudget = Annotated[
     Any,
     Choice(
         (EpisodesTable, StoppingTable),
-        lambda value: EpisodesTable if "episodes" in value else StoppingTable,
-        whole_number,
-        int,
+        choose=lambda value: EpisodesTable if "episodes" in value else StoppingTable,
+        simple=whole_number,
+        simple_type=int,
     ),
 ]
 AnyShaping = Annotated[
-    Any, tagged(*SHAPINGS, default="QInitialisation", simple=named(*SHAPINGS), simple_type=str)
+    Any, Choice(SHAPINGS, "QInitialisation", simple=named(*SHAPINGS), simple_type=str)
 ]
 _AGGREGATE = f"be one of {', '.join(AGGREGATES)}, or a function as module:function"
 

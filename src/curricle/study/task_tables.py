@@ -42,7 +42,6 @@ from curricle.study.schema import (
     shown,
     suggestion,
     table_of,
-    tagged,
     unknown,
     users_code,
     whole_number,
@@ -132,7 +131,7 @@ class TaskTable(ObjectTable, Settings):
     deep: ClassVar[bool] = False
     """Whether it is seen through observations and learnt by a network."""
 
-    start_states: Annotated[Any, Choice((StartTable,), None, _start_word, str)] = None
+    start_states: Annotated[Any, Choice((StartTable,), simple=_start_word, simple_type=str)] = None
     """Where episodes start instead: 'uniform', 'reachable', { distance = [1, 3] } from the goal, or
     { visits = "random" }."""
 
@@ -641,11 +640,10 @@ TASKS = (
     ObservationTaskTable,
     DistilledTask,
 )
-_BY_TYPE = tagged(*TASKS).choose
 AnyTask = Annotated[
     Any,
     Choice(
         TASKS,
-        lambda value: FamilyTask if "family" in value and "type" not in value else _BY_TYPE(value),
+        choose=lambda value: FamilyTask if "family" in value and "type" not in value else None,
     ),
 ]

@@ -74,8 +74,8 @@ class TunedArm(Plain):
     @property
     def best(self) -> TrialRecord:
         """The trial with the highest score; the first of several."""
-        scored = [one for one in self.trials if one.score is not None]
-        return max(scored or self.trials, key=lambda one: one.score or 0.0)
+        scored = [trial for trial in self.trials if trial.score is not None]
+        return max(scored or self.trials, key=lambda trial: trial.score or 0.0)
 
 
 class TuningRecord(Plain):
@@ -187,7 +187,8 @@ def check_tuning(study: StudyConfig) -> int:
         raise SettingError(
             "arms are tuned at one total of steps: give the budget of the target in steps"
         )
-    most = {f"{n} {arm}": (arm, one) for n, one in enumerate(_largest(tune)) for arm in study.arms}
+    largest = enumerate(_largest(tune))
+    most = {f"{n} {arm}": (arm, values) for n, values in largest for arm in study.arms}
     curricula = trial_study(study, most).curricula.values()
     steps = arms.budget + max(map(most_source_steps, curricula))
     return max(arms.total, math.ceil(steps / arms.eval_freq) * arms.eval_freq)
@@ -235,29 +236,25 @@ def trial_study(study: StudyConfig, chosen: Chosen, total: int | None = None) ->
         name: with_values(tables[arm], tune.placed(arm, values))
         for name, (arm, values) in chosen.items()
     }
-    of_study = ("scratches", "variants", "tune")
-    own = {"scratch": False, "scratch_learners": {}, "snapshots": 0, "own_learners": True}
-    return study.varied(
-        arms=arms, seeds=list(tune.seeds), total=total, **own, **dict.fromkeys(of_study)
-    )
+    fields: dict[str, Any] = dict.fromkeys(("scratches", "variants", "tune"))
+    fields |= {"scratch": False, "scratch_learners": {}, "snapshots": 0, "own_learners": True}
+    return study.varied(arms=arms, seeds=list(tune.seeds), total=total, **fields)
 
 
-def tuned_study(study: StudyConfig, found: TuningRecord) -> StudyConfig:
+def tuned_study(study: StudyConfig, record: TuningRecord) -> StudyConfig:
     """Return a study with the best settings of each arm."""
     plain, tune = study.to_data(), tuning_of(study)
+    best = {name: arm.best.values for name, arm in record.arms.items()}
     variants = {
-        name: {**one, "values": {**one["values"], **found.arms[name].best.values}}
-        for name, one in plain["variants"].items()
+        name: {**variant, "values": {**variant["values"], **best[name]}}
+        for name, variant in plain["variants"].items()
     }
     arms, scratches = (
-        {
-            name: with_values(one, tune.placed(name, found.arms[name].best.values))
-            for name, one in plain[which].items()
-        }
+        {name: with_values(c, tune.placed(name, best[name])) for name, c in plain[which].items()}
         for which in ("arms", "scratches")
     )
-    own: dict[str, Any] = {"own_learners": True, "tune": None}
-    return study.varied(arms=arms, scratches=scratches, variants=variants, **own)
+    fields: dict[str, Any] = {"arms": arms, "scratches": scratches, "variants": variants}
+    return study.varied(own_learners=True, tune=None, **fields)
 
 
 def number_of_trials(study: StudyConfig) -> int:
@@ -306,7 +303,8 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
             trial: _arm(store, stored[arms.keys[trial, arms.target]], config.seeds, arms, total)
             for trial in chosen
         }
-        reference = reference or next(curves[one] for one in chosen if chosen[one][0] == SCRATCH)
+        scratch = (trial for trial in chosen if chosen[trial][0] == SCRATCH)
+        reference = reference or curves[next(scratch)]
         for trial, (name, _) in chosen.items():
             score = float(mean_return(curves[trial].charged(reference)).mean())
             searches[name].tell(score)
