@@ -103,10 +103,7 @@ BETWEEN = 1.0
 
 
 class Lines:
-    """What is printed where there is no terminal: each unit, or at most a line a second of many.
-
-    Of a tuning it is which trials are made. The pace is noted elsewhere.
-    """
+    """Prints, without a terminal, each unit or a line a second of many; of a tuning its trials."""
 
     def __init__(self, pace: Pace):
         self.pace = pace
@@ -138,10 +135,7 @@ def run_with_bars(
     page: bool = False,
     **settings: Any,
 ) -> StudyResults:
-    """Run a study, show its progress, and return its results.
-
-    With a `page` the report so far is in the folder, written anew as units end, and in a browser.
-    """
+    """Run a study, show its progress, with a `page` the report so far too; return its results."""
     pace = Pace()
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
     with ExitStack() as ending:

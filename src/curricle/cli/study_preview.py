@@ -266,10 +266,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> 
 
 
 def _trials(curricula: Mapping[str, Curriculum], a_seed: float, target: Cost) -> tuple[int, float]:
-    """Return the most seeds of the trials that forecasts make, and the seconds they take, about.
-
-    `a_seed` are the seconds of all sources, a seed.
-    """
+    """Return the most seeds of trials, and their seconds; sources take `a_seed` seconds a seed."""
     most, seconds = 0, 0.0
     for curriculum in curricula.values():
         if not hindrance(curriculum):
@@ -314,10 +311,7 @@ def _solving(source: Any) -> float:
 def _print_trained(
     curricula: Mapping[str, Curriculum], arms: Arms, seeds: Sequence[int], **settings: Any
 ) -> None:
-    """Print the forecast of each arm from trained sources; those that arms share are trained once.
-
-    A line for sources that are learnt perfectly follows, where they can be solved and are read.
-    """
+    """Print the forecast of each arm, sources trained once, and a line for perfect sources."""
     judged, known = JudgedPotentials(), dict[str, SourceValues]()
     for name, curriculum in curricula.items():
         keys = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}

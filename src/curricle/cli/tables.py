@@ -115,10 +115,7 @@ class _Copied(io.StringIO):
 
 @contextmanager
 def explained(wanted: bool) -> Iterator[None]:
-    """Print under what is printed what its words mean if that is `wanted`.
-
-    If not, a terminal is told that it can be.
-    """
+    """Print what printed words mean afterwards if `wanted`; else tell a terminal how to."""
     out = sys.stdout
     if not wanted:
         yield

@@ -83,11 +83,7 @@ def curricula_record(
     scratches: Collection[str] = (),
     variants: Mapping[str, VariantRecord] = MappingProxyType({}),
 ) -> CurriculaRecord:
-    """Return the record of curricula by arm; `keys` are those of the stored results, if any.
-
-    `scratches` are the arms that learn the target from scratch, `variants` the settings that a
-    sweep or a tuning gave to arms.
-    """
+    """Return the record of curricula by arm, with the keys of their stored results, if any."""
     tasks, edges, arms = list[Any](), list[Transfer](), {}
     for arm, curriculum in curricula.items():
         nodes = {
@@ -194,10 +190,7 @@ LARGEST_TABLE = 20_000_000
 
 
 def analyse(study: StudyResults, arms: Arms) -> None:
-    """Write the analysis of a study whose arms are compared, unless it is there.
-
-    It is of the first seeds that every arm has finished.
-    """
+    """Write the analysis of the first seeds that every arm has finished, unless it is there."""
     curricula = {arm: c for arm, c in arms.curricula.items() if arm not in study.failed}
     if not study.seeds or arms.total is None or SCRATCH not in curricula:
         return
@@ -220,11 +213,7 @@ def analyse(study: StudyResults, arms: Arms) -> None:
 def analysed(
     results: Mapping[str, CurriculumResult], record: CurriculaRecord, of: str = ""
 ) -> Analysis:
-    """Return the analysis of curricula that were trained.
-
-    `results` are by arm, the sources' values read; `record` is of the same arms, and `of` a digest
-    of the results.
-    """
+    """Return the analysis of trained curricula by arm; `of` is a digest of the results."""
     groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
     sections = tuple(_section(arms, results, len(groups)) for arms in groups)
     episodes: dict[str, dict[str, EpisodePair]] = {}

@@ -430,10 +430,7 @@ class StudyConfig(RunTable):
 
 
 class _Builder:
-    """Builds the curriculum of an arm, and collects what the library refuses.
-
-    Arms share the tasks and mappings that a study has made so far.
-    """
+    """Builds the curriculum of an arm; arms share the tasks and mappings that a study has made."""
 
     def __init__(self, name: str, arm: ArmTables, study: StudyConfig, problems: Problems):
         self.name, self.arm, self.study, self.problems = name, arm, study, problems
@@ -726,11 +723,7 @@ Result = TypeVar("Result")
 
 
 def study_of(study: Study) -> StudyConfig:
-    """Return a study as it is, or the one that a file describes.
-
-    ConfigError says all that is wrong in the file; SettingError that it is neither a study nor a
-    path.
-    """
+    """Return a study as it is, or the one that a file describes; ConfigError says what is wrong."""
     if isinstance(study, StudyConfig):
         return study
     if not isinstance(study, str | PathLike):
@@ -742,10 +735,7 @@ def _of_studies(
     function: Callable[Concatenate[Subject, Rest], Result],
     arguments: Callable[[StudyConfig], tuple[Subject, dict[str, Any]]],
 ) -> Callable[Concatenate[Subject | Study, Rest], Result]:
-    """Return a function that takes a study in the place of curricula.
-
-    `arguments` returns a study's curricula, and what it says of other arguments.
-    """
+    """Return a function that takes a study, and what `arguments` returns of it, for curricula."""
     first = next(iter(signature(function).parameters))
 
     @wraps(function)

@@ -168,11 +168,7 @@ def dependencies_of(
     folder: Path,
     choose: Callable[[Dependencies], str] = key_of,
 ) -> Iterator[tuple[str, str, Dependencies]]:
-    """Yield each task of an arm with its key and its dependencies, sources first.
-
-    The arm is given as data and as a curriculum; `total` are the steps of its target with those of
-    its sources, `folder` has the study's own modules, and `choose` gives dependencies their key.
-    """
+    """Yield each task of an arm with its key and its dependencies, sources first."""
     keys: dict[str, str] = {}
     graph, version = NameGraph.of(dict(arm)), metadata.version("curricle")
     for name in curriculum.order:
@@ -204,10 +200,7 @@ def dependencies_of(
 
 
 def key_in(stored: Stored) -> Callable[[Dependencies], str]:
-    """Return a function that takes :func:`key_of`'s place: stored units of other code are as good.
-
-    Among those that differ in nothing else, the key is that of most seeds.
-    """
+    """Return a :func:`key_of` for which stored units of other code, of most seeds, are as good."""
 
     def choose(dependencies: Dependencies) -> str:
         key, wanted = key_of(dependencies), _without_code(dependencies)
@@ -221,10 +214,7 @@ def key_in(stored: Stored) -> Callable[[Dependencies], str]:
 
 
 def replaced_keys(wanted: Mapping[str, Dependencies], stored: Stored) -> dict[str, str]:
-    """Return which stored units of no wanted key each wanted key replaces: key -> stored key.
-
-    They are of the same task, and those that differ least; no two keys replace the same units.
-    """
+    """Return which stored units, of the same task and least unlike, each wanted key replaces."""
     pairs = [
         (len(list(changes_of(units, dependencies))), key, old)
         for key, dependencies in wanted.items()

@@ -84,10 +84,7 @@ def parsed(text: str) -> dict[str, Any]:
 
 
 def assignment(text: str) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Return what ``--set key=value`` assigns: the key's parts, and the value in nested tables.
-
-    The value is read as TOML, or else taken as text. ConfigError says that it is no assignment.
-    """
+    """Return the keys of ``key=value``, and the value, TOML or else text, in nested tables."""
     key, equals, value = text.partition("=") if isinstance(text, str) else ("", "", "")
     keys = dotted(key)
     if not equals or not keys:
@@ -197,10 +194,7 @@ def _over(old: Any, new: Any, key: str) -> Any:
 
 
 def complete_learners(study: Mapping[str, Any], curriculum: dict[str, Any]) -> Any:
-    """Return a study's further learners from scratch, each over that of a curriculum's target.
-
-    What is malformed stays so.
-    """
+    """Return a study's further learners from scratch, each over that of a curriculum's target."""
     learners, targets = study["scratch_learners"], NameGraph.of(curriculum).targets
     if not isinstance(learners, dict) or len(targets) != 1:
         return learners
@@ -211,10 +205,7 @@ def complete_learners(study: Mapping[str, Any], curriculum: dict[str, Any]) -> A
 
 
 def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> Located:
-    """Return the curriculum of an arm, or of the study as it is, each task with all its settings.
-
-    Any part may be malformed, and then stays so.
-    """
+    """Return the curriculum of an arm, or of the study, each task with all its settings."""
     keys = ("tasks", "transfers", *SETTINGS)
     base = Located({key: value for key, value in study.items() if key in keys}, study)
     changes = Located(table(patch), patch)
@@ -363,10 +354,7 @@ class Problems:
 
     @contextmanager
     def at(self, *path: str | int, mapped: bool = False) -> Iterator[None]:
-        """Add what is refused in this context, below a path of the configuration.
-
-        Without a path, and not `mapped`, it is refused in the file as it is written.
-        """
+        """Add what is refused here, about a path of the configuration or else of the file."""
         try:
             yield
         except ValidationError as error:
@@ -399,10 +387,7 @@ TOKEN = re.compile(
 
 
 def line_numbers(text: str) -> dict[KeyPath, int]:
-    r"""Return the line on which each table, key and list entry of a TOML text begins, from 1.
-
-    The standard library's parser does not report them. It has accepted the text before.
-    """
+    """Return the line on which each table, key and list entry of valid TOML begins, from 1."""
     return _Scanner(text).lines
 
 

@@ -381,10 +381,7 @@ class RunRecord(Plain):
 
 
 def read_record(model: type[Model], value: Any) -> Model:
-    """Return a record from what a JSON file says.
-
-    ValueError names the first place that is wrong, and what is wrong there, in one line.
-    """
+    """Return a record from what a JSON file says; ValueError names the first wrong place."""
     try:
         return model.model_validate_json(json.dumps(value))
     except ValidationError as error:

@@ -115,11 +115,7 @@ PHRASES = {
 
 
 class Table(BaseModel):
-    """A table of a study file.
-
-    Each message of its ValidationErrors ends a sentence that begins with the key path, such as
-    "must be a number: got 'x'".
-    """
+    """A table of a study file; its errors end sentences that begin with the key path."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
@@ -293,10 +289,7 @@ def seeds_in_ranges(text: str) -> list[int]:
 
 @dataclass(frozen=True)
 class Choice:
-    """Annotation of a value that is one of several tables, or something simpler.
-
-    Unlike Pydantic's unions it reports only what is wrong with the table that was meant.
-    """
+    """Annotation of a value that is one of several tables: only the one meant is reported about."""
 
     tables: tuple[type[Table], ...]
     default: str | None = None
@@ -438,11 +431,7 @@ def _exists(path: str) -> bool:
 
 
 def _package(folder: Path) -> str:
-    """Return the name of a package whose modules are those in a folder.
-
-    As its submodules they are found without a change of ``sys.path``. When a file of them has
-    changed since it was imported, all are imported again, since they import each other.
-    """
+    """Return the name of a package of the modules in a folder, imported again if changed."""
     path = str(folder.resolve())
     name = f"{PACKAGES}{sha256(path.encode()).hexdigest()[:16]}"
     imported = _modules_in(name)
@@ -484,10 +473,7 @@ class ObjectTable(Table):
     """Those whose texts with a colon name functions of the user's."""
 
     def build(self, folder: Path = Path()) -> Any:
-        """Return the object; the library's own error if the values make no sense.
-
-        The modules of the study's own functions are in `folder`.
-        """
+        """Return the object; the library's own error if the values make no sense."""
         return type(self).makes(**self.arguments_in(folder))
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
@@ -824,10 +810,7 @@ class _TransferTable(ObjectTable):
         return self
 
     def mismatches(self, *, deep: bool) -> Iterator[tuple[str, str]]:
-        """Yield the keys that do not suit the target, each with what is wrong about it.
-
-        A target that is `deep` is seen through observations.
-        """
+        """Yield the keys that do not suit a target, seen through observations if `deep`."""
         seen = (
             f"{self.target} is seen through observations, which observations, mapping = 'identity' "
             "or factory map"

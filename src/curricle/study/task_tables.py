@@ -203,10 +203,7 @@ class Maker(Table):
         return self
 
     def made_by(self, make: Callable[..., Any], folder: Path, **options: Any) -> Any:
-        """Return what a function of the library makes of the environment.
-
-        `options` are the arguments of the function, and how its observations are wrapped.
-        """
+        """Return what a function of the library makes of the environment, with these options."""
         reference = str(self.id or self.factory)
         what, wrapped = self.id or load(reference, folder), options.pop("wrapped", None)
         encode = load(wrapped, folder) if isinstance(wrapped, str) else built(wrapped, folder)
@@ -383,10 +380,7 @@ class FamilyTable(Table):
 def _checked(
     family: str, values: Mapping[str, Any], families: tuple[str, ...] = ()
 ) -> dict[str, Any]:
-    """Return parameters as a built-in family's members hold them, those of others as they are.
-
-    `families` are the names of the study's own, for messages.
-    """
+    """Return parameters as built-in families hold them; messages name the study's `families`."""
     if ":" in family:  # its module is imported when the task is built
         return dict(values)
     if family not in BUILT_IN:

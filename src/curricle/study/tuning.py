@@ -210,10 +210,7 @@ def _largest(tune: Tuning) -> Iterator[Settings]:
 
 
 def extreme_trials(study: StudyConfig) -> StudyConfig:
-    """Return the study of trials that tell whether every value in the space is allowed.
-
-    Each has the smallest, largest or a listed value of one setting, in the first arm with it.
-    """
+    """Return the study of trials with the ends, or listed values, of each setting."""
     tune = tuning_of(study)
     ends = dict[str, tuple[str, Settings]]()
     for name in tune.space:
@@ -265,23 +262,14 @@ def number_of_trials(study: StudyConfig) -> int:
 
 
 def digest_of(study: StudyConfig, choose: Choose = key_of) -> str:
-    """Return a digest of all that a study's tuning depends on, but Optuna's version.
-
-    `choose` may leave out code and Curricle's version (:func:`settings_key_of`).
-    """
+    """Return a digest of all that a study's tuning depends on, but Optuna's version."""
     keys = Arms.of(study, choose).keys
     depends = (sorted(keys.items()), tuning_of(study).model_dump_json())
     return blake2b(repr(depends).encode(), digest_size=DIGEST_BYTES).hexdigest()
 
 
 def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRecord:
-    """Return the tuning of a study.
-
-    It depends on the study and on Optuna's version alone: trials that were trained before are read.
-
-    `choose` gives trials their keys: those of stale units, where these are kept. It raises as
-    :func:`check_tuning`.
-    """
+    """Return the tuning of a study, which depends on it and on Optuna's version alone."""
     total, tuning = check_tuning(study), tuning_of(study)
     searches = {name: Search(tuning, name) for name in (*(study.scratches or {}), *study.arms)}
     reference: Arm | None = None
@@ -345,10 +333,7 @@ def _arm(
 
 
 class Search:
-    """The search for the settings of one arm: Optuna's TPE, with the study's seed.
-
-    All arms have one seed, so that those with one space begin with the same settings.
-    """
+    """The search of one arm: Optuna's TPE, with one seed for all arms, which so begin alike."""
 
     def __init__(self, tuning: Tuning, arm: str):
         optuna = _optuna()
@@ -372,10 +357,7 @@ class Search:
         self._study = optuna.create_study(direction="maximize", sampler=sampler)
 
     def ask(self, number: int) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Yield the numbers of the next trials and their settings; one trial where there are none.
-
-        Each must be told before the next are asked for.
-        """
+        """Yield number and settings of the next trials; one trial where nothing varies."""
         for _ in range(number if self.space else not self.trials):
             trial = self._study.ask(self.distributions)
             values = {
@@ -500,10 +482,7 @@ def effects_of(
 def sweep_effects(
     comparison: Comparison, record: CurriculaRecord, tuning: TuningRecord | None
 ) -> Effects | None:
-    """Return what the sweep of a study shows; None if it has none.
-
-    A main effect is the mean over all arms with a value, with its 95 % interval over seeds.
-    """
+    """Return the mean over all arms with each value, intervals over seeds; None without a sweep."""
     tuned = set() if tuning is None else {*tuning.space}
     tried = [
         Tried(
@@ -522,10 +501,7 @@ def sweep_effects(
 
 
 def tuning_effects(tuning: TuningRecord) -> Effects:
-    """Return what a tuning shows: the mean of the trials of each level, the lowest and the highest.
-
-    Trials crowd where returns are high, so they are no fair sample of a range.
-    """
+    """Return the mean of the trials of each level, lowest and highest; trials crowd at the best."""
     tried = [
         Tried(arm.arm, trial.values, trial.score)
         for arm in tuning.arms.values()

@@ -194,10 +194,7 @@ def tuned_in(study: Raw) -> list[Varied]:
 
 
 def short_names(settings: Sequence[Varied]) -> dict[str, str]:
-    """Return the name of each setting as names of arms have it.
-
-    It is the last word of the key where no other setting has that, with the task's name before it.
-    """
+    """Return the name of each setting in names of arms: its last word, where that is unique."""
     shorter = {
         setting.name: (*setting.key[1:2], setting.key[-1])
         if setting.key[0] == "tasks"
@@ -222,10 +219,7 @@ def value_text(value: Any) -> str:
 
 
 def places_of(study: Raw, patch: Any, key: Sequence[str]) -> tuple[KeyPath, ...]:
-    """Return where a setting stands in the complete curriculum of an arm; none if nowhere.
-
-    A task or an arm that sets it itself keeps its own value, as everywhere in a study file.
-    """
+    """Return where a setting stands in the curriculum of an arm that does not set it itself."""
     mark = object()
     return tuple(_paths_to(mark, complete_curriculum(merged(study, nested(key, mark)), patch)))
 
@@ -291,10 +285,7 @@ class VariedArms(NamedTuple):
 
 
 def varied_arms(study: Raw, complete: Mapping[str, Any]) -> VariedArms:
-    """Return the arms of a study that sweeps or tunes settings, in which nothing is wrong.
-
-    `complete` are the curricula of its arms without that.
-    """
+    """Return the arms that a correct sweep and tuning make of those without."""
     variants, scratches = variants_of(study, complete), scratch_variants(study, complete)
     every = {**scratches, **variants}
     fields: dict[str, Any] = {
@@ -327,10 +318,7 @@ def varied_arms(study: Raw, complete: Mapping[str, Any]) -> VariedArms:
 
 
 def variants_of(study: Raw, complete: Mapping[str, Any]) -> dict[str, Variant]:
-    """Return the arms that the sweep of a study makes; the arms themselves without a sweep.
-
-    An arm that a setting does not apply to is there once for all its values.
-    """
+    """Return the arms of a sweep: one for all values of a setting that does not apply to it."""
     variants = dict[str, Variant]()
     for arm, curriculum in complete.items():
         patch = table(study.get("arms")).get(arm)
@@ -357,10 +345,7 @@ def _variants(
 
 
 def scratch_variants(study: Raw, complete: Mapping[str, Any]) -> dict[str, Variant]:
-    """Return the arms that learn the target from scratch, for each value that applies to them.
-
-    The first is called "scratch", whatever its values.
-    """
+    """Return the arms from scratch, for each value that applies; the first is "scratch"."""
     if study.get("scratch") is False:
         return {}
     arm, curriculum = next(iter(complete.items()))
