@@ -3,7 +3,6 @@
 import inspect
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -24,7 +23,6 @@ from curricle.study import schema as settings, task_tables as tasks
 from curricle.study.schema import table_of
 from curricle.transfer import Calibrate, aggregation
 from tests.studies import HUNT, MAZE, only
-from tests.tasks import predator_edges
 
 
 @dataclass(frozen=True)
@@ -300,19 +298,3 @@ def test_stopping_rules_are_those_described(read):
 def test_calibration_may_be_a_flag(read, said, made):
     study = read(HUNT, set=[f"transfers.0.calibrate={said}", f"transfers.1.calibrate={said}"])
     assert only(study).calibration("hunt") == made
-
-
-def test_what_is_built_learns_as_what_is_written_by_hand(read):
-    study = read(HUNT)
-    hunt, chase = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
-    by_hand = cr.Curriculum(
-        tasks={"chase": chase, "hunt": hunt},
-        transfers=predator_edges(hunt, chase, scale=2),
-        aggregate=cr.minimum,
-        learner=cr.QLearning(learning_rate=0.2, epsilon=0.1),
-        budget={"chase": 2_000, "hunt": 4_000},
-    )
-    assert study.seeds == (0, 1, 2, 3)
-    (one, other) = (c.train(study.seeds)["hunt"] for c in (only(study), by_hand))
-    np.testing.assert_array_equal(one.greedy_return, other.greedy_return)
-    np.testing.assert_array_equal(one.values, other.values)
