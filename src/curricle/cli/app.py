@@ -84,8 +84,7 @@ Seeds = Annotated[
     str | None, Option(help="Instead of the file's: a number of them, or 0-29, or 0,3,7.")
 ]
 Changes = Annotated[
-    list[str] | None,
-    Option("--set", help="key=value over the file's, such as tasks.hunt.size=5."),
+    list[str] | None, Option("--set", help="key=value over the file's, such as tasks.hunt.size=5.")
 ]
 Explain = Annotated[bool, Option("--explain", help="Also what the words mean.")]
 

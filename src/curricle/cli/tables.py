@@ -17,13 +17,7 @@ from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
-from curricle.study.tuning import (
-    BY_TUNING,
-    TuningRecord,
-    effects_of,
-    read_tuning,
-    tuning_words,
-)
+from curricle.study.tuning import BY_TUNING, TuningRecord, effects_of, read_tuning, tuning_words
 from curricle.study.units import numbered_seeds
 from curricle.study.vary import value_text
 from curricle.text_tables import UNBOUNDED, counted, text_table

@@ -13,16 +13,7 @@ from pydantic import ValidationError
 
 from curricle.curriculum.defaults import OF_TARGETS
 from curricle.errors import ConfigError, CurricleError
-from curricle.study.schema import (
-    DEEP,
-    LEARNERS,
-    SHOWN,
-    KeyPath,
-    NameGraph,
-    Settings,
-    shown,
-    table,
-)
+from curricle.study.schema import DEEP, LEARNERS, SHOWN, KeyPath, NameGraph, Settings, shown, table
 from curricle.study.task_tables import text_of
 
 # -- TOML, read without trust: bounded in size and in depth ----------------------------------------
