@@ -65,14 +65,14 @@ MUTATIONS = [
     ),
     Mutation(
         "a study file names Python's own library",
-        "study/schema.py",
+        "study/own_code.py",
         "    if first in sys.stdlib_module_names:",
         "    if not first:",
         ("tests/unit/test_untrusted_files.py::test_pythons_own_library_is_refused",),
     ),
     Mutation(
         "a study file names any installed package",
-        "study/schema.py",
+        "study/own_code.py",
         "    if name not in SAFE and not any(",
         "    if not name and not any(",
         (

@@ -11,7 +11,7 @@ from curricle.errors import ConfigError
 from curricle.study import read_study
 from curricle.study.config import configured
 from curricle.study.file import Positions, line_numbers
-from curricle.study.schema import load
+from curricle.study.own_code import load
 from tests.studies import NUMBERED_HUNT as HUNT, NUMBERED_MAZES as MAZES
 
 # Names: tasks, crops, arms.

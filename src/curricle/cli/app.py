@@ -102,7 +102,7 @@ def _announce_imports() -> None:
     """Print which modules a study names before they are imported."""
     import logging
 
-    from curricle.study.schema import LOGGER
+    from curricle.study.own_code import LOGGER
 
     if not LOGGER.handlers:
         LOGGER.addHandler(logging.StreamHandler())

@@ -50,6 +50,7 @@ from curricle.study.file import (
     path_text,
     toml_of,
 )
+from curricle.study.own_code import suggestion
 from curricle.study.record import VariantRecord
 from curricle.study.schema import (
     AnyLearner,
@@ -67,7 +68,6 @@ from curricle.study.schema import (
     built,
     seeds_of,
     shown,
-    suggestion,
     table,
     unknown,
     wrong_at,

@@ -1,19 +1,15 @@
 """What a unit's result depends on, code of the user's own included, and the key made of it."""
 
-import ast
-import importlib.util
 import json
-import re
-import sysconfig
 from collections.abc import Callable, Iterator, Mapping
 from hashlib import blake2b
 from importlib import metadata
-from importlib.machinery import all_suffixes
 from pathlib import Path
 from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import SETTINGS
+from curricle.study.own_code import code_of
 from curricle.study.schema import NameGraph
 from curricle.transfer.edges import mappings_digest
 
@@ -42,99 +38,6 @@ def shown(value: Any) -> str:
     """Return a value in a sentence, cut where it is long."""
     text = json.dumps(value)
     return "absent" if value is None else text if len(text) < 60 else text[:56] + " ..."
-
-
-# -- The user's own modules behind the functions that a study names, as digests of their files -----
-#
-# A module is the user's own if it is in the study's folder, or on Python's path without being
-# installed (in ``site-packages``) or part of Python. What it imports from its own folder belongs to
-# it: every ``import`` in its text counts, wherever it stands. Modules imported by a computed name,
-# and files that a module reads, are not seen.
-
-REFERENCE = re.compile(r"((?:[^\W\d]\w*\.)*[^\W\d]\w*):\S+")
-"""``module:function``, or an environment of Gymnasium, ``module:Name-v0``."""
-INSTALLED = {
-    Path(sysconfig.get_path(scheme)).resolve()
-    for scheme in ("stdlib", "platstdlib", "purelib", "platlib")
-}
-
-
-def code_of(data: Any, folder: Path) -> dict[str, str]:
-    """Return digests of the own modules that plain data name, by file.
-
-    Files are named from the folder that holds them, and line ends do not count, so that equal code
-    has equal digests on any machine. Any text in the data may be a ``module:function``; `folder` is
-    the study's.
-    """
-    return {
-        name: blake2b(file.read_bytes().replace(b"\r\n", b"\n"), digest_size=16).hexdigest()
-        for name, file in own_files(data, folder).items()
-    }
-
-
-def own_files(data: Any, folder: Path) -> dict[str, Path]:
-    """Return the files of the own modules that plain data name, as in :func:`code_of`."""
-    files = dict[str, Path]()
-    modules = {match[1] for text in _texts(data) if (match := REFERENCE.fullmatch(text))}
-    for words in (tuple(module.split(".")) for module in sorted(modules)):
-        root = folder if any(_files(folder, words)) else _other_folder(words)
-        if root is None:
-            continue
-        closure, waiting = set[Path](), [words]  # the files of the module, and of all it imports
-        while waiting:
-            for file in _files(root, waiting.pop()):
-                if file not in closure:
-                    closure.add(file)
-                    waiting += _imports(file, file.relative_to(root).parent.parts)
-        files |= {file.relative_to(root).as_posix(): file for file in sorted(closure)}
-    return files
-
-
-def _texts(data: Any) -> Iterator[str]:
-    """Yield every text in plain data."""
-    if isinstance(data, str):
-        yield data
-    elif isinstance(data, dict | list | tuple):
-        for value in data.values() if isinstance(data, dict) else data:
-            yield from _texts(value)
-
-
-def _other_folder(words: tuple[str, ...]) -> Path | None:
-    """Return the folder on Python's path that holds a module; None if it is not the user's own."""
-    try:
-        spec = importlib.util.find_spec(words[0])
-    except ValueError:  # __main__
-        return None
-    if spec is None or words[0] == __name__.partition(".")[0]:  # Curricle has a version instead
-        return None
-    place, *_ = [*(spec.submodule_search_locations or []), spec.origin or ""]
-    root = Path(place).resolve().parent
-    installed = any(root.is_relative_to(path) for path in INSTALLED)
-    return root if any(_files(root, words)) and not installed else None
-
-
-def _files(root: Path, words: tuple[str, ...]) -> Iterator[Path]:
-    """Yield the files of a module and of the packages that it is in."""
-    for n in range(1, len(words) + 1):
-        stem = root.joinpath(*words[:n])
-        for suffix in all_suffixes():
-            files = (stem / f"__init__{suffix}", stem.with_name(stem.name + suffix))
-            yield from (file for file in files if file.is_file())
-
-
-def _imports(file: Path, package: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    """Yield what a file of a package imports, as words; some name functions in modules."""
-    try:
-        tree = ast.parse(file.read_bytes() if file.suffix == ".py" else b"")
-    except (SyntaxError, ValueError):  # importing it is an error, which is reported there
-        return
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (tuple(alias.name.split(".")) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            around = package[: len(package) + 1 - node.level] if node.level else ()
-            module = (*around, *(node.module.split(".") if node.module else ()))
-            yield from ((*module, alias.name) for alias in node.names)
 
 
 # -- What a unit's result depends on, its key, and why a stored unit does not fit a study any more -

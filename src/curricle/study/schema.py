@@ -10,22 +10,14 @@ which hold what the file says, would become others with each such change. Nor ha
 ``type``, and 1e3 is a whole number in a study file.
 """
 
-import importlib
-import importlib.util
 import inspect
-import logging
-import os
 import re
-import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, is_dataclass
-from difflib import get_close_matches
 from functools import cache, reduce
-from hashlib import sha256
 from operator import or_
 from pathlib import Path
-from types import ModuleType, NoneType, UnionType
+from types import NoneType, UnionType
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -61,10 +53,9 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, listed, unfit_name
+from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, unfit_name
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import PolicyReuse, WeightTransfer
-from curricle.errors import ConfigError, CurricleError
 from curricle.interop.encoders import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
 from curricle.learning.learners import SARSA, DoubleQLearning, ExpectedSARSA, QLearning
 from curricle.learning.optimistic_learning import OptimisticQLearning
@@ -81,6 +72,7 @@ from curricle.learning.shaping import (
 from curricle.learning.stopping import Episodes, StoppingRule
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.study.own_code import load, suggestion, users_code
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer import aggregation, component_mapping, mapping
@@ -164,13 +156,6 @@ def shown(value: Any) -> str:
     """Return a value as messages repeat it."""
     text = repr(value)
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
-
-
-def suggestion(word: Any, known: Iterable[str]) -> str:
-    """Return ``, did you mean 'that'?`` for the closest known word; empty if none is close."""
-    by_lower_case = {name.lower(): name for name in known}
-    close = get_close_matches(str(word).lower(), by_lower_case, n=1)
-    return f", did you mean {by_lower_case[close[0]]!r}?" if close else ""
 
 
 def not_one_of(value: Any, known: Collection[str]) -> str:
@@ -332,131 +317,6 @@ class Choice:
 def tags(tables: Iterable[type[Table]]) -> dict[str, type[Table]]:
     """Return tables by the value of their key ``type``."""
     return {str(made.model_fields["type"].default): made for made in tables}
-
-
-# -- Functions that a study file names as ``module:function`` --------------------------------------
-#
-# A module beside the study file comes before one on ``sys.path`` and belongs to its folder: modules
-# of one name in two folders stay apart, and import their neighbours relatively (``from .rules
-# import slip``). A module on ``sys.path`` must be of a package that the user allows: a file alone,
-# from whomever, then runs nothing that nobody chose to run.
-
-ALLOW = "CURRICLE_ALLOW"
-"""The environment variable with the installed packages whose functions study files may name."""
-SAFE = {"curricle.deep", "torch.nn", "torch.optim"}
-"""Modules that they may name anyway: what networks are made of runs no commands."""
-IMPORTED = dict[str, tuple[int, int] | None]()
-"""The time and size of each module's file when it was imported."""
-PACKAGES = "curricle_study_"
-"""What the names of packages of studies' own modules begin with."""
-LOGGER = logging.getLogger(__name__)
-"""It names each module of a study before the module is imported."""
-
-
-def load(reference: str, folder: Path) -> Callable[..., Any]:
-    """Return the function that ``module:function`` names; ConfigError says why there is none."""
-    module_name, colon, name = reference.partition(":")
-    if not colon or not all(part.isidentifier() for part in (*module_name.split("."), name)):
-        raise ConfigError(f"a function is named as module:function: got {reference!r}")
-    with users_code(reference):
-        module = _module(module_name, folder)
-    if module is None:
-        raise ConfigError(
-            f"{reference} names no module: {module_name} is neither beside the study file nor on "
-            "Python's path"
-        )
-    function = getattr(module, name, None)
-    if not callable(function):
-        public = {key: of for key, of in vars(module).items() if key[0] != "_" and callable(of)}
-        mine = [
-            key for key, of in public.items() if getattr(of, "__module__", "") == module.__name__
-        ]
-        others = suggestion(name, public) or (f": it has {listed(mine)}" if mine else "")
-        raise ConfigError(
-            f"{reference} names no function: {module_name} has no {name} to call{others}"
-        )
-    return function  # type: ignore[no-any-return]
-
-
-@contextmanager
-def users_code(reference: str) -> Iterator[None]:
-    """Turn a failure of a user's function into a ConfigError that names it."""
-    try:
-        yield
-    except CurricleError:
-        raise
-    except Exception as error:
-        raise ConfigError(f"{reference} failed: {type(error).__name__}: {error}") from error
-
-
-def _module(name: str, folder: Path) -> ModuleType | None:
-    """Return a module beside the study file or on ``sys.path``; None if there is none."""
-    package, first = _package(folder), name.partition(".")[0]
-    module = None
-    if _exists(f"{package}.{first}"):
-        module = _imported(f"{package}.{name}", name, "beside the study file")
-    if module is None and (first in sys.modules or _exists(first)):
-        _check_allowed(name)
-        module = _imported(name, name, "from Python's path")
-    for path in _modules_in(package):
-        IMPORTED.setdefault(path, _stamp(path))
-    return module
-
-
-def _check_allowed(name: str) -> None:
-    """Raise ConfigError unless a module that is not beside the study file may be named in it."""
-    first, allowed = name.partition(".")[0], os.environ.get(ALLOW, "").split(",")
-    if first in sys.stdlib_module_names:
-        raise ConfigError(
-            f"a study file names functions of modules beside it: {first} is not there, and "
-            "Python's own library, which can run any command, is refused"
-        )
-    if name not in SAFE and not any(f"{name}.".startswith(f"{path.strip()}.") for path in allowed):
-        raise ConfigError(
-            "a study file names functions of modules beside it, and of installed packages that you "
-            f"allow: {first} is not beside it; set {ALLOW}={first} if you trust the file with it"
-        )
-
-
-def _imported(path: str, name: str, place: str) -> ModuleType | None:
-    if path not in sys.modules:
-        LOGGER.info("importing the study's module %s, %s", name, place)
-    return importlib.import_module(path) if _exists(path) else None
-
-
-def _exists(path: str) -> bool:
-    package = path.rpartition(".")[0]
-    there = not package or package in sys.modules or _exists(package)
-    return there and importlib.util.find_spec(path) is not None
-
-
-def _package(folder: Path) -> str:
-    """Return the name of a package of the modules in a folder, imported again if changed."""
-    path = str(folder.resolve())
-    name = f"{PACKAGES}{sha256(path.encode()).hexdigest()[:16]}"
-    imported = _modules_in(name)
-    if any(module in IMPORTED and IMPORTED[module] != _stamp(module) for module in imported):
-        for module in imported:
-            del sys.modules[module]
-            IMPORTED.pop(module, None)
-        importlib.invalidate_caches()
-    package = ModuleType(name, f"The modules in {path}.")
-    package.__path__ = [path]
-    sys.modules.setdefault(name, package)
-    return name
-
-
-def _modules_in(package: str) -> list[str]:
-    return [name for name in list(sys.modules) if name.startswith(f"{package}.")]
-
-
-def _stamp(module: str) -> tuple[int, int] | None:
-    """Return the time and size of a module's file now; None if it has none."""
-    try:
-        status = Path(getattr(sys.modules[module], "__file__", None) or "").stat()
-    except OSError:
-        return None
-    return status.st_mtime_ns, status.st_size
 
 
 # -- Tables from the library's frozen dataclasses and functions ------------------------------------

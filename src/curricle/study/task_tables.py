@@ -22,6 +22,7 @@ from curricle.files import read_bounded
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.tabulation.tabulate import tabulate
 from curricle.planning.solution import solve, visit_distribution
+from curricle.study.own_code import load, suggestion, users_code
 from curricle.study.schema import (
     SHAPINGS,
     AnyEncoder,
@@ -38,12 +39,9 @@ from curricle.study.schema import (
     Table,
     Whole,
     built,
-    load,
     shown,
-    suggestion,
     table_of,
     unknown,
-    users_code,
     whole_number,
     word,
     wrong,

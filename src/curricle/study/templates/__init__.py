@@ -14,7 +14,8 @@ from gymnasium.spaces import Box, Dict, Discrete
 from curricle.errors import ConfigError
 from curricle.interop.spaces import is_discrete
 from curricle.interop.toy_text import has_table
-from curricle.study.schema import suggestion, unknown
+from curricle.study.own_code import suggestion
+from curricle.study.schema import unknown
 
 KINDS = {
     "maze": "a maze learnt from its corner",
