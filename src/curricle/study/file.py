@@ -301,10 +301,10 @@ class Positions:
 
     def in_file(self, path: KeyPath) -> KeyPath:
         """Return where the file has what a configuration has at a path, such as in an arm."""
-        if path[:1] not in (("arms",), ("scratches",)) or len(path) < 2:
+        if path[:1] not in (("arms",), ("scratches",)) or len(path) < 2 or not self.arms:
             return path
         # A trial of a tuning, which no file has, stands where the first arm does.
-        node: Any = self.arms.get(str(path[1]), next(iter(self.arms.values()), None))
+        node: Any = self.arms.get(str(path[1]), next(iter(self.arms.values())))
         home: KeyPath = getattr(node, "home", ()) if len(path) == 2 else ()
         for done, part in enumerate(path[2:], 2):
             if isinstance(node, dict) and part in node:

@@ -236,15 +236,18 @@ def with_values(
     curriculum: Raw, values: Mapping[KeyPath, Any], homes: Mapping[KeyPath, KeyPath] | None = None
 ) -> dict[str, Any]:
     """Return a complete curriculum with values at some places, which stand at `homes` in a file."""
-    result = Located(curriculum, curriculum)
+    result, known = Located(curriculum, curriculum), set[KeyPath]()
     for place, value in values.items():
         home, patch = (homes or {}).get(place, ()), value
-        tasks = 2 if place[0] == "tasks" and place[2] in SETTINGS else 1
+        # Tasks and transfers as a whole stay where they are, what several share where the first is.
+        known |= {
+            place[:n] for n in range(3 if place[0] == "tasks" and place[2] in SETTINGS else 2)
+        }
         for n in reversed(range(len(place))):
             patch = Located({str(place[n]): patch})
-            # A task or a list as a whole stays where it is.
-            patch.home = home if n > tasks else ()
-            patch.homes = {str(place[n]): home} if home and n >= tasks else {}
+            patch.home = () if place[:n] in known else home
+            patch.homes = {} if place[: n + 1] in known or not home else {str(place[n]): home}
+        known |= {place[:n] for n in range(len(place))}
         result = merged(result, patch)
     return result
 
