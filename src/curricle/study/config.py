@@ -4,12 +4,14 @@ A file is validated twice: as it is written (:class:`FileTable`), which finds ke
 reads, and with every arm complete (:class:`StudyConfig`), which runs, is stored and makes keys.
 """
 
-import json
+import ast
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, wraps
+from functools import cache, cached_property, wraps
 from graphlib import CycleError, TopologicalSorter
-from inspect import signature
+from inspect import getsource, signature
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Concatenate, ParamSpec, Self, TypeVar
@@ -185,9 +187,16 @@ class FileTable(RunTable, Settings):
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of study files, for editors that complete and check TOML."""
-    text = json.dumps(FileTable.model_json_schema())
-    schema: dict[str, Any] = json.loads(text, object_hook=_on_one_line)
+    schema = FileTable.model_json_schema()
+    definitions: dict[str, Any] = {**schema["$defs"], FileTable.__name__: schema}
     titles = {task.__name__ for task in TASKS}
+    for kind in _subclasses(Table):
+        # Not ``use_attribute_docstrings``: it reads the sources at each start, for half a second.
+        properties = definitions.get(kind.__name__, {}).get("properties", {})
+        for base in kind.__mro__:
+            for key, text in _docstrings(base.__module__).get(base.__name__, {}).items():
+                if key in properties:
+                    properties[key].setdefault("description", " ".join(text.split()))
     for definition in schema["$defs"].values():
         if (title := definition.get("title")) in titles:
             # An arm may give what a task leaves open, but for its type.
@@ -196,10 +205,29 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": dialect, **schema, "title": "Curricle study"}
 
 
-def _on_one_line(node: dict[str, Any]) -> dict[str, Any]:
-    """Return a part of a schema with its description, a docstring, on one line."""
-    text = node.get("description")
-    return {**node, "description": " ".join(text.split())} if isinstance(text, str) else node
+def _subclasses(kind: Any) -> Iterator[type]:
+    for below in kind.__subclasses__():
+        yield from (below, *_subclasses(below))
+
+
+@cache
+def _docstrings(module: str) -> dict[str, dict[str, str]]:
+    """Return the docstrings below the fields of a module's classes: class -> field -> text."""
+    if not module.startswith("curricle.study."):
+        return {}
+    return {
+        node.name: {
+            field.target.id: text.value.value
+            for field, text in pairwise(node.body)
+            if isinstance(field, ast.AnnAssign)
+            and isinstance(field.target, ast.Name)
+            and isinstance(text, ast.Expr)
+            and isinstance(text.value, ast.Constant)
+            and isinstance(text.value.value, str)
+        }
+        for node in ast.walk(ast.parse(getsource(sys.modules[module])))
+        if isinstance(node, ast.ClassDef)
+    }
 
 
 # -- What a study file says, complete and checked, and the curricula that it describes -------------

@@ -109,7 +109,7 @@ PHRASES = {
 class Table(BaseModel):
     """A table of a study file; its errors end sentences that begin with the key path."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     @classmethod
     def known(cls) -> tuple[str, ...]:
