@@ -50,9 +50,8 @@ from .learning.training import learn as learn
 from .planning.policy_evaluation import GreedyEvaluation as GreedyEvaluation
 from .planning.solution import evaluate as evaluate, solve as solve
 from .show.plots import plot as plot
-from .study.config.reading import read_study as read_study
+from .study.config import compare as compare, forecast as forecast, read_study as read_study
 from .study.running import run_study as run_study
-from .study.study_arguments import compare as compare, forecast as forecast
 from .tasks.gridworld import GridWorld as GridWorld, Rewards as Rewards
 from .tasks.mdp import FiniteMDP as FiniteMDP
 from .tasks.models import ComputedMDP as ComputedMDP

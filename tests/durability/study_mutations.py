@@ -11,7 +11,7 @@ from pathlib import Path
 import curricle
 
 ROOT = Path(__file__).parents[2]
-TEMPLATES = Path(curricle.__file__).parent / "study/config/templates"
+TEMPLATES = Path(curricle.__file__).parent / "study/templates"
 STUDIES = sorted([*TEMPLATES.glob("*.toml"), *(ROOT / "examples").rglob("*.toml")])
 """Every template and every example."""
 

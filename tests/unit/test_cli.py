@@ -1,17 +1,27 @@
-"""The command: help, exit codes, and errors as one sentence on standard error."""
+"""The command: help, exit codes, errors as a sentence; and what ``--open`` and ``watch`` open."""
 
 import os
+import signal
 import subprocess
 import sys
+import webbrowser
 from importlib.metadata import version
+from pathlib import Path
+from threading import Event
+from urllib.parse import urlparse
 
 import pytest
 from typer.testing import CliRunner
 
+from curricle.cli import progress_bars
 from curricle.cli.app import app
+from curricle.show.report import stored_page
+from curricle.study import StudyResults
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
 
 
-def curricle(*arguments, cwd):
+def in_a_process(*arguments, cwd):
     return subprocess.run(
         [sys.executable, "-m", "curricle", *arguments], cwd=cwd, capture_output=True, text=True
     )
@@ -39,7 +49,7 @@ def test_help_imports_neither_numba_nor_matplotlib(tmp_path):
 
 
 def test_the_version_is_the_packages(tmp_path):
-    done = curricle("--version", cwd=tmp_path)
+    done = in_a_process("--version", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (0, f"curricle {version('curricle')}\n")
 
 
@@ -92,3 +102,102 @@ def test_what_compiles_says_so_once(tmp_path):
         )
         told.append((done.stdout, done.stderr.count("curricle: compiling, once")))
     assert told == [("2\n", 1), ("0\n", 0)]
+
+
+# -- run --open, watch ------------------------------------------------------------
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """The addresses that a browser was told to open, once there is one."""
+    addresses, told = [], Event()
+
+    def note(address):
+        addresses.append(address)
+        told.set()
+
+    monkeypatch.setattr(webbrowser, "open", note)
+    monkeypatch.setattr(progress_bars, "has_windows", lambda: True)
+    return lambda: told.wait(60) and addresses
+
+
+def test_a_run_opens_its_report_and_writes_it_to_the_end(
+    curricle, opened, study_file, contents, finished
+):
+    code, out, complaint = curricle("run", study_file, "--out", "out", "--open", "--workers", "2")
+    page = Path("out/report.html").resolve()
+    assert (code, opened()) == (0, [page.as_uri()])
+    assert out.startswith("Open out/report.html: ")
+    assert out.splitlines()[-1].startswith("Stored in out: ")
+    assert "page" not in complaint
+    results = StudyResults("out")
+    assert page.read_text("utf-8") == stored_page(results)
+    page.unlink()
+    assert contents(results.store.path) == contents(finished)  # it leaves no other trace
+
+
+def test_a_run_that_is_refused_writes_and_opens_nothing(curricle, study_file, copied):
+    code, out, _ = curricle("run", study_file, "--out", copied, "--open")
+    assert (code, out) == (1, "")
+    assert not (copied / "report.html").exists()
+
+
+def test_a_finished_study_is_watched_to_its_end_outside_its_folder(
+    curricle, opened, copied, contents
+):
+    before = contents(copied)
+    code, out, _ = curricle("watch", copied)
+    (address,) = opened()
+    page = Path(urlparse(address).path)
+    assert (code, page.name, page.parent == copied) == (0, "report.html", False)
+    assert page.read_text("utf-8") == stored_page(StudyResults(copied))
+    assert out.splitlines()[-1] == f"The run is over: {page}"
+    assert contents(copied) == before
+
+
+@pytest.mark.parametrize(
+    ("variables", "windows"),
+    [({}, False), ({"DISPLAY": ":0"}, True), ({"WAYLAND_DISPLAY": "wayland-0"}, True)],
+)
+def test_a_browser_in_the_terminal_is_not_opened(monkeypatch, variables, windows):
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert progress_bars.has_windows() is windows
+
+
+@pytest.mark.parametrize("url", ["file:///nowhere/at-all", "http://nowhere/study"])
+def test_a_url_without_a_study_is_refused(curricle, url):
+    code, out, complaint = curricle("watch", url)
+    assert (code, out) == (1, "")
+    assert len(complaint.splitlines()) == 1
+    assert "nowhere" in complaint
+
+
+def interruptible():
+    """Make SIGINT interrupt a child, even where the suite itself ignores it (``nohup ... &``)."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
+def test_watching_ends_when_interrupted_and_leaves_the_folder(copied, contents, tmp_path):
+    (copied / "analysis.json").unlink()  # the run has not ended
+    before, page = contents(copied), tmp_path / "page.html"
+    command = [sys.executable, "-m", "curricle", "watch", copied, "--out", page]
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=interruptible,
+    ) as watching:
+        assert watching.stdout.readline().startswith(f"Open {page}")
+        assert 'data-seconds="0' not in page.read_text("utf-8")
+        watching.send_signal(signal.SIGINT)
+        _, complaint = watching.communicate()
+    assert watching.returncode == 130
+    assert complaint == "curricle: interrupted; what was stored before is whole\n"
+    assert 'data-seconds="0"' in page.read_text("utf-8")
+    assert contents(copied) == before

@@ -11,8 +11,8 @@ import pytest
 
 from curricle.cli.app import KINDS as COMPLETED
 from curricle.study import StudyResults, StudyStore, read_study
-from curricle.study.config.templates import KINDS
-from tests.unit.test_cli_open import interruptible
+from curricle.study.templates import KINDS
+from tests.unit.test_cli import interruptible
 from tests.unit.test_config_sweeps import MAZES
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

@@ -3,7 +3,6 @@
 import inspect
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -20,11 +19,10 @@ from curricle.learning import (
 )
 from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
-from curricle.study.config import settings, tasks
-from curricle.study.config.tables import table_of
+from curricle.study import schema as settings, task_tables as tasks
+from curricle.study.schema import table_of
 from curricle.transfer import Calibrate, aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
-from tests.tasks import predator_edges
 
 
 @dataclass(frozen=True)
@@ -113,65 +111,6 @@ def test_choices_are_those_of_the_library():
     }
 
 
-@pytest.mark.parametrize(
-    ("table", "made"),
-    [
-        (
-            "size = 5\npredators = 3\nmoves = 4\ntorus = true\ncapture = 'any'\n"
-            "step_reward = -2\ncapture_reward = 5\ndiscount = 1",
-            cr.Pursuit(
-                5,
-                3,
-                moves=4,
-                torus=True,
-                capture="any",
-                step_reward=-2,
-                capture_reward=5,
-                discount=1,
-            ),
-        ),
-        ("capture = 2\ntime_limit = 'none'", cr.Pursuit(capture=2, time_limit=None)),
-        (
-            "size = 2\nmoves = 4\nprey = [[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]",
-            cr.Pursuit(2, moves=4, prey=[[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]),
-        ),
-    ],
-)
-def test_a_pursuit_is_the_one_described(read, table, made):
-    study = read(f"name = 'x'\n[tasks.hunt]\ntype = 'pursuit'\n{table}")
-    assert only(study).tasks["hunt"] == made
-
-
-def test_a_maze_is_the_one_described(read):
-    study = read(
-        """
-        name = "x"
-        [tasks.maze]
-        type = "maze"
-        map = "S.F\\n.PT"
-        rewards = { step = -5, pit = -100.0 }
-        combine = "worst"
-        ends = ["treasure"]
-        start = [[4, 4], [3, 4]]
-        representation = "relative"
-        origin = [3, 4]
-        discount = 0.9
-        time_limit = 50
-        """
-    )
-    assert only(study).tasks["maze"] == cr.GridWorld(
-        ["S.F", ".PT"],
-        rewards=cr.Rewards(step=-5, pit=-100),
-        combine="worst",
-        ends=("treasure",),
-        start=[(4, 4), (3, 4)],
-        representation="relative",
-        origin=(3, 4),
-        discount=0.9,
-        time_limit=50,
-    )
-
-
 def test_a_crop_is_a_part_of_another_task_and_of_a_part(read):
     study = read(
         MAZE
@@ -210,72 +149,115 @@ def test_a_maze_that_only_lends_its_drawing_is_not_learnt(read):
     assert list(only(study).tasks) == ["corner"]
 
 
+# -- what a file says is built ---------------------------------------------------------------------
+
+SETTINGS_OF_HUNT = """
+torus = true
+size = 5
+predators = 3
+moves = 4
+capture = "any"
+step_reward = -2
+capture_reward = 5
+discount = 1
+"""
+ROWS = [[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
+
+
 @pytest.mark.parametrize(
     ("table", "made"),
     [
-        ("type = 'SARSA'\nepsilon = 0.3", cr.SARSA(epsilon=0.3)),
         (
-            "learning_rate = { type = 'harmonic' }\n"
-            "epsilon = { type = 'linear', first = 1, last = 0.1, steps = 1e3 }",
-            cr.QLearning(learning_rate=harmonic(), epsilon=linear(1, 0.1, steps=1000)),
+            f"type = 'pursuit'{SETTINGS_OF_HUNT}",
+            cr.Pursuit(5, 3, 4, True, "any", step_reward=-2, capture_reward=5, discount=1),
         ),
         (
-            "type = 'DoubleQLearning'\n"
-            "epsilon = { type = 'exponential', first = 1, half_life = 9.5 }",
-            cr.DoubleQLearning(epsilon=exponential(1, half_life=9.5)),
+            "type = 'pursuit'\ncapture = 2\ntime_limit = 'none'",
+            cr.Pursuit(capture=2, time_limit=None),
         ),
         (
-            "type = 'OptimisticQLearning'\nvalue_range = [-3, 2.5]\nlearning_rate = 0.5",
-            OptimisticQLearning(value_range=(-3.0, 2.5), learning_rate=0.5),
+            f"type = 'pursuit'\nsize = 2\nmoves = 4\nprey = {ROWS}",
+            cr.Pursuit(2, moves=4, prey=ROWS),
+        ),
+        (
+            "type = 'maze'\nmap = \"S.F\\n.PT\"\nrewards = { step = -5, pit = -100.0 }\n"
+            "combine = 'worst'\nends = ['treasure']\nstart = [[4, 4], [3, 4]]\norigin = [3, 4]\n"
+            "representation = 'relative'\ndiscount = 0.9\ntime_limit = 50",
+            cr.GridWorld(
+                ["S.F", ".PT"],
+                rewards=cr.Rewards(step=-5, pit=-100),
+                combine="worst",
+                ends=("treasure",),
+                start=[(4, 4), (3, 4)],
+                representation="relative",
+                origin=(3, 4),
+                discount=0.9,
+                time_limit=50,
+            ),
         ),
     ],
 )
-def test_a_learner_is_the_one_described(read, table, made):
-    study = read(f"{MAZE}\n[tasks.maze.learner]\n{table}")
-    assert only(study).setting("learner", "maze") == made
+def test_a_task_is_the_one_described(read, table, made):
+    assert only(read(f"name = 'x'\n[tasks.it]\n{table}")).tasks["it"] == made
 
 
-def test_settings_are_those_described(read):
-    study = read(
-        HUNT
-        + """
-        [tasks.hunt.shaping]
-        type = "LookAheadAdvice"
-        guard = { share_behind = 0.2 }
-        [tasks.hunt.evaluation]
-        method = "rollouts"
-        episodes = 7
-        discounted = false
-        [tasks.hunt.storage]
-        kind = "dense"
-        dtype = "float32"
-        memory_limit = "1 GiB"
-        """,
-        set=["tasks.chase.budget={episodes = 8}", "tasks.hunt.eval_freq=50"],
-    )
-    curriculum = only(study)
-    assert curriculum.setting("shaping", "hunt") == cr.LookAheadAdvice(
-        guard=cr.Guard(share_behind=0.2)
-    )
-    assert curriculum.setting("evaluation", "hunt") == cr.GreedyEvaluation("rollouts", 7, False)
-    assert curriculum.setting("storage", "hunt") == cr.Storage("dense", "float32", "1 GiB")
-    assert curriculum.setting("budget", "chase") == cr.Episodes(8)
-    assert curriculum.setting("eval_freq", "hunt") == 50
+LEARNER, SHAPING, EVALUATION = "tasks.hunt.learner", "tasks.hunt.shaping", "tasks.hunt.evaluation"
 
 
 @pytest.mark.parametrize(
-    ("said", "made"),
+    ("key", "value", "made"),
     [
-        ("'StateShaping'", cr.StateShaping()),
-        ("{ guard = true }", cr.QInitialisation(guard=cr.Guard())),
+        (LEARNER, "{ type = 'SARSA', epsilon = 0.3 }", cr.SARSA(0.2, 0.3)),
         (
+            LEARNER,
+            "{ learning_rate = { type = 'harmonic' }, "
+            "epsilon = { type = 'linear', first = 1, last = 0.1, steps = 1e3 } }",
+            cr.QLearning(learning_rate=harmonic(), epsilon=linear(1, 0.1, steps=1000)),
+        ),
+        (
+            LEARNER,
+            "{ type = 'DoubleQLearning', "
+            "epsilon = { type = 'exponential', first = 1, half_life = 9.5 } }",
+            cr.DoubleQLearning(0.2, epsilon=exponential(1, half_life=9.5)),
+        ),
+        (
+            LEARNER,
+            "{ type = 'OptimisticQLearning', value_range = [-3, 2.5], learning_rate = 0.5 }",
+            OptimisticQLearning(value_range=(-3.0, 2.5), learning_rate=0.5, epsilon=0.1),
+        ),
+        (SHAPING, "'StateShaping'", cr.StateShaping()),
+        ("shaping", "{ guard = true }", cr.QInitialisation(guard=cr.Guard())),
+        (
+            "shaping",
             "{ type = 'DecayingAdvice', weight = { type = 'harmonic', half = 9 } }",
             cr.DecayingAdvice(weight=harmonic(half=9)),
         ),
+        (
+            SHAPING,
+            "{ type = 'LookAheadAdvice', guard = { share_behind = 0.2 } }",
+            cr.LookAheadAdvice(guard=cr.Guard(share_behind=0.2)),
+        ),
+        (
+            EVALUATION,
+            "{ method = 'rollouts', episodes = 7, discounted = false }",
+            cr.GreedyEvaluation("rollouts", 7, False),
+        ),
+        (
+            "storage",
+            "{ kind = 'dense', dtype = 'float32', memory_limit = '1 GiB' }",
+            cr.Storage("dense", "float32", "1 GiB"),
+        ),
+        ("tasks.hunt.budget", "{ episodes = 8 }", cr.Episodes(8)),
+        (
+            "tasks.hunt.budget",
+            "{ max_steps = 5000, min_steps = 10, threshold = -3.5, when = 'all' }",
+            cr.StoppingRule(5000, min_steps=10, threshold=-3.5, when="all"),
+        ),
+        ("tasks.hunt.eval_freq", "50", 50),
     ],
 )
-def test_a_shaping_is_a_name_or_a_table(read, said, made):
-    assert only(read(HUNT, set=[f"shaping={said}"])).setting("shaping", "hunt") == made
+def test_a_setting_is_the_one_described(read, key, value, made):
+    assert only(read(HUNT, set=[f"{key}={value}"])).setting(key.split(".")[-1], "hunt") == made
 
 
 def test_an_arm_guards_the_shaping_of_the_study(read):
@@ -285,19 +267,6 @@ def test_an_arm_guards_the_shaping_of_the_study(read):
     assert made == [cr.LookAheadAdvice(), cr.LookAheadAdvice(guard=cr.Guard())]
 
 
-def test_stopping_rules_are_those_described(read):
-    study = read(
-        HUNT,
-        set=[
-            "tasks.chase.budget={ max_steps = 5000, min_steps = 10, threshold = -3.5 }",
-            "tasks.chase.budget.when=all",
-        ],
-    )
-    assert only(study).setting("budget", "chase") == cr.StoppingRule(
-        5000, min_steps=10, threshold=-3.5, when="all"
-    )
-
-
 @pytest.mark.parametrize(
     ("said", "made"),
     [("true", Calibrate()), ("false", None), ("{ max_steps = 5 }", Calibrate(max_steps=5))],
@@ -305,19 +274,3 @@ def test_stopping_rules_are_those_described(read):
 def test_calibration_may_be_a_flag(read, said, made):
     study = read(HUNT, set=[f"transfers.0.calibrate={said}", f"transfers.1.calibrate={said}"])
     assert only(study).calibration("hunt") == made
-
-
-def test_what_is_built_learns_as_what_is_written_by_hand(read):
-    study = read(HUNT)
-    hunt, chase = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
-    by_hand = cr.Curriculum(
-        tasks={"chase": chase, "hunt": hunt},
-        transfers=predator_edges(hunt, chase, scale=2),
-        aggregate=cr.minimum,
-        learner=cr.QLearning(learning_rate=0.2, epsilon=0.1),
-        budget={"chase": 2_000, "hunt": 4_000},
-    )
-    assert study.seeds == (0, 1, 2, 3)
-    (one, other) = (c.train(study.seeds)["hunt"] for c in (only(study), by_hand))
-    np.testing.assert_array_equal(one.greedy_return, other.greedy_return)
-    np.testing.assert_array_equal(one.values, other.values)

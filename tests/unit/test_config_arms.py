@@ -13,10 +13,9 @@ from hypothesis import given, strategies as st
 import curricle as cr
 from curricle import GridWorld
 from curricle.study import StudyConfig, read_study
-from curricle.study.config.merging import Positions, merged
-from curricle.study.config.reading import configured
-from curricle.study.config.study_config import json_schema
-from curricle.study.config.templates import KINDS, template
+from curricle.study.config import configured, json_schema
+from curricle.study.file import Positions, merged
+from curricle.study.templates import KINDS, template
 from curricle.transfer import aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
 
@@ -304,7 +303,7 @@ SMALL = st.fixed_dictionaries(
 def test_any_configuration_comes_back_equal(source, target, calibrate):
     edge = {"source": "a", "target": "b", "project": {}, "calibrate": calibrate}
     study = {"name": "x", "tasks": {"a": source, "b": target}, "transfers": [edge]}
-    config = configured(study, Path(), Positions("x.toml", study))
+    config = configured(study, Path(), Positions("x.toml"))
     plain = json.loads(json.dumps(config.to_data()))
     assert StudyConfig.from_data(plain, Path()) == config
 

@@ -1,15 +1,17 @@
-"""Task families in study files: tables of one's own, members as tasks, mappings that follow."""
+"""Study files with task families and start states, for tasks of every type."""
 
 import json
 
+import numpy as np
 import pytest
 
-from curricle import GridWorld, Pursuit, project, run_study
+from curricle import GridWorld, Pursuit, project, run_study, solve
 from curricle.errors import ConfigError
+from curricle.planning import visit_distribution
 from curricle.study import StudyConfig
-from curricle.tasks import maze_family
+from curricle.tasks import FourRooms, GoalDistance, maze_family, taxi_family, with_start
 from curricle.tasks.built_in import BUILT_IN
-from tests.studies import complaints_of, reader
+from tests.studies import OBSERVED_HUNT, complaints_of, reader
 
 NAMES = ", ".join(BUILT_IN)
 HUNT = """\
@@ -33,7 +35,7 @@ target = "hunt"
 mapping = "family"
 scale = 0.5
 """
-OWN = """
+OWN_FAMILY = """
 from curricle import GridWorld
 from curricle.transfer import same_position
 from curricle.tasks import Parameter, task_family
@@ -70,49 +72,53 @@ mapping = "family"
 
 
 @pytest.fixture
-def read(tmp_path):
-    (tmp_path / "own.py").write_text(OWN)
+def read_family(tmp_path):
+    (tmp_path / "own.py").write_text(OWN_FAMILY)
     return reader(tmp_path)
 
 
 @pytest.fixture
-def complaints(tmp_path, monkeypatch):
-    (tmp_path / "own.py").write_text(OWN)
+def complaints_of_family(tmp_path, monkeypatch):
+    (tmp_path / "own.py").write_text(OWN_FAMILY)
     monkeypatch.chdir(tmp_path)
     return complaints_of
 
 
-def test_members_are_tasks_with_their_familys_defaults(read):
-    curriculum = read(HUNT).curriculum("transfer")
+def test_members_are_tasks_with_their_familys_defaults(read_family):
+    curriculum = read_family(HUNT).curriculum("transfer")
     settings = {"torus": True, "discount": 0.95}
     assert curriculum.tasks["chase"] == Pursuit(3, 1, **settings)
     assert curriculum.tasks["hunt"] == Pursuit(3, 2, time_limit=None, **settings)
     assert curriculum.setting("budget", "hunt") == 400
 
 
-def test_a_familys_mappings_are_transfers_of_their_own(read):
-    curriculum = read(HUNT).curriculum("transfer")
+def test_a_familys_mappings_are_transfers_of_their_own(read_family):
+    curriculum = read_family(HUNT).curriculum("transfer")
     hunt, chase = curriculum.tasks["hunt"], curriculum.tasks["chase"]
     assert [one.scale for one in curriculum.transfers] == [0.5, 0.5]
     for one, name in zip(curriculum.transfers, hunt.predator_names, strict=True):
         assert (one.mapping.index == project(hunt, chase, predator=name).index).all()
 
 
-def test_a_built_in_family_needs_no_table(read):
+def test_a_built_in_family_needs_no_table(read_family):
     text = 'name = "maze"\n[tasks]\nmaze = { family = "maze", size = 4.0, seed = 2 }'
-    assert read(text).curriculum("transfer").tasks["maze"] == maze_family(size=4, seed=2).task
+    assert (
+        read_family(text).curriculum("transfer").tasks["maze"] == maze_family(size=4, seed=2).task
+    )
 
 
-def test_a_family_of_ones_own(read):
-    curriculum = read(LANES).curriculum("transfer")
+def test_a_family_of_ones_own(read_family):
+    curriculum = read_family(LANES).curriculum("transfer")
     assert curriculum.tasks["long"] == GridWorld("S......T", time_limit=None)
     (one,) = curriculum.transfers
     assert one.mapping.coverage().mapped > 0.3
     direct = LANES.replace('family = "lane", length = 4', 'family = "own:corridor", length = 4')
-    assert read(direct).curriculum("transfer").tasks["short"] == GridWorld("S..T", time_limit=50)
+    assert read_family(direct).curriculum("transfer").tasks["short"] == GridWorld(
+        "S..T", time_limit=50
+    )
 
 
-def test_a_crop_of_a_familys_maze(read):
+def test_a_crop_of_a_familys_maze(read_family):
     text = """
         name = "parts"
         budget = 100
@@ -124,13 +130,13 @@ def test_a_crop_of_a_familys_maze(read):
         target = "maze"
         mapping = "same_position"
     """
-    tasks = read(text).curriculum("transfer").tasks
+    tasks = read_family(text).curriculum("transfer").tasks
     assert tasks["part"] == maze_family(size=3, seed=1, start="uniform").task
 
 
 @pytest.mark.parametrize("text", [HUNT, LANES])
-def test_plain_data_hold_every_parameter(read, text):
-    study = read(text)
+def test_plain_data_hold_every_parameter(read_family, text):
+    study = read_family(text)
     plain = json.loads(json.dumps(study.to_data()))
     assert "families" not in plain
     again = StudyConfig.from_data(plain, study.folder)
@@ -142,12 +148,14 @@ def test_plain_data_hold_every_parameter(read, text):
         assert (task["family"], task["moves"], task["time_limit"]) == ("pursuit", 5, "none")
 
 
-def test_two_ways_to_write_a_member_are_one_study(read):
+def test_two_ways_to_write_a_member_are_one_study(read_family):
     own = "torus = true, discount = 0.95"
-    assert read(HUNT.replace('{ family = "ring"', f'{{ family = "pursuit", {own}')) == read(HUNT)
+    assert read_family(
+        HUNT.replace('{ family = "ring"', f'{{ family = "pursuit", {own}')
+    ) == read_family(HUNT)
 
 
-def test_arms_change_parameters_and_families(read):
+def test_arms_change_parameters_and_families(read_family):
     text = (
         HUNT
         + """
@@ -163,7 +171,7 @@ tasks.chase = { type = "maze", map = "S.T" }
 transfers = [{ source = "chase", target = "hunt", factory = "own:by_cells" }]
 """
     )
-    study = read(text)
+    study = read_family(text)
     tasks = {arm: study.arms[arm].tasks["chase"] for arm in study.arms}
     members = {arm: str(one.member(study.folder)) for arm, one in tasks.items() if arm != "maze"}
     assert members == {
@@ -176,8 +184,8 @@ transfers = [{ source = "chase", target = "hunt", factory = "own:by_cells" }]
     assert len(study.curriculum("small").transfers) == 2
 
 
-def test_a_study_of_families_runs(read, tmp_path):
-    results = run_study(read(HUNT), tmp_path / "results")
+def test_a_study_of_families_runs(read_family, tmp_path):
+    results = run_study(read_family(HUNT), tmp_path / "results")
     assert len(results.record.arms["transfer"].transfers) == 2
 
 
@@ -201,8 +209,8 @@ def test_a_study_of_families_runs(read, tmp_path):
         ),
     ],
 )
-def test_a_mistake_is_one_sentence_with_its_place(complaints, old, new, sentence):
-    assert any(sentence in line for line in complaints(HUNT, (old, new)))
+def test_a_mistake_in_a_family_is_one_sentence(complaints_of_family, old, new, sentence):
+    assert any(sentence in line for line in complaints_of_family(HUNT, (old, new)))
 
 
 @pytest.mark.parametrize(
@@ -213,14 +221,168 @@ def test_a_mistake_is_one_sentence_with_its_place(complaints, old, new, sentence
         ('family = "own:corridor"', 'family = "own:plain"', "own:plain must be a TaskFamily"),
     ],
 )
-def test_mistakes_in_ones_own_families_are_sentences(complaints, old, new, sentence):
-    assert any(sentence in line for line in complaints(LANES, (old, new)))
+def test_mistakes_in_ones_own_families_are_sentences(complaints_of_family, old, new, sentence):
+    assert any(sentence in line for line in complaints_of_family(LANES, (old, new)))
 
 
-def test_a_crop_of_what_is_no_maze_is_refused(read):
+def test_a_crop_of_what_is_no_maze_is_refused(read_family):
     text = HUNT.replace('mapping = "family"', "project = {}").replace(
         'chase = { family = "ring", size = 3, predators = 1 }',
         'chase = { type = "crop", of = "hunt", rows = [0, 2], columns = [0, 2] }',
     )
     with pytest.raises(ConfigError, match="what a crop is a part of must be one of GridWorld, "):
-        _ = read(text).curricula
+        _ = read_family(text).curricula
+
+
+# -- start states ----------------------------------------------------------------------
+
+STARTS = """\
+name = "starts"
+seeds = 2
+budget = 300
+
+[tasks.near]
+type = "maze"
+map = '''
+S..P
+..#T
+....
+'''
+start_states = { distance = [1, 3] }
+
+[tasks.maze]
+type = "maze"
+map = '''
+S..P
+..#T
+....
+'''
+
+[[transfers]]
+source = "near"
+target = "maze"
+mapping = "same_position"
+"""
+ROUGH = GridWorld(["S..P", "..#T", "...."])
+
+
+def task_of(read, text):
+    (made,) = (
+        read(f'name = "one"\n[tasks]\none = {{ {text} }}').curriculum("transfer").tasks.values()
+    )
+    return made
+
+
+def test_a_maze_starts_in_a_ring(read):
+    study = read(STARTS)
+    tasks = study.curriculum("transfer").tasks
+    assert tasks["near"] == with_start(ROUGH, GoalDistance(1, 3))
+    assert tasks["maze"] == ROUGH
+    again = StudyConfig.from_data(json.loads(json.dumps(study.to_data())), study.folder)
+    assert again == study
+    assert again.curriculum("transfer").tasks["near"] == tasks["near"]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            'type = "pursuit", size = 3, predators = 1, start_states = { distance = 2 }',
+            with_start(Pursuit(3, 1), GoalDistance(2)),
+        ),
+        (
+            'family = "taxi", size = 3, start_states = "reachable"',
+            with_start(taxi_family(size=3).task, "reachable"),
+        ),
+        (
+            'type = "four_rooms", size = 9, start_states = { visits = "random" }',
+            with_start(FourRooms(9), visit_distribution(FourRooms(9))),
+        ),
+        (
+            'type = "four_rooms", size = 9, start_states = { visits = "optimal" }',
+            with_start(FourRooms(9), visit_distribution(FourRooms(9), solve(FourRooms(9)).policy)),
+        ),
+        (
+            'type = "four_rooms", size = 9, start_states = { distance = 1, goal = { row = 5, '
+            "column = [1, 2] } }",
+            with_start(FourRooms(9), GoalDistance(1, 1, {"row": 5, "column": [1, 2]})),
+        ),
+        ('type = "four_rooms", start_states = "uniform"', FourRooms(start="uniform")),
+    ],
+)
+def test_tasks_of_every_type_start_where_they_are_told(read, text, expected):
+    assert task_of(read, text) == expected
+
+
+def test_tables_of_gymnasium_start_in_a_ring(read):
+    text = 'type = "gymnasium", id = "FrozenLake-v1", start_states = { distance = [1, 2] }'
+    assert np.flatnonzero(task_of(read, text).start).tolist() == [10, 13, 14]
+
+
+def test_a_crop_of_a_task_that_starts_elsewhere(read):
+    text = """
+        name = "parts"
+        budget = 100
+        [tasks.rooms]
+        type = "four_rooms"
+        start_states = { distance = 1 }
+        [tasks.room]
+        type = "crop"
+        of = "rooms"
+        rows = [7, 12]
+        columns = [7, 12]
+        start_states = { distance = [1, 2] }
+        [[transfers]]
+        source = "room"
+        target = "rooms"
+        project = {}
+    """
+    tasks = read(text).curriculum("transfer").tasks
+    room = FourRooms().crop(rows=(7, 12), columns=(7, 12))
+    assert tasks["room"] == with_start(room, GoalDistance(1, 2))
+
+
+def test_rings_are_a_curriculum(read, tmp_path):
+    """An arm moves the ring, and the study runs."""
+    text = STARTS + "\n[arms.near]\n[arms.far]\ntasks.near.start_states.distance = [2, 4]\n"
+    study = read(text)
+    starts = [study.curriculum(arm).tasks["near"].start for arm in ("near", "far")]
+    assert starts[0] != starts[1]
+    run_study(study, tmp_path / "results")
+
+
+@pytest.mark.parametrize(
+    ("new", "sentence"),
+    [
+        ('"reachble"', "line 12: tasks.near.start_states must be 'uniform', 'reachable', or a"),
+        ("{ distance = [1, 2, 3] }", "line 12: tasks.near.start_states.distance must be a number"),
+        ("{ distance = [3, 1] }", "line 12: tasks.near.start_states.distance must be steps from"),
+        ("{}", "line 12: tasks.near.start_states must have distance or visits: got neither"),
+        ('{ visits = "random", goal = { row = 1 } }', "line 12: tasks.near.start_states has a"),
+    ],
+)
+def test_a_mistake_in_start_states_is_one_sentence(complaints, new, sentence):
+    assert any(sentence in line for line in complaints(STARTS, ("{ distance = [1, 3] }", new)))
+
+
+def test_tasks_without_tables_are_refused(read, complaints):
+    text = OBSERVED_HUNT.replace(
+        'type = "observation_task"', 'type = "observation_task"\nstart_states = "uniform"'
+    )
+    found = complaints(text)
+    assert any("tasks.hunt.start_states must be left out for hunt" in one for one in found)
+    live = 'type = "gymnasium", id = "Blackjack-v1", start_states = "uniform"'
+    with pytest.raises(ConfigError, match="has no tables"):
+        task_of(read, live)
+
+
+def test_a_family_whose_parameter_is_a_key_of_tasks_is_refused(read, tmp_path):
+    (tmp_path / "own.py").write_text(
+        "from curricle import GridWorld\n"
+        "from curricle.tasks import task_family\n"
+        "@task_family()\n"
+        "def lane(budget: int = 3):\n"
+        "    return GridWorld('S.T')\n"
+    )
+    with pytest.raises(ConfigError, match="own:lane has the parameter budget, which is a key of"):
+        task_of(read, 'family = "own:lane"')

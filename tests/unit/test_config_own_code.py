@@ -1,4 +1,4 @@
-"""Study files: functions of the user's own, mappings, and Gymnasium's environments."""
+"""Study files with code of the user's own: functions, environments, encoders, exact tables."""
 
 import json
 import subprocess
@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.errors import ConfigError
+from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
 from curricle.study import StudyConfig
-from curricle.study.config.tables import load
-from tests.studies import MAZE, only
+from curricle.study.own_code import load
+from tests.studies import MAZE, complaints_of, only, reader
+from tests.worlds_to_tabulate import Corridor
 
 # Functions of the user's own.
 
@@ -121,7 +124,7 @@ import curricle as cr
 def maze():
     return cr.GridWorld("S.T")
 """
-STUDY = """
+OWN_STUDY = """
 name = "own"
 budget = 100
 seeds = 1
@@ -134,7 +137,7 @@ factory = "rules:maze"
 @pytest.mark.parametrize("command", [["check"], ["run", "--dry-run"]])
 def test_a_module_is_named_before_it_runs(tmp_path, command):
     (tmp_path / "rules.py").write_text(RULES)
-    (tmp_path / "own.toml").write_text(STUDY)
+    (tmp_path / "own.toml").write_text(OWN_STUDY)
     done = subprocess.run(
         [sys.executable, "-m", "curricle", *command, "own.toml"],
         cwd=tmp_path,
@@ -146,3 +149,342 @@ def test_a_module_is_named_before_it_runs(tmp_path, command):
     named = lines.index("importing the study's module rules, beside the study file")
     assert named < lines.index("RUNS")
     assert lines.count("RUNS") == 1
+
+
+# -- Gymnasium's classes and functions of the user's own ----------------------------------------
+
+OWN_ROOM = """
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+
+class Room(gym.Env):
+    def __init__(self, size=3, discount=None):
+        self.size, self.discount = size, discount
+        self.observation_space = spaces.MultiDiscrete([size, 4])
+        self.action_space = spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.place = 0
+        return self._seen(), {}
+
+    def step(self, action):
+        self.place = min(self.place + action, 4 * self.size - 1)
+        return self._seen(), float(action), self.place == 4 * self.size - 1, False, {}
+
+    def _seen(self):
+        return np.array(divmod(self.place, 4))
+
+
+def numbered(size=3):
+    return Numbered(Room(size))
+
+
+class Numbered(gym.ObservationWrapper):
+    def __init__(self, env):
+        super().__init__(env)
+        self.observation_space = spaces.Discrete(4 * env.size)
+
+    def observation(self, observation):
+        return int(observation @ [4, 1])
+
+
+def seen(room):
+    return gym.wrappers.FlattenObservation(room)
+"""
+ROOMS = """
+name = "rooms"
+budget = 300
+
+[tasks]
+room = { type = "gymnasium", factory = "own:Room", names = ["row", "column"], time_limit = 20 }
+"""
+ROOM = ROOMS.splitlines()[-1]
+
+
+@pytest.fixture
+def room_folder(tmp_path, monkeypatch):
+    (tmp_path / "own.py").write_text(OWN_ROOM, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def built_room(room_folder):
+    """The task of the study in which a line stands for the room."""
+
+    def task(line=ROOM):
+        study = reader(room_folder)(ROOMS.replace(ROOM, line))
+        again = StudyConfig.from_data(study.to_data(), room_folder)
+        assert again.to_data() == study.to_data()
+        return only(again, *again.arms).tasks["room"]
+
+    return task
+
+
+def test_a_class_of_ones_own_is_a_task_with_named_components(built_room):
+    task = built_room()
+    assert repr(task) == "LiveMDP(12 states, 2 actions, discount 0.99, time limit 20)"
+    assert task.states.names == ("row", "column")
+    walked = cr.planning.rollout(task, np.ones(12, int))
+    assert walked.states.tolist() == [*range(12)]
+
+
+def test_a_class_takes_arguments_of_any_name(built_room):
+    task = built_room(
+        'room = { type = "gymnasium", factory = "own:Room", actions = ["stay", "east"], '
+        "arguments = { size = 5, discount = 3 } }"
+    )
+    assert (task.states.size, task.discount, task.make().discount) == (20, 0.99, 3)
+    assert task.actions.label(1) == "action=east"
+
+
+def test_a_function_of_ones_own_and_one_number_split(built_room):
+    task = built_room('room = { type = "gymnasium", factory = "own:numbered", '
+                 'names = ["row", "column"], sizes = [3, 4], time_limit = "none" }')  # fmt: skip
+    assert task.states.label(7) == "row=1 column=3"
+    assert task.time_limit is None
+
+
+def test_ids_have_names_and_limits_too(built_room):
+    lake = built_room('room = { type = "gymnasium", id = "FrozenLake-v1", names = ["y", "x"], '
+                 'arguments = { map_name = "8x8" }, time_limit = 9 }')  # fmt: skip
+    assert (lake.states.names, lake.states.size, lake.time_limit) == (("y", "x"), 64, 9)
+
+
+def test_tables_and_networks_take_a_class_too(built_room):
+    line = ROOM.replace('"gymnasium"', '"tabulated"')
+    task = built_room(
+        line.replace('"row", "column"', '"where"').replace("}", ', actions = ["no", "go"]}')
+    )
+    assert task.actions.label(1) == "action=go"
+    assert task.states.label(task.state(np.array([1, 3]))) == "where=7"
+    observed = ('room = { type = "observation_task", factory = "own:Room", encode = "own:seen", '
+                'learner = { type = "deep" } }')  # fmt: skip
+    seen = built_room(observed)
+    assert seen.observations.shape == (7,)
+    assert str(seen.make) == "own:Room(encode=own:seen)"  # as the file names them
+
+
+MISTAKES = [
+    ('factory = "own:Room"', 'id = "own:Room"', "; a class or function of your own is named by"),
+    ('factory = "own:Room"', 'id = "a", factory = "own:Room"', "id or factory: got both"),
+    ("own:Room", "owm:Room", "owm is neither beside the study file nor on Python's"),
+    ("own:Room", "own:Rom", "own has no Rom to call, did you mean 'Room'?"),
+    ("time_limit", "arguments = { sise = 3 }, time_limit", "own:Room failed: TypeError:"),
+    (', "column"', "", "in the order of state_1, state_2: got 1, row"),
+    ('["row", "column"]', '"row"', "tasks.room.names must be a list: got 'row'"),
+    ('"column"', '""', "tasks.room.names[1] must have 1 to 100 characters: got ''"),
+    ("names", "nmaes", "tasks.room.nmaes is unknown, did you mean 'names'?"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), MISTAKES)
+def test_a_mistake_in_an_environment_is_one_sentence(room_folder, old, new, sentence):
+    (said,) = complaints_of(ROOMS, (old, new))
+    assert said.startswith("line 6: ")
+    assert sentence in said
+
+
+PAIR = ROOMS + """
+small = { type = "gymnasium", factory = "own:Room", arguments = { size = 2 }, names = ["row", "x"] }
+[[transfers]]
+source = "small"
+target = "room"
+project = { x = "column" }
+"""  # fmt: skip
+
+
+def test_components_are_mapped_by_their_names(room_folder):
+    curriculum = only(reader(room_folder)(PAIR), "transfer")
+    assert (
+        repr(curriculum.transfers[0].mapping)
+        == "ComponentMapping(row=row, x=column, action=action)"
+    )
+
+
+# -- environments as exact tables ------------------------------------------------------------
+
+OWN_LAMPS = """
+from tests.worlds_to_tabulate import Corridor, Slippery
+
+
+def slippery():
+    return Slippery("environment", 0.25)
+
+
+def outcomes(state, action):
+    place, lit = (int(part) for part in state)
+    meant = (place, 1 - lit) if action == 2 else (min(place + 1, 3), lit) if action else None
+    left = (max(place - 1, 0), lit)
+    meant = left if meant is None else meant
+    ends = meant[0] == 3
+    return [(0.25, left, 0.0, False), (0.75, meant, float(ends and lit), ends)]
+
+
+def corridor(cells=4):
+    return Corridor(cells)
+"""
+LAMPS = """
+name = "lamps"
+seeds = 2
+budget = 300
+
+[tasks]
+short = { type = "tabulated", factory = "own:corridor", arguments = { cells = 3 } }
+long = { type = "tabulated", factory = "own:corridor", reset_seeds = [0, 2], cache = "kept" }
+listed = { type = "tabulated", factory = "own:slippery", outcomes = "own:outcomes" }
+near = { type = "tabulated", factory = "own:slippery", samples = 400 }
+lake = { type = "gymnasium", id = "FrozenLake-v1", live = true }
+door = { type = "tabulated", id = "minigrid:MiniGrid-Empty-5x5-v0", time_limit = "none" }
+"""
+
+
+@pytest.fixture
+def lamp_folder(tmp_path, monkeypatch):
+    (tmp_path / "own.py").write_text(OWN_LAMPS, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def alone(name):
+    """Return the study with only one of its tasks."""
+    lines = LAMPS.splitlines()
+    return "\n".join(line for line in lines if " type = " not in line or line.startswith(name))
+
+
+def built_lamp(lamp_folder, name):
+    study = reader(lamp_folder)(alone(name))
+    assert only(type(study).from_data(study.to_data(), lamp_folder), *study.arms).tasks
+    return only(study, *study.arms).tasks[name]
+
+
+def assert_same(one, other):
+    assert one.states == other.states
+    for name in ("next_state", "reward", "terminal", "start"):
+        np.testing.assert_array_equal(getattr(one.mdp, name), getattr(other.mdp, name))
+
+
+def test_a_tabulated_environment_is_what_python_makes(lamp_folder):
+    assert_same(built_lamp(lamp_folder, "short"), cr.tabulate(lambda: Corridor(3), discount=0.99))
+    long = built_lamp(lamp_folder, "long")
+    assert_same(long, cr.tabulate(Corridor, discount=0.99, seeds=[0, 2]))
+    assert long.record.seeds == (0, 2)
+    assert (lamp_folder / "kept.npz").exists()
+    listed, near = built_lamp(lamp_folder, "listed"), built_lamp(lamp_folder, "near")
+    assert (listed.exact, near.exact, near.record.samples) == (True, False, 400)
+    assert cr.solve(listed).start_value == pytest.approx(cr.solve(near).start_value, abs=0.05)
+    assert isinstance(built_lamp(lamp_folder, "lake"), cr.tasks.LiveMDP)
+    door = built_lamp(lamp_folder, "door")
+    assert (door.states.size, door.mdp.time_limit) == (34, None)
+
+
+# -- encoders: by name, with settings, as functions; no torch is needed -------------------------
+
+LEVEL = "minigrid:MiniGrid-Empty-5x5-v0"
+ENCODED = f"""
+name = "level"
+budget = 100
+[tasks.level]
+type = "observation_task"
+id = "{LEVEL}"
+encode = ENCODE
+learner = {{ type = "deep" }}
+"""
+OWN_LEVEL = """
+import gymnasium
+
+def image(env):
+    return gymnasium.wrappers.FilterObservation(env, ["image"])
+
+def half(image):
+    return image / 2
+
+def level(size):
+    return gymnasium.make("minigrid:MiniGrid-Empty-5x5-v0", size=size)
+"""
+
+
+@pytest.fixture
+def read_level(tmp_path):
+    pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
+    (tmp_path / "own.py").write_text(OWN_LEVEL)
+    return lambda encode, text=ENCODED: reader(tmp_path)(text.replace("ENCODE", encode))
+
+
+@pytest.fixture
+def complaint_of_level(read_level, tmp_path):
+    def collect(encode):
+        with pytest.raises(ConfigError) as caught:
+            _ = read_level(encode).curricula
+        return str(caught.value).replace(f"{tmp_path}/study.toml, ", "")
+
+    return collect
+
+
+def only_task(study):
+    (curriculum,) = study.curricula.values()
+    return curriculum.tasks["level"]
+
+
+@pytest.mark.parametrize(
+    ("encode", "made"),
+    [
+        ("'MiniGridView'", MiniGridView()),
+        ("{ type = 'MiniGridView', picture = true }", MiniGridView(picture=True)),
+        ("{ type = 'MiniGridFullView', width = 9, height = 7 }", MiniGridFullView(9, 7)),
+        ("{ type = 'FlatDict', leave_out = ['mission'] }", FlatDict(["mission"])),
+        (
+            "{ type = 'StackedFrames', n = 2, of = 'MiniGridView' }",
+            StackedFrames(2, MiniGridView()),
+        ),
+    ],
+)
+def test_an_encoder_has_its_name_and_settings(read_level, tmp_path, encode, made):
+    study = read_level(encode)
+    assert only_task(study) == cr.observation_task(LEVEL, encode=made)
+    again = StudyConfig.from_data(study.to_data(), tmp_path)
+    assert again.to_data() == study.to_data()
+    assert only_task(again) == only_task(study)
+
+
+def test_a_function_of_environments_is_one(read_level):
+    task = only_task(read_level("{ type = 'StackedFrames', n = 2, of = 'MiniGridView' }"))
+    assert task != only_task(read_level("'MiniGridView'"))
+    text = ENCODED.replace('type = "deep"', 'type = "deep", policy = "MultiInputPolicy"')
+    with pytest.raises(ConfigError, match="reads pictures by NatureCNN"):
+        _ = read_level("'own:image'", text).curricula
+    own = ENCODED.replace(f'id = "{LEVEL}"', "factory = 'own:level'\narguments = { size = 6 }")
+    task = only_task(read_level("'MiniGridView'", own))
+    assert task.observations.shape == (984,)
+    assert task.environment().unwrapped.width == 6
+
+
+def test_tables_are_encoded_too(read_level):
+    text = ENCODED.replace('"observation_task"', '"tabulated"')
+    text = text.replace('learner = { type = "deep" }', "")
+    table = only_task(read_level("'MiniGridView'", text))
+    assert table.observations.batch().shape == (table.states.size, 984)
+
+
+@pytest.mark.parametrize(
+    ("encode", "sentence"),
+    [
+        ("'MiniGridVew'", "line 7: tasks.level.encode must be one of MiniGridView"),
+        ("'MiniGridFullView'", "must be a table, as MiniGridFullView needs width and height"),
+        ("{ type = 'MiniGridView', pictur = 1 }", "encode.pictur is unknown, did you mean"),
+        ("{ type = 'MiniGridFullView', width = 4, height = 9 }", "must fit into its encoder's 4 x"),
+        ("{ type = 'FlatDict', leave_out = ['words'] }", "must name keys of the Dict"),
+        ("{ type = 'StackedFrames', of = 'MiniGridView' }", "encode.n is missing"),
+        ("'own:half'", "own:half failed with TypeError"),
+    ],
+)
+def test_a_mistake_in_an_encoder_is_one_sentence(complaint_of_level, encode, sentence):
+    assert sentence in complaint_of_level(encode)
+
+
+def test_what_a_network_cannot_take_is_told_when_the_file_is_checked(read_level):
+    with pytest.raises(ConfigError, match=r"'mission' is MissionSpace.*MiniGridView"):
+        _ = read_level("", ENCODED.replace("encode = ENCODE", "")).curricula

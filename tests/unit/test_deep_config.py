@@ -10,7 +10,7 @@ from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
-from curricle.study.config.templates import template
+from curricle.study.templates import template
 from tests.hunters import observed
 from tests.studies import OBSERVED_HUNT as HUNT, reader
 

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 import curricle as cr
 from curricle import Transfer, read_study
 from curricle.errors import CurriculumError, MappingError, SettingError, TaskError
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config import StudyConfig
 from curricle.transfer import (
     UNMAPPED,
     Proposal,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from curricle.study import StudyResults, StudyStore, packing, read_study, run_study
+from curricle.study.analysis import study_record
 from curricle.study.arms import Arms
 from curricle.study.packing import files_of, merged_files, pack
-from curricle.study.recording import study_record
 from tests.studies import OBSERVED_HUNT
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

@@ -5,9 +5,9 @@ import pytest
 from curricle import SARSA, QLearning
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig, run_study
+from curricle.study.analysis import study_record
 from curricle.study.arms import Arms
 from curricle.study.record import StudyRecord, plain, read_record
-from curricle.study.recording import study_record
 from tests.studies import CORNER, reader
 
 FURTHER = """

@@ -8,8 +8,8 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from curricle.study import StudyConfig, read_study
-from curricle.study.config.study_config import json_schema
-from curricle.study.config.templates import KINDS, template
+from curricle.study.config import json_schema
+from curricle.study.templates import KINDS, template
 
 FOLDER = Path(__file__).parents[2] / "examples"
 EXAMPLES = sorted(str(path.relative_to(FOLDER)) for path in FOLDER.rglob("*.toml"))

@@ -21,11 +21,10 @@ from curricle.study import (
     read_study,
     run_study,
 )
-from curricle.study.effects import sweep_effects, tuning_effects
 from curricle.study.record import plain
 from curricle.study.results import RESULTS
 from curricle.study.store import STUDY
-from curricle.study.tuning import TRIALS, TUNING, read_tuning
+from curricle.study.tuning import TRIALS, TUNING, read_tuning, sweep_effects, tuning_effects
 from tests.unit.test_config_sweeps import MAZES
 from tests.unit.test_study_runner import Inline
 

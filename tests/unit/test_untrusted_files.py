@@ -13,7 +13,8 @@ from curricle.archives import opened_archive, read_npy
 from curricle.errors import LONGEST, ConfigError, LostStoreError, StoreError, TaskError
 from curricle.files import RemotePath
 from curricle.study import StudyConfig, read_study, run_study
-from curricle.study.config.tables import ALLOW, load, parsed
+from curricle.study.file import parsed
+from curricle.study.own_code import ALLOW, load
 from curricle.study.serialization import DECISION_SCHEMA, read_parquet
 from curricle.study.store import CHECKPOINTS, LOCK, STUDY, UNITS, StudyStore, in_use, locked
 from curricle.study.tuning import TRIALS

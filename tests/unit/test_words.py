@@ -13,14 +13,14 @@ from curricle.comparison.trial import in_brief, verdict_words
 from curricle.show.findings import signed
 from curricle.show.style import rounded, without_seeds
 from curricle.statistics import Interval
-from curricle.study.config.merging import path_text
-from curricle.study.config.sweeps import short_names, value_text, varied_in
-from curricle.study.config.tables import unknown
 from curricle.study.cost import duration, total_words
-from curricle.study.effects import short
+from curricle.study.file import path_text
 from curricle.study.results import parquet_of
+from curricle.study.schema import unknown
 from curricle.study.store import place_of
+from curricle.study.tuning import short
 from curricle.study.units import numbered_seeds, seed_ranges, seeds_in
+from curricle.study.vary import short_names, value_text, varied_in
 from curricle.tasks.observation_task import made_by
 from curricle.tasks.spaces import action_name, state_name
 

@@ -25,7 +25,7 @@ from rich.console import Console
 from curricle.files import Place, place_at
 from curricle.progress import Bars, shown
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config import StudyConfig
 from curricle.study.progress import Pace, Progress, shown_units
 from curricle.study.results import StudyResults
 from curricle.study.running import run_study
@@ -33,7 +33,7 @@ from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
 
 if TYPE_CHECKING:
-    from curricle.show.report import InterimReport
+    pass
 
 
 # -- Saying that loops are compiled, which happens once for each kind of task and learner ----------
@@ -103,10 +103,7 @@ BETWEEN = 1.0
 
 
 class Lines:
-    """What is printed where there is no terminal: each unit, or at most a line a second of many.
-
-    Of a tuning it is which trials are made. The pace is noted elsewhere.
-    """
+    """Prints, without a terminal, each unit or a line a second of many; of a tuning its trials."""
 
     def __init__(self, pace: Pace):
         self.pace = pace
@@ -138,14 +135,16 @@ def run_with_bars(
     page: bool = False,
     **settings: Any,
 ) -> StudyResults:
-    """Run a study, show its progress, and return its results.
-
-    With a `page` the report so far is in the folder, written anew as units end, and in a browser.
-    """
+    """Run a study, show its progress, with a `page` the report so far too; return its results."""
     pace = Pace()
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
     with ExitStack() as ending:
-        report = ending.enter_context(_page_of_run(path, pace)) if page else None
+        report = None
+        if page:
+            from curricle.show.report import InterimReport  # with Matplotlib
+
+            settings_of_page = path, pace.line_in, _complain, open_page
+            report = ending.enter_context(InterimReport(*settings_of_page))
         show_units = ending.enter_context(shown_units(progress, pace, and_compilation(pace.line)))
 
         def show(progress: Progress) -> None:
@@ -163,15 +162,9 @@ def run_with_bars(
         return run_study(study, path, **how, **settings)
 
 
-def _page_of_run(path: str | Place, pace: Pace) -> "InterimReport":
-    from curricle.show.report import InterimReport
-
-    return InterimReport(path, pace.line_in, _complain, open_page)
-
-
 def watch_results(folder: str, out: Path | None) -> None:
     """Show the report of a folder, in which another process may store units, until it is over."""
-    from curricle.show.report import InterimReport, default_page
+    from curricle.show.report import InterimReport, default_page  # with Matplotlib
 
     if out is None:
         out = Path(mkdtemp(prefix="curricle-")) / default_page(place_at(folder)).name

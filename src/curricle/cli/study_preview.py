@@ -17,19 +17,167 @@ from curricle.files import Place, place_at
 from curricle.planning.target import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
-from curricle.study.config.sweeps import value_text
+from curricle.study.config import StudyConfig
 from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
 from curricle.study.packing import bytes_a_seed, seeds_per_file
 from curricle.study.running import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore, holds_study
 from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
 from curricle.study.units import numbered_seeds, units_of
+from curricle.study.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
 from curricle.transfer.rollouts import OBSERVATION_ROLLOUTS
 from curricle.transfer.transfer import transfer_names
+
+# -- Before a study is run: its tasks, its cost, and what is left to do ----------------------------
+
+
+def print_preview(study: StudyConfig) -> None:
+    """Print the graph of each arm, its cost, and forecasts, for which sources are trained."""
+    arms = Arms.of(study)
+    units = len(units_of(study, arms, {}))
+    numbers = (len(arms.curricula), "arm"), (len(study.seeds), "seed"), (units, "unit")
+    print_text(f"{study.name}: {', '.join(counted(*number) for number in numbers)}")
+    swept: dict[str, dict[str, None]] = {}
+    for variant in (study.variants or {}).values():
+        for key, value in variant.values.items():
+            swept.setdefault(key, {})[value_text(value)] = None
+    for key, texts in swept.items():
+        print_text(f"swept: {key} = {', '.join(texts)}", 2)
+    if few := too_few(study, arms):
+        print_text(few)
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for name, curriculum in arms.curricula.items():
+        alike.setdefault(tuple(graph(curriculum)), []).append(name)
+    for lines, names in alike.items():
+        between = "; " if study.variants else ", "
+        print(f"\narm{'s' * (len(names) > 1)} {between.join(names)}", *lines, sep="\n")
+    print()
+    costing = costs(study, arms)
+    _print_cost(costing)
+    if arms.budget is not None and arms.total not in (None, arms.budget):
+        steps = arms.budget, arms.total, arms.eval_freq
+        sources = any(curriculum.transfers for curriculum in arms.curricula.values())
+        print_text(total_words(arms.target, *steps, sources=sources))
+    print_text(traffic(study, arms, costing))
+    if study.tune is not None:
+        print_text(_tuning(study, arms, costing))
+    try:
+        study.check_networks()
+    except SettingError as error:
+        print_text(str(error))
+    print_forecasts(study, arms, costing)
+
+
+def too_few(study: StudyConfig, arms: Arms) -> str:
+    """Return that a study has too few seeds for any verdict, in words; empty if it has enough."""
+    curricula = len(arms.curricula) - len(arms.scratches)
+    if SCRATCH not in arms.curricula or not curricula:
+        return ""
+    return too_few_seeds(len(study.seeds), seeds_needed(curricula))
+
+
+def graph(curriculum: Curriculum) -> Iterator[str]:
+    """Yield a text for each task, sources first, and for each transfer into it."""
+    for name in curriculum.order:
+        node = curriculum.node(name)
+        if node.deep:
+            task, learner = node.task.shapes, node.learner.algorithm
+        else:
+            sizes = (node.task.states.size, "state"), (node.task.actions.size, "action")
+            task = " x ".join(counted(*size) for size in sizes)
+            learner = type(node.learner).__name__
+        steps = counted(node.budget, "step") if isinstance(node.budget, int) else node.budget
+        steps = "no steps, by exact answers" if node.takes_no_steps else steps
+        yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)
+        edges = curriculum.in_edges(name)
+        for label, edge in zip(transfer_names(edges), edges, strict=True):
+            cover = f"; {edge.mapping.coverage()}" if edge.mapping.countable else ""
+            yield wrapped(f"{label}: {edge.mapping.words}{cover}", 4)
+
+
+def _tuning(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:
+    """Return what tuning every arm takes at most, in words."""
+    tune, total, number = tuning_of(study), check_tuning(study), number_of_trials(study)
+    runs = number * len(tune.seeds)
+    seconds = runs * sum(cost.seconds / cost.seeds for cost in costing) / len(arms.curricula)
+    return (
+        f"before that, tuning: {counted(tune.trials, 'trial')} of each arm on "
+        f"{numbered_seeds(tune.seeds)}, {counted(number, 'trial')} in all, {runs * total:,} steps, "
+        f"about {duration(seconds)}; the costs above are of the file's own settings, and with "
+        f"the best of the search every arm spends at most {counted(total, 'step')}"
+    )
+
+
+def _print_cost(costing: Sequence[Cost]) -> None:
+    rows = [
+        (
+            f"{cost.arm}: {cost.task}",
+            f"{cost.seeds}",
+            f"{cost.steps:,}",
+            _megabytes(cost.table_bytes),
+            duration(cost.seconds),
+        )
+        for cost in costing
+    ]
+    print_table(("cost at most", "seeds", "steps a seed", "tables", "time"), rows)
+    seconds = sum(cost.seconds for cost in costing)
+    print_text(f"about {duration(seconds)} on one processor, without compilation")
+
+
+def traffic(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:
+    """Return where the results of units on a cluster go, and how large they are, in words."""
+    come_back, written, large, networks = 0, 0, set[str](), ""
+    for cost in costing:
+        node = arms.curricula[cost.arm].node(cost.task)
+        size = 0 if node.deep else cost.seeds * bytes_a_seed(node)
+        networks = ", and networks" if node.deep else networks
+        if seeds_per_file(node) <= study.seeds_per_unit:
+            written += size
+            large.add(cost.task)
+        else:
+            come_back += size
+    size = come_back + written
+    text = f"on a cluster, results come back here: {_megabytes(size)} at most{networks}"
+    if large:
+        text += (
+            f"; with --out at a URL, workers write those of {', '.join(sorted(large))} there, and "
+            f"{_megabytes(come_back)} come back"
+        )
+    return text
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:,.1f} MB"
+
+
+def units_left(
+    study: StudyConfig, path: str | Place, shard: tuple[int, int], *, keep_stale: bool
+) -> Iterator[str]:
+    """Yield what is damaged or stale in a folder, what a run would train, and how much is done."""
+    arms = arms_in(study, path, keep_stale=keep_stale)
+    remarks = list[str]()
+    study, arms = tuned_before(study, arms, path, remarks.append, keep_stale=keep_stale)
+    yield from remarks
+    if study.tune is not None:
+        check_tuning(study)
+        yield (
+            f"first of all {counted(study.tune.trials, 'trial')} of each arm; what follows is then "
+            "trained with the best settings, not with those of the file"
+        )
+    done: Done = {}
+    if holds_study(place_at(path)):
+        done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)
+        yield from remarks
+    left = units_of(study, arms, done, shard)
+    for unit in left:
+        most = arms.curricula[unit.arm].node(unit.task).most_steps
+        yield f"{unit.label}: {counted(most, 'step')} at most"
+    done_before = len(units_of(study, arms, {}, shard)) - len(left)
+    yield f"{counted(len(left), 'unit')} to do, {done_before} done, in {path}"
+
 
 # -- The forecasts that ``curricle check`` prints --------------------------------------------------
 #
@@ -55,43 +203,45 @@ SEEDS = 3
 """Seeds of the sources, as many as ``curricle.forecast`` takes by default; one if that is slow."""
 
 
-def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> None:
-    """Print a forecast for each arm with transfers into the target; `each` is what it costs."""
+def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> None:
+    """Print a forecast for each arm with transfers into the target, the first settings of each."""
+    first = dict[str, str]()
+    for name in study.arms:
+        variant = (study.variants or {}).get(name)
+        first.setdefault(name if variant is None else variant.arm, name)
     # Not those of `arms`, whose target has the total: a trial adds the sources' steps by itself.
-    shown = _first_settings(study)
     curricula = {
-        name: one
-        for name, one in study.curricula.items()
-        if name in shown and one.in_edges(one.target)
+        name: curriculum
+        for name, curriculum in study.curricula.items()
+        if name in first.values() and curriculum.in_edges(curriculum.target)
     }
-    if len(shown) < len(study.arms):
+    if len(first) < len(study.arms):
         print("\nforecasts are for the first settings of each arm")
     sources = {
         arms.keys[name, source]: source
-        for name, one in curricula.items()
-        for source in one.ancestors(one.target)
+        for name, curriculum in curricula.items()
+        for source in curriculum.ancestors(curriculum.target)
     }
     if not sources:
         return
-    target = next(one for one in each if one.task == arms.target)
-    comparing = sum(_comparing_seconds(one, target.step_seconds) for one in curricula.values())
+    print()
+    target = next(cost for cost in costing if cost.task == arms.target)
+    comparing = sum(_comparing_seconds(c, target.step_seconds) for c in curricula.values())
     comparing *= min(SEEDS, len(study.seeds))
     if comparing > LONGEST_COMPARING:
-        print()
         print_text(
             f"no forecast: to compare the potentials in {arms.target} could take "
             f"{duration(comparing)}; curricle.forecast does it, also with fewer episodes"
         )
         return
-    by_key = {arms.keys[one.arm, one.task]: one.seconds / one.seeds for one in each}
+    by_key = {arms.keys[cost.arm, cost.task]: cost.seconds / cost.seeds for cost in costing}
     a_seed = sum(by_key[key] for key in sources)
     names = ", ".join(dict.fromkeys(sources.values()))
-    nodes = [one.node(name) for one in curricula.values() for name in one.ancestors(one.target)]
+    nodes = [c.node(name) for c in curricula.values() for name in c.ancestors(c.target)]
     distilled = any(node.takes_no_steps for node in nodes)
     longest = LONGEST_DISTILLED if distilled else LONGEST
     counts = [n for n in (min(SEEDS, len(study.seeds)), 1) if n * a_seed <= longest]
     if not counts:
-        print()
         print_text(
             f"training {names} for one seed would take about {duration(a_seed)}, so these "
             "forecasts are for sources learnt perfectly; curricle.forecast trains them"
@@ -107,7 +257,6 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     words += f" and trials of {counted(tried, 'seed')}" * bool(tried and quick)
     took = duration(len(seeds) * a_seed + seconds * quick)
     took += " after tabulating what is distilled" * distilled
-    print()
     print_text(f"{words}, for the forecast: about {took}")
     if not quick:
         print_text(f"trials would take about {duration(seconds)} and are left out")
@@ -116,25 +265,15 @@ def print_forecasts(study: StudyConfig, arms: Arms, each: Sequence[Cost]) -> Non
     _print_trained(curricula, arms, seeds, trial=trial, threshold=study.threshold)
 
 
-def _first_settings(study: StudyConfig) -> set[str]:
-    """Return the first arm of each that a sweep makes of an arm in the file."""
-    own = {name: (study.variants or {}).get(name) for name in study.arms}
-    first = {name if one is None else one.arm: name for name, one in reversed(own.items())}
-    return set(first.values())
-
-
 def _trials(curricula: Mapping[str, Curriculum], a_seed: float, target: Cost) -> tuple[int, float]:
-    """Return the most seeds of the trials that forecasts make, and the seconds they take, about.
-
-    `a_seed` are the seconds of all sources, a seed.
-    """
+    """Return the most seeds of trials, and their seconds; sources take `a_seed` seconds a seed."""
     most, seconds = 0, 0.0
-    for one in curricula.values():
-        if hindrance(one):
-            continue
-        some, seeds = affordable(candidates_of(one, one.target))
-        most = max(most, seeds)
-        seconds += seeds * ((1 + len(some)) * target.seconds / target.seeds + len(some) * a_seed)
+    for curriculum in curricula.values():
+        if not hindrance(curriculum):
+            some, seeds = affordable(candidates_of(curriculum, curriculum.target))
+            most = max(most, seeds)
+            learning = (1 + len(some)) * target.seconds / target.seeds
+            seconds += seeds * (learning + len(some) * a_seed)
     return most, seconds
 
 
@@ -172,18 +311,15 @@ def _solving(source: Any) -> float:
 def _print_trained(
     curricula: Mapping[str, Curriculum], arms: Arms, seeds: Sequence[int], **settings: Any
 ) -> None:
-    """Print the forecast of each arm from trained sources; those that arms share are trained once.
-
-    A line for sources that are learnt perfectly follows, where they can be solved and are read.
-    """
+    """Print the forecast of each arm, sources trained once, and a line for perfect sources."""
     judged, known = JudgedPotentials(), dict[str, SourceValues]()
     for name, curriculum in curricula.items():
-        own = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
-        trained = {source: known[key] for source, key in own.items() if key in known}
-        found = _forecast(judged, curriculum, seeds=seeds, trained=trained, **settings)
-        _print(name, found)
-        if isinstance(found, Forecast):
-            known |= {own[source]: values for source, values in found.trained.items()}
+        keys = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
+        trained = {source: known[key] for source, key in keys.items() if key in known}
+        forecast = _forecast(judged, curriculum, seeds=seeds, trained=trained, **settings)
+        _print(name, forecast)
+        if isinstance(forecast, Forecast):
+            known |= {keys[source]: values for source, values in forecast.trained.items()}
             if not curriculum.setting("shaping", arms.target).reads_values:
                 continue  # perfect values would change nothing
             perfect = _forecast(judged, curriculum, perfect=True, only_used=True)
@@ -192,13 +328,13 @@ def _print_trained(
                 print_text(f"{perfect.computed_from}: {used.name} {used.verdict}")
 
 
-def _print(arm: str, found: Forecast | str) -> None:
+def _print(arm: str, forecast: Forecast | str) -> None:
     """Print the forecast of an arm, or why there is none."""
     print(f"\narm {arm}")
-    if isinstance(found, Forecast):
-        print(found.text(line_width()))
+    if isinstance(forecast, Forecast):
+        print(forecast.text(line_width()))
     else:
-        print_text(found)
+        print_text(forecast)
 
 
 def _forecast(judged: JudgedPotentials, curriculum: Curriculum, **settings: Any) -> Forecast | str:
@@ -207,157 +343,3 @@ def _forecast(judged: JudgedPotentials, curriculum: Curriculum, **settings: Any)
         return forecast_once(judged, curriculum, **settings)
     except (CurricleError, ImportError) as error:
         return f"no forecast: {error}"
-
-
-# -- What ``curricle check`` prints: a study's tasks, its cost and a forecast, before it is run ----
-
-
-def print_preview(study: StudyConfig) -> None:
-    """Print the graph of each arm, its cost, and forecasts, for which sources are trained."""
-    arms = Arms.of(study)
-    units = len(units_of(study, arms, {}))
-    numbers = (len(arms.curricula), "arm"), (len(study.seeds), "seed"), (units, "unit")
-    print_text(f"{study.name}: {', '.join(counted(*one) for one in numbers)}")
-    for line in _swept(study):
-        print_text(line, 2)
-    if few := too_few(study, arms):
-        print_text(few)
-    alike: dict[tuple[str, ...], list[str]] = {}
-    for name, curriculum in arms.curricula.items():
-        alike.setdefault(tuple(graph(curriculum)), []).append(name)
-    for lines, names in alike.items():
-        between = "; " if study.variants else ", "
-        print(f"\narm{'s' * (len(names) > 1)} {between.join(names)}", *lines, sep="\n")
-    print()
-    each = costs(study, arms)
-    _print_cost(each)
-    if arms.budget is not None and arms.total not in (None, arms.budget):
-        steps = arms.budget, arms.total, arms.eval_freq
-        sources = any(one.transfers for one in arms.curricula.values())
-        print_text(total_words(arms.target, *steps, sources=sources))
-    print_text(traffic(study, arms, each))
-    if study.tune is not None:
-        print_text(_tuning(study, arms, each))
-    try:
-        study.check_networks()
-    except SettingError as error:
-        print_text(str(error))
-    print_forecasts(study, arms, each)
-
-
-def too_few(study: StudyConfig, arms: Arms) -> str:
-    """Return that a study has too few seeds for any verdict, in words; empty if it has enough."""
-    curricula = len(arms.curricula) - len(arms.scratches)
-    if SCRATCH not in arms.curricula or not curricula:
-        return ""
-    return too_few_seeds(len(study.seeds), seeds_needed(curricula))
-
-
-def graph(curriculum: Curriculum) -> Iterator[str]:
-    """Yield a text for each task, sources first, and for each transfer into it."""
-    for name in curriculum.order:
-        node = curriculum.node(name)
-        if node.deep:
-            task, learner = node.task.shapes, node.learner.algorithm
-        else:
-            sizes = (node.task.states.size, "state"), (node.task.actions.size, "action")
-            task = " x ".join(counted(*one) for one in sizes)
-            learner = type(node.learner).__name__
-        steps = counted(node.budget, "step") if isinstance(node.budget, int) else node.budget
-        steps = "no steps, by exact answers" if node.takes_no_steps else steps
-        yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)
-        edges = curriculum.in_edges(name)
-        for label, edge in zip(transfer_names(edges), edges, strict=True):
-            cover = f"; {edge.mapping.coverage()}" if edge.mapping.countable else ""
-            yield wrapped(f"{label}: {edge.mapping.words}{cover}", 4)
-
-
-def _swept(study: StudyConfig) -> Iterator[str]:
-    """Yield each setting that is swept, with its values."""
-    values: dict[str, dict[str, None]] = {}
-    for one in (study.variants or {}).values():
-        for key, value in one.values.items():
-            values.setdefault(key, {})[value_text(value)] = None
-    yield from (f"swept: {key} = {', '.join(texts)}" for key, texts in values.items())
-
-
-def _tuning(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
-    """Return what tuning every arm takes at most, in words."""
-    tune, total = tuning_of(study), check_tuning(study)
-    number = number_of_trials(study)
-    runs = number * len(tune.seeds)
-    one = sum(one.seconds / one.seeds for one in each) / len(arms.curricula)
-    return (
-        f"before that, tuning: {counted(tune.trials, 'trial')} of each arm on "
-        f"{numbered_seeds(tune.seeds)}, {counted(number, 'trial')} in all, {runs * total:,} steps, "
-        f"about {duration(runs * one)}; the costs above are of the file's own settings, and with "
-        f"the best of the search every arm spends at most {counted(total, 'step')}"
-    )
-
-
-def _print_cost(each: list[Cost]) -> None:
-    rows = [
-        (
-            f"{one.arm}: {one.task}",
-            f"{one.seeds}",
-            f"{one.steps:,}",
-            _megabytes(one.table_bytes),
-            duration(one.seconds),
-        )
-        for one in each
-    ]
-    print_table(("cost at most", "seeds", "steps a seed", "tables", "time"), rows)
-    seconds = sum(one.seconds for one in each)
-    print_text(f"about {duration(seconds)} on one processor, without compilation")
-
-
-def traffic(study: StudyConfig, arms: Arms, each: list[Cost]) -> str:
-    """Return where the results of units on a cluster go, and how large they are, in words."""
-    come_back, written, large = 0, 0, set[str]()
-    for one in each:
-        node = arms.curricula[one.arm].node(one.task)
-        size = 0 if node.deep else one.seeds * bytes_a_seed(node)
-        if seeds_per_file(node) <= study.seeds_per_unit:
-            written += size
-            large.add(one.task)
-        else:
-            come_back += size
-    text = f"on a cluster, results come back here: {_megabytes(come_back + written)} at most"
-    if any(arms.curricula[one.arm].node(one.task).deep for one in each):
-        text += ", and networks"
-    if large:
-        text += (
-            f"; with --out at a URL, workers write those of {', '.join(sorted(large))} there, and "
-            f"{_megabytes(come_back)} come back"
-        )
-    return text
-
-
-def _megabytes(size: int) -> str:
-    return f"{size / 1e6:,.1f} MB"
-
-
-def units_left(
-    study: StudyConfig, path: str | Place, shard: tuple[int, int], *, keep_stale: bool
-) -> Iterator[str]:
-    """Yield what is damaged or stale in a folder, what a run would train, and how much is done."""
-    arms = arms_in(study, path, keep_stale=keep_stale)
-    remarks = list[str]()
-    study, arms = tuned_before(study, arms, path, remarks.append, keep_stale=keep_stale)
-    yield from remarks
-    if study.tune is not None:
-        check_tuning(study)
-        yield (
-            f"first of all {counted(study.tune.trials, 'trial')} of each arm; what follows is then "
-            "trained with the best settings, not with those of the file"
-        )
-    done: Done = {}
-    if holds_study(place_at(path)):
-        done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)
-        yield from remarks
-    left = units_of(study, arms, done, shard)
-    for unit in left:
-        most = arms.curricula[unit.arm].node(unit.task).most_steps
-        yield f"{unit.label}: {counted(most, 'step')} at most"
-    done_before = len(units_of(study, arms, {}, shard)) - len(left)
-    yield f"{counted(len(left), 'unit')} to do, {done_before} done, in {path}"

@@ -15,12 +15,11 @@ from curricle.array_types import FloatArray
 from curricle.checks import one_of
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
-from curricle.study.config.sweeps import value_text
 from curricle.study.cost import total_words
-from curricle.study.effects import TUNING, Effects, effects_of
 from curricle.study.results import StudyResults
-from curricle.study.tuning import TuningRecord, read_tuning, tuning_words
+from curricle.study.tuning import BY_TUNING, TuningRecord, effects_of, read_tuning, tuning_words
 from curricle.study.units import numbered_seeds
+from curricle.study.vary import value_text
 from curricle.text_tables import UNBOUNDED, counted, text_table
 
 # -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----
@@ -110,10 +109,7 @@ class _Copied(io.StringIO):
 
 @contextmanager
 def explained(wanted: bool) -> Iterator[None]:
-    """Print under what is printed what its words mean if that is `wanted`.
-
-    If not, a terminal is told that it can be.
-    """
+    """Print what printed words mean afterwards if `wanted`; else tell a terminal how to."""
     out = sys.stdout
     if not wanted:
         yield
@@ -129,12 +125,12 @@ def explained(wanted: bool) -> Iterator[None]:
 
 def used(text: str) -> dict[str, str]:
     """Return the words that a text has, and what each means."""
-    left, found = " ".join(text.split()), set[str]()
+    left, words = " ".join(text.split()), set[str]()
     for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
         left, times = _pattern(word).subn(" ", left)
         if times:
-            found.add(word)
-    return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in found}
+            words.add(word)
+    return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in words}
 
 
 def _pattern(word: str) -> re.Pattern[str]:
@@ -155,8 +151,23 @@ def print_effects(results: StudyResults) -> None:
     tuning = read_tuning(results.store)
     if tuning is not None:
         print_tuning(tuning)
-    for found in effects_of(results.comparison, results.record, tuning):
-        _print_levels(found)
+    for effects in effects_of(results.comparison, results.record, tuning):
+        tuned = effects.kind == BY_TUNING
+        over = (
+            "trials, from the lowest to the highest" if tuned else "arms, 95 % intervals over seeds"
+        )
+        print()
+        print_text(f"main effects: mean return, sources charged, over all {over}")
+        rows = [
+            (
+                f"{arm}: {key} = {level.text}",
+                f"{level.number}",
+                f"{level.mean:.4g}",
+                f"[{level.low:.4g}, {level.high:.4g}]",
+            )
+            for arm, key, level in effects.rows
+        ]
+        print_table(("", "trials" if tuned else "arms", "mean return", ""), rows)
 
 
 def print_tuning(tuning: TuningRecord) -> None:
@@ -168,30 +179,11 @@ def print_tuning(tuning: TuningRecord) -> None:
     )
     rows = list[tuple[str, ...]]()
     for name, arm in tuning.arms.items():
-        best = arm.best
-        words = ", ".join(f"{key} = {_number(value)}" for key, value in best.values.items())
-        score = NONE if best.score is None else f"{best.score:.4g}"
+        score, values = arm.best.score, arm.best.values
+        words = ", ".join(f"{key} = {_number(value)}" for key, value in values.items())
         number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
-        rows.append((f"{name}: {words or 'nothing to tune'}", number, steps, score))
+        rows.append((f"{name}: {words or 'nothing to tune'}", number, steps, _number(score)))
     print_table(("best trial", "of", "tuning steps", "mean return"), rows)
-
-
-def _print_levels(found: Effects) -> None:
-    """Print the main effect of each setting on each arm."""
-    tuned = found.kind == TUNING
-    over = "trials, from the lowest to the highest" if tuned else "arms, 95 % intervals over seeds"
-    print()
-    print_text(f"main effects: mean return, sources charged, over all {over}")
-    rows = [
-        (
-            f"{arm}: {key} = {level.text}",
-            f"{level.number}",
-            f"{level.mean:.4g}",
-            f"[{level.low:.4g}, {level.high:.4g}]",
-        )
-        for arm, key, level in found.rows
-    ]
-    print_table(("", "trials" if tuned else "arms", "mean return", ""), rows)
 
 
 def _number(value: object) -> str:
@@ -213,19 +205,18 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     print_text(f"{record.name}: {len(results.seeds)} of {total} finished in {arms}")
     if yet_to_tune := tuning_words(results.store):
         print_text(yet_to_tune)
-    rows = list[tuple[str, ...]]()
-    for name, found in results.results.items():
-        for node, learnt in found.items():
-            if arm in (None, name) and task in (None, node):
-                rows.append(
-                    (
-                        f"{name}: {node}",
-                        f"{len(learnt.seeds)}",
-                        f"{learnt.steps_used.mean():,.0f}",
-                        f"{learnt.episodes_used.mean():,.0f}",
-                        _mean_and_deviation(learnt.greedy_return[:, -1]),
-                    )
-                )
+    rows = [
+        (
+            f"{name}: {node}",
+            f"{len(learnt.seeds)}",
+            f"{learnt.steps_used.mean():,.0f}",
+            f"{learnt.episodes_used.mean():,.0f}",
+            _mean_and_deviation(learnt.greedy_return[:, -1]),
+        )
+        for name, nodes in results.results.items()
+        for node, learnt in nodes.items()
+        if arm in (None, name) and task in (None, node)
+    ]
     if rows:
         print_table(("", "seeds", "steps", "episodes", "greedy return"), rows)
         print_text(
@@ -238,7 +229,7 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     budget = None if yet_to_tune else record.budget
     if budget is not None and record.total not in (None, budget):
         steps = budget, record.total, record.eval_freq
-        sources = any(one.transfers for one in record.arms.values())
+        sources = any(recorded.transfers for recorded in record.arms.values())
         print_text(total_words(record.target, *steps, sources=sources))
     compared = record.total is not None and SCRATCH in {*record.arms} - {*results.failed}
     if compared and results.seeds:
@@ -275,18 +266,14 @@ def _check(results: StudyResults, arm: str | None, task: str | None) -> None:
     if arm is not None:
         one_of("an arm", arm, results.record.arms, StoreError)
     if task is not None:
-        tasks = [name for _, name in results.record.keys]
-        one_of("a task", task, dict.fromkeys(tasks), StoreError)
+        one_of("a task", task, dict.fromkeys(name for _, name in results.record.keys), StoreError)
 
 
 def _mean_and_deviation(returns: FloatArray) -> str:
-    """Return mean and deviation, 0 where seeds differ by rounding alone; a dash for no number.
-
-    One seed has no deviation.
-    """
+    """Return mean and deviation, 0 where seeds differ by rounding alone; a dash for no number."""
     mean, deviation = float(np.mean(returns)), float(np.std(returns))
     if np.isnan(mean):
         return "-"
-    if len(returns) == 1:
+    if len(returns) == 1:  # which has no deviation
         return f"{mean:.4g}"
     return f"{mean:.4g} ± {deviation if deviation > ROUNDING * abs(mean) else 0.0:.2g}"

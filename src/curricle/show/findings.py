@@ -13,10 +13,9 @@ from curricle.show.graph import Learnt
 from curricle.show.style import minus, rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
-from curricle.study.config.sweeps import value_text
-from curricle.study.effects import Effects, short
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
-from curricle.study.tuning import TuningRecord
+from curricle.study.tuning import Effects, TuningRecord, short
+from curricle.study.vary import value_text
 from curricle.text_tables import counted
 
 Row = Mapping[str, Any]

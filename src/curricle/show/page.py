@@ -54,9 +54,8 @@ from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
-from curricle.study.effects import Effects
 from curricle.study.record import Analysis, CurriculaRecord
-from curricle.study.tuning import TuningRecord
+from curricle.study.tuning import Effects, TuningRecord
 from curricle.study.units import numbered_seeds
 from curricle.text_tables import counted
 

@@ -18,11 +18,10 @@ from curricle.errors import StudyError, in_words
 from curricle.files import Place, RemotePath, place_at
 from curricle.show.page import ShownStudy, page_of, render, write_page
 from curricle.statistics.curves import SCRATCH
-from curricle.study.effects import effects_of
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import STUDY, in_use
-from curricle.study.tuning import read_tuning
+from curricle.study.tuning import effects_of, read_tuning
 from curricle.study.units import seed_ranges
 from curricle.text_tables import counted
 

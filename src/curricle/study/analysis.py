@@ -1,8 +1,9 @@
-"""What only tasks can say of results: forecasts, certificates, episodes, and playing a policy."""
+"""What only tasks can say of a study: its record, forecasts, certificates, episodes, and play."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from hashlib import blake2b
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,15 @@ import numpy as np
 from curricle.certificate.certification import certify
 from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import one_of
+from curricle.comparison.comparing import OF_OPTIMUM, STATED, threshold_of_optimum
 from curricle.comparison.forecasting import forecast
-from curricle.comparison.forecasts import Forecast
+from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import calibrated
+from curricle.deep.learner import DeepLearner
+from curricle.deep.shaping import PolicyReuse
 from curricle.errors import CurricleError, StoreError
 from curricle.frozen_arrays import frozen
 from curricle.learning.potential import PairPotential
@@ -26,26 +31,152 @@ from curricle.show.scenes import scene_of_view
 from curricle.show.views import GridView
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config import StudyConfig
+from curricle.study.packing import seeds_per_file
 from curricle.study.record import (
     LONGEST_EPISODE,
     Analysis,
+    ArmRecord,
     CertificateRecord,
     CurriculaRecord,
     EpisodePair,
     EpisodeRecord,
     ForecastRecord,
+    NodeRecord,
     RowRecord,
     SectionRecord,
+    StudyRecord,
+    TaskRecord,
+    TransferRecord,
+    VariantRecord,
+    ViewRecord,
 )
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.tasks.live import is_live
-from curricle.tasks.mdp import Task, generative_model, has_tables
+from curricle.tasks.mdp import Task, generative_model, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
+from curricle.text_tables import counted
+from curricle.transfer.rollouts import target_of
+from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
-# -- What only the tasks themselves can say of results: forecasts, certificates, episodes ----------
-#
-# It is found when a study's run ends, and stored in plain data.
+# -- What a study's folder records of it before it is run: plain data of its tasks and curricula ---
+
+
+def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
+    """Return the record of a study, before it is run."""
+    curricula = curricula_record(arms.curricula, arms.keys, arms.scratches, study.variants or {})
+    first = next(iter(arms.curricula.values()))
+    threshold, level = study.threshold, STATED
+    if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
+        node = first.node(arms.target)
+        threshold, level = threshold_of_optimum(target_of(node.task, node.evaluation)), OF_OPTIMUM
+    fields = {name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots")}
+    fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
+    fields |= {"tasks": curricula.tasks, "arms": curricula.arms}
+    problem = task_summary(first.tasks[arms.target])
+    return StudyRecord(threshold=threshold, threshold_from=level, problem=problem, **fields)
+
+
+def curricula_record(
+    curricula: Mapping[str, Curriculum],
+    keys: Mapping[tuple[str, str], str],
+    scratches: Collection[str] = (),
+    variants: Mapping[str, VariantRecord] = MappingProxyType({}),
+) -> CurriculaRecord:
+    """Return the record of curricula by arm, with the keys of their stored results, if any."""
+    tasks, edges, arms = list[Any](), list[Transfer](), {}
+    for arm, curriculum in curricula.items():
+        nodes = {
+            name: NodeRecord(
+                task=_number(curriculum.tasks[name], tasks, same_task),
+                key=keys.get((arm, name), ""),
+                settings={
+                    which: _setting_text(curriculum.setting(which, name))
+                    for which in SETTINGS
+                    if curriculum.in_edges(name) or which not in OF_TARGETS
+                },
+                aggregate=_aggregate(curriculum, name, "a custom aggregate")
+                if len(curriculum.in_edges(name)) > 1
+                else None,
+                seeds_per_file=seeds_per_file(curriculum.node(name)),
+            )
+            for name in curriculum.order
+        }
+        transfers = tuple(
+            TransferRecord(
+                source=edge.source,
+                target=edge.target,
+                words=transfer_words(edge),
+                number=_number(edge, edges, same_transfer),
+            )
+            for edge in curriculum.transfers
+        )
+        calibration = ", calibrated" * (curriculum.calibration(curriculum.target) is not None)
+        arms[arm] = ArmRecord(
+            nodes=nodes,
+            transfers=transfers,
+            potential=_aggregate(curriculum, curriculum.target, "") + calibration,
+            scratch=arm in scratches,
+            depends_on_total=_depends_on_total(curriculum),
+            variant=variants.get(arm),
+        )
+    return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
+
+
+def _number(value: Any, known: list[Any], same: Any) -> int:
+    """Return the place of an object among those that differ, to which it is added if it is new."""
+    for number, other in enumerate(known):
+        if same(value, other):
+            return number
+    known.append(value)
+    return len(known) - 1
+
+
+def _task(task: Any) -> TaskRecord:
+    if is_observation_task(task):
+        kind = f"observations, {task.shapes.replace('->', '→')}"
+        return TaskRecord(kind=kind, text=plain_text(task), states=0, actions=0, view=None)
+    model, view = generative_model(task), GridView.for_replay(task)
+    states, actions = model.states.size, model.actions.size
+    return TaskRecord(
+        kind=f"{type(task).__name__}, {counted(states, 'state')} × {counted(actions, 'action')}",
+        text=plain_text(task),
+        states=states,
+        actions=actions,
+        view=None if view is None else ViewRecord.of(view),
+    )
+
+
+def _setting_text(value: Any) -> str:
+    """Return a setting as text: functions by name, numbers with commas."""
+    if value is None:
+        return "default"
+    if isinstance(value, int):
+        return f"{value:,}"
+    name = getattr(value, "__name__", None)
+    return str(name) if name else value if isinstance(value, str) else plain_text(value)
+
+
+def _aggregate(curriculum: Curriculum, name: str, nameless: str) -> str:
+    """Return the name of what combines the transfers into a task."""
+    return str(getattr(curriculum.setting("aggregate", name), "__name__", nameless))
+
+
+def _depends_on_total(curriculum: Curriculum) -> str:
+    """Return why what a target learns by a step depends on its budget; empty if it does not."""
+    target = curriculum.target
+    learner, shaping = (curriculum.setting(which, target) for which in ("learner", "shaping"))
+    if curriculum.calibration(target) is not None:
+        return "its calibration may take a share of the total"
+    if isinstance(learner, DeepLearner) and learner.scheduled:
+        return f"a schedule of {learner.algorithm} runs over the total"
+    guided = isinstance(shaping, PolicyReuse) and "buffer_size" in learner.takes
+    if guided or getattr(shaping, "kl", 0) > 0:
+        return "its sources' policy is followed in the first half of the total"
+    return ""
+
+
+# -- What only the tasks say of results: forecasts, certificates, episodes; stored when a run ends -
 
 EFFORT = 800_000
 """Target pairs times forecasts times seeds at most: about ten seconds."""
@@ -53,26 +184,20 @@ MOST_SEEDS = 3
 """Seeds of a forecast."""
 LARGEST_CERTIFIED = 20_000_000
 """Target pairs up to which a potential is certified."""
-
-
 DIGEST_BYTES = 8
 LARGEST_TABLE = 20_000_000
 """Pairs (S x A) of a task up to which its episodes are kept."""
 
 
 def analyse(study: StudyResults, arms: Arms) -> None:
-    """Write the analysis of a study whose arms are compared, unless it is there.
-
-    It is of the first seeds that every arm has finished.
-    """
-    curricula = {arm: one for arm, one in arms.curricula.items() if arm not in study.failed}
+    """Write the analysis of the first seeds that every arm has finished, unless it is there."""
+    curricula = {arm: c for arm, c in arms.curricula.items() if arm not in study.failed}
     if not study.seeds or arms.total is None or SCRATCH not in curricula:
         return
     seeds = study.seeds[:MOST_SEEDS]
-    keys = sorted(one for one in study.record.keys.items() if one[0][0] in curricula)
+    keys = sorted(item for item in study.record.keys.items() if item[0][0] in curricula)
     of = blake2b(repr((keys, seeds)).encode(), digest_size=DIGEST_BYTES).hexdigest()
-    there = study.analysis
-    if there is not None and there.of == of:
+    if study.analysis is not None and study.analysis.of == of:
         return
     results = {}
     for arm, curriculum in curricula.items():
@@ -80,27 +205,18 @@ def analyse(study: StudyResults, arms: Arms) -> None:
             name: replace(study.result(arm, name, seeds=seeds), task=curriculum.tasks[name])
             for name in curriculum.order
         }
-        given = study.trained(arm, curriculum, seeds)
-        results[arm] = CurriculumResult(curriculum, nodes, {}, given=given)
+        trained = study.trained(arm, curriculum, seeds)
+        results[arm] = CurriculumResult(curriculum, nodes, {}, given=trained)
     study.store.write_record(ANALYSIS, analysed(results, study.record.only(curricula), of))
 
 
 def analysed(
     results: Mapping[str, CurriculumResult], record: CurriculaRecord, of: str = ""
 ) -> Analysis:
-    """Return the analysis of curricula that were trained.
-
-    `results` are by arm, the sources' values read; `record` is of the same arms, and `of` a digest
-    of the results.
-    """
+    """Return the analysis of trained curricula by arm; `of` is a digest of the results."""
     groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
     sections = tuple(_section(arms, results, len(groups)) for arms in groups)
-    return Analysis(of=of, sections=sections, episodes=_episodes(results))
-
-
-def _episodes(results: Mapping[str, CurriculumResult]) -> dict[str, dict[str, EpisodePair]]:
-    """Return the episodes of each task of each arm that has snapshots, and a view of its states."""
-    found: dict[str, dict[str, EpisodePair]] = {}
+    episodes: dict[str, dict[str, EpisodePair]] = {}
     for arm, result in results.items():
         for name, node in result.nodes.items():
             view = None if node.snapshots is None else GridView.for_replay(node.task)
@@ -108,8 +224,8 @@ def _episodes(results: Mapping[str, CurriculumResult]) -> dict[str, dict[str, Ep
                 discounted = result.curriculum.setting("evaluation", name).discounted
                 pair = before_and_after(node.snapshots, node.task, view, discounted=discounted)
                 if pair:
-                    found.setdefault(arm, {})[name] = pair
-    return found
+                    episodes.setdefault(arm, {})[name] = pair
+    return Analysis(of=of, sections=sections, episodes=episodes)
 
 
 def before_and_after(
@@ -121,12 +237,12 @@ def before_and_after(
     `discounted`. None where the task is given by functions or too large, or where a state is not in
     the view.
     """
-    generative = generative_model(task)
-    pairs = generative.states.size * generative.actions.size
+    model = generative_model(task)
+    pairs = model.states.size * model.actions.size
     if pairs > LARGEST_TABLE or not (has_tables(task) or is_live(task)):
         return None
-    weight = generative.discount if discounted else 1.0
-    steps = min(generative.time_limit or LONGEST_EPISODE, LONGEST_EPISODE)
+    weight = model.discount if discounted else 1.0
+    steps = min(model.time_limit or LONGEST_EPISODE, LONGEST_EPISODE)
     episodes = list[EpisodeRecord]()
     for place in (0, -1):
         values = Values(frozen(snapshots.values[place].astype(np.float64)))
@@ -136,8 +252,8 @@ def before_and_after(
             return None
         rewards = path.rewards * weight ** np.arange(len(path))
         returns = np.concatenate([[0.0], rewards.cumsum()])
-        one = EpisodeRecord(cells=cells, returns=returns, terminated=path.terminated)
-        episodes.append(one)
+        record = EpisodeRecord(cells=cells, returns=returns, terminated=path.terminated)
+        episodes.append(record)
     before, after = episodes
     return EpisodePair(before=before, after=after)
 
@@ -145,40 +261,32 @@ def before_and_after(
 def _section(
     arms: tuple[str, ...], results: Mapping[str, CurriculumResult], n_groups: int
 ) -> SectionRecord:
-    target = results[arms[0]].curriculum.target
-    if is_observation_task(results[arms[0]].curriculum.tasks[target]):
-        seeds, certified, left_out = _observed_extent(arms, results, target)
-    else:
-        seeds, certified, left_out = _extent(arms, results, target, n_groups)
-    found: Forecast | None = None
+    curriculum = results[arms[0]].curriculum
+    target = curriculum.target
+    extent = _observed_extent if is_observation_task(curriculum.tasks[target]) else _extent
+    seeds, certified, left_out = extent(arms, results, target, n_groups)
+    record: ForecastRecord | None = None
     certificates: dict[str, tuple[tuple[str, ...], Certificate | SampledCertificate]] = {}
     try:
-        found = _forecast(arms, results, target, seeds) if seeds else None
+        record = _forecast(arms, results, target, seeds) if seeds else None
         for arm in arms if certified else ():
-            certificate = _certified(results[arm], target)
+            shaping = results[arm].curriculum.setting("shaping", target)
+            potential = _entering(results[arm], target)
+            task = results[arm].curriculum.tasks[target]
+            certificate = certify(task, shaping.with_potential(potential))
             alike, _ = certificates.get(str(certificate), ((), certificate))
             certificates[str(certificate)] = (*alike, arm), certificate
     except CurricleError as error:  # what was learnt stands all the same
         left_out.append(f"What is missing here is left out: {error}")
     return SectionRecord(
         arms=arms,
-        forecast=None if found is None else _plain(found),
+        forecast=record,
         certificates=tuple(
-            CertificateRecord(arms=alike, holds=one.holds, text=str(one))
-            for alike, one in certificates.values()
+            CertificateRecord(arms=alike, holds=certificate.holds, text=str(certificate))
+            for alike, certificate in certificates.values()
         ),
         left_out=tuple(left_out),
     )
-
-
-def _plain(found: Forecast) -> ForecastRecord:
-    rows = list[RowRecord]()
-    for one in found.rows:
-        values: dict[str, Any] = {name: one.mean(name) for name in ("start", "optimistic")}
-        same = RowRecord.model_fields.keys() - values.keys()
-        rows.append(RowRecord(**values, **{name: getattr(one, name) for name in same}))
-    same = ForecastRecord.model_fields.keys() - {"rows"}
-    return ForecastRecord(rows=tuple(rows), **{name: getattr(found, name) for name in same})
 
 
 def _extent(
@@ -189,17 +297,15 @@ def _extent(
     space = generative_model(first.curriculum.tasks[target])
     pairs = space.states.size * space.actions.size
     kept = all(
-        isinstance(results[arm].sources[t.source].values, np.ndarray)
+        isinstance(results[arm].sources[edge.source].values, np.ndarray)
         for arm in arms
-        for t in results[arm].curriculum.in_edges(target)
+        for edge in results[arm].curriculum.in_edges(target)
     )
     seeds = kept * min(MOST_SEEDS, EFFORT // (pairs * n_groups), len(first[target].seeds))
     certified = kept and pairs <= LARGEST_CERTIFIED
     why = f"{target} has {pairs:,} state-action pairs"
-    if not kept:
-        why = "the sources' values were not kept in dense tables"
-    elif n_groups > 1:
-        why += f" and there are {n_groups} graphs"
+    why += f" and there are {n_groups} graphs" * (n_groups > 1)
+    why = why if kept else "the sources' values were not kept in dense tables"
     left_out = []
     if not seeds:
         left_out.append(
@@ -213,7 +319,7 @@ def _extent(
 
 
 def _observed_extent(
-    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, _: int
 ) -> tuple[int, bool, list[str]]:
     """Return the same of a target seen through observations: one seed, and no certificates."""
     left_out = [
@@ -221,9 +327,8 @@ def _observed_extent(
         "numbered states."
     ]
     first = results[arms[0]]
-    readable = all(
-        first.sources[t.source].values is not None for t in first.curriculum.in_edges(target)
-    )
+    edges = first.curriculum.in_edges(target)
+    readable = all(first.sources[edge.source].values is not None for edge in edges)
     if not readable:
         left_out.append(
             "The forecast is left out, because the sources' values were not kept, or their "
@@ -234,44 +339,40 @@ def _observed_extent(
 
 def _forecast(
     arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, seeds: int
-) -> Forecast:
+) -> ForecastRecord:
     first = results[arms[0]]
-    curriculum = first.curriculum
-    sources = curriculum.ancestors(target)
-    trained = {name: first.sources[name].first(seeds) for name in sources}
-    others = [results[arm].curriculum.setting("aggregate", target) for arm in arms[1:]]
-    # No trial: the experiment itself has been made.
-    return forecast(
-        curriculum,
+    sources = first.curriculum.ancestors(target)
+    foreseen = forecast(
+        first.curriculum,
         seeds=first[target].seeds[:seeds],
-        aggregates=others,
-        trained=trained,
-        trial=False,
+        aggregates=[results[arm].curriculum.setting("aggregate", target) for arm in arms[1:]],
+        trained={name: first.sources[name].first(seeds) for name in sources},
+        trial=False,  # the experiment itself has been made
     )
-
-
-def _certified(result: CurriculumResult, target: str) -> Certificate | SampledCertificate:
-    shaping = result.curriculum.setting("shaping", target)
-    task = result.curriculum.tasks[target]
-    return certify(task, shaping.with_potential(_entering(result, target)))
+    rows = list[RowRecord]()
+    for row in foreseen.rows:
+        values: dict[str, Any] = {name: row.mean(name) for name in ("start", "optimistic")}
+        same = RowRecord.model_fields.keys() - values.keys()
+        rows.append(RowRecord(**values, **{name: getattr(row, name) for name in same}))
+    same = ForecastRecord.model_fields.keys() - {"rows"}
+    return ForecastRecord(rows=tuple(rows), **{name: getattr(foreseen, name) for name in same})
 
 
 def _entering(result: CurriculumResult, target: str) -> PairPotential:
     """Return the potential with which the first seed of a target began."""
-    curriculum: Curriculum = result.curriculum
     phi: PairPotential
     if kept := result.potentials.get(target):
         phi = kept[0]
         return phi
-    sources = {name: one.first(1) for name, one in result.sources.items()}
-    phi, *_ = found = curriculum.potentials(target, sources)
-    if (settings := curriculum.calibration(target)) is not None:
-        node = curriculum.node(target)
-        phi = calibrated(node, found, settings, result[target].seeds[:1])[0].potential
+    sources = {name: source.first(1) for name, source in result.sources.items()}
+    phi, *_ = potentials = result.curriculum.potentials(target, sources)
+    if (settings := result.curriculum.calibration(target)) is not None:
+        node = result.curriculum.node(target)
+        phi = calibrated(node, potentials, settings, result[target].seeds[:1])[0].potential
     return phi
 
 
-# -- One episode of what a study learnt: as its folder stores it, or played in the task itself -----
+# -- An episode of what a study learnt: as its folder stores it, or played in the task itself ------
 
 IN_THE_TASK = "--study FILE, the study's own file, plays one in the task itself"
 
@@ -281,8 +382,8 @@ def stored_episode(
 ) -> tuple[int, Episode]:
     """Return the last greedy episode of a task that a folder stores, and the seed that learnt it.
 
-    No task is made and no module of the study imported. Of the rewards the folder keeps what they
-    add up to, of the actions nothing.
+    No task is made and no module of the study imported. The folder keeps the sum of the rewards,
+    and no actions.
 
     A `seed` is the one that must have learnt it. StoreError when the folder has no such arm or
     task, or no such episode: those of tasks with a grid and snapshots are stored, of the first
@@ -307,13 +408,8 @@ def stored_episode(
     view, record = about.view.view, pair.after
     if record.cells.shape[1] != len(view.markers) or record.cells.max() >= np.prod(view.shape):
         raise StoreError(f"{results.store.path} stores an episode of {task!r} that is off its grid")
-    return first, episode_of(view, record)
-
-
-def episode_of(view: GridView, record: EpisodeRecord) -> Episode:
-    """Return a stored episode, drawn on the view of its task."""
     scene, moments = scene_of_view(view), np.arange(len(record.cells))
-    return Episode(
+    return first, Episode(
         frames=Drawn(lambda moment: scene.image(record.cells[moment]), moments),
         actions=np.zeros(0, np.int64),
         rewards=np.diff(record.returns),
@@ -334,8 +430,7 @@ def played_episode(
     limit.
     """
     _check_names(results, arm, task)
-    learnt = results.result(arm, task)
-    arms = Arms.of(study)
+    learnt, arms = results.result(arm, task), Arms.of(study)
     if arms.keys.get((arm, task)) != results.record.keys[arm, task]:
         raise StoreError(
             f"an episode is played by the study that was run: {results.store.path} holds {task!r} "
@@ -344,8 +439,7 @@ def played_episode(
     if seed is None:
         last = learnt.greedy_return[:, -1]
         seed = learnt.seeds[0 if np.isnan(last).all() else int(np.nanargmax(last))]
-    curriculum = arms.curricula[arm]
-    (policy,) = results.policies(arm, curriculum, [seed], task=task)
+    (policy,) = results.policies(arm, arms.curricula[arm], [seed], task=task)
     return seed, policy.episode()
 
 

@@ -11,9 +11,9 @@ from curricle.comparison.comparing import check_comparable, most_source_steps
 from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import ConfigError, SettingError
 from curricle.statistics.curves import SCRATCH
-from curricle.study.config.study_config import StudyConfig
-from curricle.study.config.sweeps import target_alone
+from curricle.study.config import StudyConfig
 from curricle.study.dependencies import Dependencies, dependencies_of, key_of
+from curricle.study.vary import target_alone
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 

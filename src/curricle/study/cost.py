@@ -14,7 +14,7 @@ from curricle.planning.greedy import Values
 from curricle.planning.simulator import GreedyPolicy, UniformPolicy, simulate
 from curricle.planning.target import LARGEST_SOLVED
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config import StudyConfig
 from curricle.study.units import units_of
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import generative_model, has_tables, tables

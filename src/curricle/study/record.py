@@ -26,12 +26,12 @@ from curricle.statistics.curves import SCRATCH
 def _array(dtype: type, kinds: str) -> Any:
     def read(value: Any) -> Any:
         try:
-            found = np.asarray(value)
+            array = np.asarray(value)
         except ValueError:
             raise ValueError("must be an array: its rows have different lengths") from None
-        if found.size and found.dtype.kind not in kinds:
-            raise ValueError(f"must be an array of {dtype.__name__}: got {found.dtype}")
-        return found.astype(dtype)
+        if array.size and array.dtype.kind not in kinds:
+            raise ValueError(f"must be an array of {dtype.__name__}: got {array.dtype}")
+        return array.astype(dtype)
 
     return PlainValidator(read)
 
@@ -87,7 +87,7 @@ class ViewRecord(Plain):
         fields = {name: getattr(view, name) for name in cls.model_fields}
         fields["cells"] = (view.cells - view.origin) @ np.array([view.shape[1], 1])
         fields["ended"] = np.flatnonzero(view.ended)
-        fields["markers"] = tuple((one.letter, one.colour) for one in view.markers)
+        fields["markers"] = tuple((marker.letter, marker.colour) for marker in view.markers)
         return cls(**fields)
 
     @property
@@ -96,7 +96,7 @@ class ViewRecord(Plain):
         fields = {name: getattr(self, name) for name in type(self).model_fields}
         fields["cells"] = np.stack(np.divmod(self.cells, self.shape[1]), axis=1) + self.origin
         fields["ended"] = np.isin(np.arange(len(self.states)), self.ended)
-        fields["markers"] = tuple(Marker(*one, np.empty(0, np.int64)) for one in self.markers)
+        fields["markers"] = tuple(Marker(*letter, np.empty(0, np.int64)) for letter in self.markers)
         return GridView(**fields)
 
     @model_validator(mode="after")
@@ -107,7 +107,7 @@ class ViewRecord(Plain):
         if {self.states.ndim, self.cells.ndim, self.ended.ndim} != {1} or self.cells.size != n:
             raise ValueError("states and cells must have as many entries")
         places = (self.cells, self.air)
-        if not (all(_below(one, rows * columns) for one in places) and _below(self.ended, n)):
+        if not (all(_below(cells, rows * columns) for cells in places) and _below(self.ended, n)):
             raise ValueError("cells and air must lie within the shape, and ended within states")
         if moves is not None and (len(moves) != len(self.actions) or not set(moves) <= {*range(5)}):
             raise ValueError("directions must be one of 0 to 4 for each action")
@@ -192,11 +192,10 @@ class ArmRecord(Plain):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         place = {name: number for number, name in enumerate(self.nodes)}
-        for one in self.transfers:
-            if not place.get(one.source, len(place)) < place.get(one.target, -1):
-                raise ValueError(
-                    f"a transfer must lead to a later task: {one.source}, {one.target}"
-                )
+        for edge in self.transfers:
+            if not place.get(edge.source, len(place)) < place.get(edge.target, -1):
+                ends = f"{edge.source}, {edge.target}"
+                raise ValueError(f"a transfer must lead to a later task: {ends}")
         return self
 
 
@@ -217,13 +216,13 @@ class CurriculaRecord(Plain):
 
     def groups(self) -> list[tuple[str, ...]]:
         """Return the arms besides scratch; those with the same tasks and transfers together."""
-        found: dict[Any, list[str]] = {}
+        groups: dict[Any, list[str]] = {}
         for name, arm in self.arms.items():
             if name != SCRATCH and not arm.scratch:
-                nodes = tuple((each, node.task) for each, node in arm.nodes.items())
-                same = nodes, tuple(one.number for one in arm.transfers)
-                found.setdefault(same, []).append(name)
-        return [tuple(arms) for arms in found.values()]
+                nodes = tuple((task, node.task) for task, node in arm.nodes.items())
+                same = nodes, tuple(edge.number for edge in arm.transfers)
+                groups.setdefault(same, []).append(name)
+        return [tuple(arms) for arms in groups.values()]
 
     @model_validator(mode="after")
     def _known(self) -> Self:
@@ -256,8 +255,11 @@ class StudyRecord(CurriculaRecord):
     @property
     def keys(self) -> dict[tuple[str, str], str]:
         """The key of each task of each arm."""
-        arms = self.arms.items()
-        return {(arm, task): node.key for arm, one in arms for task, node in one.nodes.items()}
+        return {
+            (name, task): node.key
+            for name, arm in self.arms.items()
+            for task, node in arm.nodes.items()
+        }
 
     @model_validator(mode="after")
     def _has_target(self) -> Self:
@@ -311,7 +313,7 @@ class SectionRecord(Plain):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if not {arm for one in self.certificates for arm in one.arms} <= {*self.arms}:
+        if not {arm for record in self.certificates for arm in record.arms} <= {*self.arms}:
             raise ValueError("certificates must be of the section's arms")
         return self
 
@@ -379,10 +381,7 @@ class RunRecord(Plain):
 
 
 def read_record(model: type[Model], value: Any) -> Model:
-    """Return a record from what a JSON file says.
-
-    ValueError names the first place that is wrong, and what is wrong there, in one line.
-    """
+    """Return a record from what a JSON file says; ValueError names the first wrong place."""
     try:
         return model.model_validate_json(json.dumps(value))
     except ValidationError as error:

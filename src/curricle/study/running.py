@@ -19,15 +19,14 @@ from curricle.files import Place, place_at
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
 from curricle.progress import check_progress, interruptible
-from curricle.study.analysis import analyse
+from curricle.study.analysis import analyse, curricula_record, study_record
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
+from curricle.study.config import Study, StudyConfig, study_of
 from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of
 from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
 from curricle.study.packing import Packing, Taken, files_of, pack
 from curricle.study.progress import Progress, shown_units
 from curricle.study.record import RunRecord, StudyRecord, plain
-from curricle.study.recording import curricula_record, study_record
 from curricle.study.results import StudyResults
 from curricle.study.scheduling import Scheduler
 from curricle.study.serialization import UnitResult
@@ -40,7 +39,6 @@ from curricle.study.store import (
     write_errors,
     write_failures,
 )
-from curricle.study.study_arguments import Study, study_of
 from curricle.study.tuning import (
     BEGUN,
     TRIALS,

@@ -28,7 +28,7 @@ DECISION_SCHEMA = {
     "reason": "string",
 }
 """Columns of a unit's decisions, and their types."""
-OWN = re.compile(r"(states|values)_(\d+)(/.*)?")
+OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")
 """An array of one seed, by its row."""
 OF_UNITS = ("source_steps", "scale", "refusal")
 """Arrays by seed that a unit has beside those of its result, the last two if it was calibrated."""
@@ -48,17 +48,17 @@ class UnitResult(NamedTuple):
 def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of some seeds; snapshots stay if their seed, the first, is one of them."""
     rows = np.flatnonzero(np.isin(arrays["seeds"], list(seeds))).tolist()
-    found = dict[str, npt.NDArray[Any]]()
+    kept = dict[str, npt.NDArray[Any]]()
     for name, array in arrays.items():
-        own = OWN.fullmatch(name)
+        of_seed = OF_A_SEED.fullmatch(name)
         of_first = name.startswith("snapshot_")
-        if own and int(own[2]) in rows:
-            found[f"{own[1]}_{rows.index(int(own[2]))}{own[3] or ''}"] = array
+        if of_seed and int(of_seed[2]) in rows:
+            kept[f"{of_seed[1]}_{rows.index(int(of_seed[2]))}{of_seed[3] or ''}"] = array
         elif name == "steps" or (of_first and 0 in rows):
-            found[name] = array
-        elif not own and not of_first:
-            found[name] = array[rows]
-    return found
+            kept[name] = array
+        elif not of_seed and not of_first:
+            kept[name] = array[rows]
+    return kept
 
 
 def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
@@ -99,21 +99,21 @@ def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Tab
     texts = [name for name, kind in schema.items() if kind == "string"]
     try:
         with pq.ParquetFile(io.BytesIO(content)) as file:
-            found = {field.name: str(field.type) for field in file.schema_arrow}
-        if found != schema:
+            columns = {field.name: str(field.type) for field in file.schema_arrow}
+        if columns != schema:
             raise ValueError(f"it must have the columns {', '.join(schema)}")
         with pq.ParquetFile(io.BytesIO(content), read_dictionary=texts) as file:
             about = file.metadata
             groups = [about.row_group(n) for n in range(about.num_row_groups)]
-            columns = [one.column(n) for one in groups for n in range(one.num_columns)]
-            rows = sum(one.num_rows for one in groups)
-            size = sum(one.total_byte_size for one in groups)
+            chunks = [group.column(n) for group in groups for n in range(group.num_columns)]
+            rows = sum(group.num_rows for group in groups)
+            size = sum(group.total_byte_size for group in groups)
             if not about.num_rows == rows <= most or size > LARGEST_TABLE:
                 raise ValueError(
                     f"it must have at most {most:,} rows and {LARGEST_TABLE:,} bytes: got {rows:,} "
                     f"and {size:,}"
                 )
-            if not {one.compression for one in columns} <= {"SNAPPY", "UNCOMPRESSED"}:
+            if not {chunk.compression for chunk in chunks} <= {"SNAPPY", "UNCOMPRESSED"}:
                 raise ValueError("it must be compressed by SNAPPY")  # others unpack a thousandfold
             table = file.read()
         if any(column.null_count for column in table.columns):

@@ -1,28 +1,32 @@
-"""Tuning: trials of settings for every arm, the best of each, and their record."""
+"""Tuning: trials of settings for every arm, the best of each, their record, and what it shows."""
 
 import json
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import blake2b
-from itertools import product
-from typing import Annotated, Any, Self
+from itertools import pairwise, product
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, JsonValue, model_validator
 
+from curricle.array_types import FloatArray
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import most_source_steps
+from curricle.comparison.comparison import Comparison
 from curricle.errors import SettingError
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH, mean_return
+from curricle.statistics.intervals import mean_interval
 from curricle.study.arms import Arms
-from curricle.study.config.study_config import StudyConfig
-from curricle.study.config.sweeps import RangeTable, Tuning, ends_of, value_text, with_values
+from curricle.study.config import StudyConfig
 from curricle.study.dependencies import Dependencies, key_of, settings_key_of
-from curricle.study.record import Count, Plain
+from curricle.study.record import Count, CurriculaRecord, Plain
 from curricle.study.serialization import RUN, of_seeds
 from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.vary import RangeTable, Tuning, value_text, with_values
 from curricle.text_tables import counted
 
 # -- What a results folder says about a tuning: every trial, and the best of each arm --------------
@@ -69,8 +73,8 @@ class TunedArm(Plain):
     @property
     def best(self) -> TrialRecord:
         """The trial with the highest score; the first of several."""
-        scored = [one for one in self.trials if one.score is not None]
-        return max(scored or self.trials, key=lambda one: one.score or 0.0)
+        scored = [trial for trial in self.trials if trial.score is not None]
+        return max(scored or self.trials, key=lambda trial: trial.score or 0.0)
 
 
 class TuningRecord(Plain):
@@ -160,8 +164,7 @@ Choose = Callable[[Dependencies], str]
 
 def tuning_of(study: StudyConfig) -> Tuning:
     """Return the tuning of a study that has one."""
-    if study.tune is None:
-        raise SettingError(f"{study.name} has nothing to tune")
+    assert study.tune is not None, f"{study.name} has nothing to tune"
     return study.tune
 
 
@@ -183,7 +186,8 @@ def check_tuning(study: StudyConfig) -> int:
         raise SettingError(
             "arms are tuned at one total of steps: give the budget of the target in steps"
         )
-    most = {f"{n} {arm}": (arm, one) for n, one in enumerate(_largest(tune)) for arm in study.arms}
+    largest = enumerate(_largest(tune))
+    most = {f"{n} {arm}": (arm, values) for n, values in largest for arm in study.arms}
     curricula = trial_study(study, most).curricula.values()
     steps = arms.budget + max(map(most_source_steps, curricula))
     return max(arms.total, math.ceil(steps / arms.eval_freq) * arms.eval_freq)
@@ -205,15 +209,12 @@ def _largest(tune: Tuning) -> Iterator[Settings]:
 
 
 def extreme_trials(study: StudyConfig) -> StudyConfig:
-    """Return the study of trials that tell whether every value in the space is allowed.
-
-    Each has the smallest, largest or a listed value of one setting, in the first arm with it.
-    """
+    """Return the study of trials with the ends, or listed values, of each setting."""
     tune = tuning_of(study)
     ends = dict[str, tuple[str, Settings]]()
-    for name, space in tune.space.items():
+    for name in tune.space:
         arm = next(arm for arm in tune.places if tune.places[arm][name])
-        for value in ends_of(space):
+        for value in tune.ends(name):
             ends[f"{name} = {value_text(value)}"] = arm, {name: value}
     return trial_study(study, ends)
 
@@ -231,29 +232,25 @@ def trial_study(study: StudyConfig, chosen: Chosen, total: int | None = None) ->
         name: with_values(tables[arm], tune.placed(arm, values))
         for name, (arm, values) in chosen.items()
     }
-    of_study = ("scratches", "variants", "tune")
-    own = {"scratch": False, "scratch_learners": {}, "snapshots": 0, "own_learners": True}
-    return study.varied(
-        arms=arms, seeds=list(tune.seeds), total=total, **own, **dict.fromkeys(of_study)
-    )
+    fields: dict[str, Any] = dict.fromkeys(("scratches", "variants", "tune"))
+    fields |= {"scratch": False, "scratch_learners": {}, "snapshots": 0, "own_learners": True}
+    return study.varied(arms=arms, seeds=list(tune.seeds), total=total, **fields)
 
 
-def tuned_study(study: StudyConfig, found: TuningRecord) -> StudyConfig:
+def tuned_study(study: StudyConfig, record: TuningRecord) -> StudyConfig:
     """Return a study with the best settings of each arm."""
     plain, tune = study.to_data(), tuning_of(study)
+    best = {name: arm.best.values for name, arm in record.arms.items()}
     variants = {
-        name: {**one, "values": {**one["values"], **found.arms[name].best.values}}
-        for name, one in plain["variants"].items()
+        name: {**variant, "values": {**variant["values"], **best[name]}}
+        for name, variant in plain["variants"].items()
     }
     arms, scratches = (
-        {
-            name: with_values(one, tune.placed(name, found.arms[name].best.values))
-            for name, one in plain[which].items()
-        }
+        {name: with_values(c, tune.placed(name, best[name])) for name, c in plain[which].items()}
         for which in ("arms", "scratches")
     )
-    own: dict[str, Any] = {"own_learners": True, "tune": None}
-    return study.varied(arms=arms, scratches=scratches, variants=variants, **own)
+    fields: dict[str, Any] = {"arms": arms, "scratches": scratches, "variants": variants}
+    return study.varied(own_learners=True, tune=None, **fields)
 
 
 def number_of_trials(study: StudyConfig) -> int:
@@ -264,23 +261,14 @@ def number_of_trials(study: StudyConfig) -> int:
 
 
 def digest_of(study: StudyConfig, choose: Choose = key_of) -> str:
-    """Return a digest of all that a study's tuning depends on, but Optuna's version.
-
-    `choose` may leave out code and Curricle's version (:func:`settings_key_of`).
-    """
+    """Return a digest of all that a study's tuning depends on, but Optuna's version."""
     keys = Arms.of(study, choose).keys
     depends = (sorted(keys.items()), tuning_of(study).model_dump_json())
     return blake2b(repr(depends).encode(), digest_size=DIGEST_BYTES).hexdigest()
 
 
 def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRecord:
-    """Return the tuning of a study.
-
-    It depends on the study and on Optuna's version alone: trials that were trained before are read.
-
-    `choose` gives trials their keys: those of stale units, where these are kept. It raises as
-    :func:`check_tuning`.
-    """
+    """Return the tuning of a study, which depends on it and on Optuna's version alone."""
     total, tuning = check_tuning(study), tuning_of(study)
     searches = {name: Search(tuning, name) for name in (*(study.scratches or {}), *study.arms)}
     reference: Arm | None = None
@@ -302,7 +290,8 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
             trial: _arm(store, stored[arms.keys[trial, arms.target]], config.seeds, arms, total)
             for trial in chosen
         }
-        reference = reference or next(curves[one] for one in chosen if chosen[one][0] == SCRATCH)
+        scratch = (trial for trial in chosen if chosen[trial][0] == SCRATCH)
+        reference = reference or curves[next(scratch)]
         for trial, (name, _) in chosen.items():
             score = float(mean_return(curves[trial].charged(reference)).mean())
             searches[name].tell(score)
@@ -313,7 +302,12 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
         optuna=_optuna().__version__,
         seeds=tuning.seeds,
         total=total,
-        space={name: _space(one) for name, one in tuning.space.items()},
+        space={
+            name: SpaceRecord(low=space.low, high=space.high, log=space.log)
+            if isinstance(space, RangeTable)
+            else SpaceRecord(values=space)
+            for name, space in tuning.space.items()
+        },
         arms={
             name: TunedArm(arm=(study.variants or {})[name].arm, trials=tuple(search.trials))
             for name, search in searches.items()
@@ -337,21 +331,20 @@ def _arm(
     return Arm.of(result, spent[order], total, arms.eval_freq)
 
 
-def _space(space: Any) -> SpaceRecord:
-    if isinstance(space, RangeTable):
-        return SpaceRecord(low=space.low, high=space.high, log=space.log)
-    return SpaceRecord(values=tuple(space))
-
-
 class Search:
-    """The search for the settings of one arm: Optuna's TPE, with the study's seed.
-
-    All arms have one seed, so that those with one space begin with the same settings.
-    """
+    """The search of one arm: Optuna's TPE, with one seed for all arms, which so begin alike."""
 
     def __init__(self, tuning: Tuning, arm: str):
         optuna = _optuna()
         self.space = {name: tuning.space[name] for name in tuning.keys(arm)}
+        kinds, self.distributions = optuna.distributions, dict[str, Any]()
+        for name, space in self.space.items():
+            if isinstance(space, RangeTable):
+                kind = kinds.IntDistribution if space.whole else kinds.FloatDistribution
+                self.distributions[name] = kind(space.low, space.high, log=space.log)
+            else:  # Optuna takes the numbers of listed values
+                values = tuple(range(len(space)))
+                self.distributions[name] = kinds.CategoricalDistribution(values)
         self.trials = list[TrialRecord]()
         self._asked = list[tuple[Any, dict[str, Any]]]()
         with warnings.catch_warnings():
@@ -363,15 +356,15 @@ class Search:
         self._study = optuna.create_study(direction="maximize", sampler=sampler)
 
     def ask(self, number: int) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Yield the numbers of the next trials and their settings; one trial where there are none.
-
-        Each must be told before the next are asked for.
-        """
+        """Yield number and settings of the next trials; one trial where nothing varies."""
         for _ in range(number if self.space else not self.trials):
-            trial = self._study.ask(
-                {name: _distribution(space) for name, space in self.space.items()}
-            )
-            values = {name: _value(self.space[name], given) for name, given in trial.params.items()}
+            trial = self._study.ask(self.distributions)
+            values = {
+                name: value
+                if isinstance(space := self.space[name], RangeTable)
+                else json.loads(json.dumps(space[value]))
+                for name, value in trial.params.items()
+            }
             self._asked.append((trial, values))
             yield len(self.trials) + len(self._asked) - 1, values
 
@@ -384,20 +377,6 @@ class Search:
         self.trials.append(TrialRecord(values=values, score=score if known else None))
 
 
-def _distribution(space: Any) -> Any:
-    """Return a space as Optuna's; of listed values it takes the numbers."""
-    kinds = _optuna().distributions
-    if not isinstance(space, RangeTable):
-        return kinds.CategoricalDistribution(tuple(range(len(space))))
-    kind = kinds.IntDistribution if space.whole else kinds.FloatDistribution
-    return kind(space.low, space.high, log=space.log)
-
-
-def _value(space: Any, given: Any) -> Any:
-    """Return the value of a setting for what Optuna gives."""
-    return given if isinstance(space, RangeTable) else json.loads(json.dumps(space[given]))
-
-
 def _optuna() -> Any:
     """Return Optuna, without a line about each trial."""
     try:
@@ -408,3 +387,157 @@ def _optuna() -> Any:
         ) from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna
+
+
+# -- What a sweep or a tuning shows: the mean return with each value of a setting ------------------
+
+THIRDS = 3
+BY_SWEEP, BY_TUNING = "sweep", "tuning"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting that was varied, and the values that it had."""
+
+    key: str
+    """As in the study's file."""
+    levels: tuple[str, ...]
+    """The values in words, or parts of its range."""
+    range: SpaceRecord | None = None
+
+    @classmethod
+    def listed(cls, key: str, values: Iterable[Any]) -> "Setting":
+        """Return a setting of which every value is a level."""
+        return cls(key, tuple(dict.fromkeys(map(value_text, values))))
+
+    @classmethod
+    def searched(cls, key: str, space: SpaceRecord) -> "Setting":
+        """Return a setting that was searched; the levels of a range are its thirds."""
+        if space.values:
+            return cls.listed(key, space.values)
+        low, high = float(space.low or 0.0), float(space.high or 0.0)
+        bounds = (np.geomspace if space.log else np.linspace)(low, high, THIRDS + 1)
+        texts = tuple(f"{short(a)} to {short(b)}" for a, b in pairwise(bounds.tolist()))
+        return cls(key, texts, space)
+
+    def level(self, value: Any) -> str:
+        """Return the level that a value belongs to."""
+        if self.range is None:
+            return value_text(value)
+        ends: tuple[Any, ...] = self.range.low, self.range.high, value
+        low, high, here = (math.log(x) if self.range.log else x for x in ends)
+        number = int((here - low) / (high - low) * len(self.levels))
+        return self.levels[min(max(number, 0), len(self.levels) - 1)]
+
+
+class Tried(NamedTuple):
+    """The arm that values of settings were tried for, and what came of it."""
+
+    arm: str
+    values: Mapping[str, Any]
+    result: Any
+
+
+@dataclass(frozen=True)
+class Level:
+    """The mean return with one value of a setting, whatever the others are."""
+
+    text: str
+    number: int
+    """Of arms or trials."""
+    mean: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Effects:
+    """What a sweep or a tuning shows."""
+
+    kind: str  # BY_SWEEP or BY_TUNING
+    settings: tuple[Setting, ...]
+    levels: Mapping[tuple[str, str], tuple[Level, ...]]
+    """(arm, key) -> the main effect of a setting: its levels, in order."""
+
+    @property
+    def rows(self) -> Iterator[tuple[str, str, Level]]:
+        """The levels of each setting for each arm: arm, key and level."""
+        arms = dict.fromkeys(arm for arm, _ in self.levels)
+        for setting in self.settings:
+            for arm in arms:
+                for level in self.levels.get((arm, setting.key), ()):
+                    yield arm, setting.key, level
+
+
+def effects_of(
+    comparison: Comparison, record: CurriculaRecord, tuning: TuningRecord | None
+) -> tuple[Effects, ...]:
+    """Return what the sweep and the tuning of a study show, those that there are."""
+    swept = sweep_effects(comparison, record, tuning)
+    tuned = None if tuning is None else tuning_effects(tuning)
+    return tuple(effects for effects in (swept, tuned) if effects is not None)
+
+
+def sweep_effects(
+    comparison: Comparison, record: CurriculaRecord, tuning: TuningRecord | None
+) -> Effects | None:
+    """Return the mean over all arms with each value, intervals over seeds; None without a sweep."""
+    tuned = set() if tuning is None else {*tuning.space}
+    tried = [
+        Tried(
+            arm.variant.arm,
+            {key: value for key, value in arm.variant.values.items() if key not in tuned},
+            comparison.returns[name],
+        )
+        for name, arm in record.arms.items()
+        if arm.variant is not None and name in comparison.arms
+    ]
+    keys = dict.fromkeys(key for arm in tried for key in arm.values)
+    settings = tuple(
+        Setting.listed(key, [arm.values[key] for arm in tried if key in arm.values]) for key in keys
+    )
+    return Effects(BY_SWEEP, settings, _levels(tried, settings, _over_seeds)) if settings else None
+
+
+def tuning_effects(tuning: TuningRecord) -> Effects:
+    """Return the mean of the trials of each level, lowest and highest; trials crowd at the best."""
+    tried = [
+        Tried(arm.arm, trial.values, trial.score)
+        for arm in tuning.arms.values()
+        for trial in arm.trials
+        if trial.score is not None
+    ]
+    settings = tuple(Setting.searched(key, space) for key, space in tuning.space.items())
+    return Effects(BY_TUNING, settings, _levels(tried, settings, _over_trials))
+
+
+def _levels(
+    tried: Sequence[Tried], settings: Sequence[Setting], level_of: Callable[[str, Any], Level]
+) -> dict[tuple[str, str], tuple[Level, ...]]:
+    """Return the main effect of each setting on each arm; `level_of` sums up what came of it."""
+    levels = {}
+    for arm in dict.fromkeys(trial.arm for trial in tried):
+        for setting in settings:
+            results: dict[str, list[Any]] = {text: [] for text in setting.levels}
+            for trial in tried:
+                if trial.arm == arm and setting.key in trial.values:
+                    results[setting.level(trial.values[setting.key])].append(trial.result)
+            if any(results.values()):
+                levels[arm, setting.key] = tuple(
+                    level_of(text, some) for text, some in results.items() if some
+                )
+    return levels
+
+
+def short(number: float) -> str:
+    """Return a number in three significant digits, or as a whole number."""
+    return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
+
+
+def _over_seeds(text: str, returns: Sequence[FloatArray]) -> Level:
+    mean = mean_interval(np.mean(returns, axis=0))
+    return Level(text, len(returns), float(mean.estimate), float(mean.low), float(mean.high))
+
+
+def _over_trials(text: str, scores: Sequence[float]) -> Level:
+    return Level(text, len(scores), float(np.mean(scores)), min(scores), max(scores))

@@ -17,9 +17,9 @@ from curricle.learning.saved_result import arrays_of
 from curricle.learning.stopping import ended_by
 from curricle.learning.storage import Storage
 from curricle.study.arms import Arms, arms_from_json
-from curricle.study.config.study_config import StudyConfig
-from curricle.study.config.tables import seeds_in_ranges
+from curricle.study.config import StudyConfig
 from curricle.study.dependencies import Dependencies
+from curricle.study.schema import seeds_in_ranges
 from curricle.study.serialization import DECISION_SCHEMA, UnitResult
 
 

@@ -8,8 +8,7 @@ import curricle as cr
 from curricle.learning.stopping import ended_by
 from curricle.show import page as module
 from curricle.show.page import ShownStudy
-from curricle.study.analysis import analysed
-from curricle.study.recording import curricula_record
+from curricle.study.analysis import analysed, curricula_record
 from tests.tasks import predator_edges
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}

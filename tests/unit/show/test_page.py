@@ -20,8 +20,7 @@ from curricle.show.plots import draw_learning_curves
 from curricle.show.style import arm_styles
 from curricle.statistics.curves import Curve
 from curricle.study import analysis as analysis_module
-from curricle.study.analysis import analysed
-from curricle.study.recording import curricula_record
+from curricle.study.analysis import analysed, curricula_record
 
 from .studies import ODD, Reader, hunt_plan, labelled, maze_plan, page_of, shown, study_page
 

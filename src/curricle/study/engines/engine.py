@@ -23,8 +23,7 @@ from typing import Any, NamedTuple, TypeVar
 from curricle.errors import CurricleError, EngineError, ForeignError, SettingError, in_words
 from curricle.files import Place, RemotePath, remove_folder
 from curricle.study.arms import Arms
-from curricle.study.config.tables import PACKAGES
-from curricle.study.dependencies import own_files
+from curricle.study.own_code import PACKAGES, own_files
 from curricle.study.serialization import UnitResult
 from curricle.study.store import (
     StoredSource,

@@ -1,8 +1,9 @@
-"""A study to start from for any environment of Gymnasium's registry."""
+"""Studies to begin with: commented files that are there, and one for any registered environment."""
 
 from contextlib import closing
 from difflib import get_close_matches
 from importlib import import_module
+from importlib.resources import files
 from importlib.util import find_spec
 from typing import Any
 
@@ -12,13 +13,41 @@ from gymnasium.spaces import Box, Dict, Discrete
 
 from curricle.errors import ConfigError
 from curricle.interop.spaces import has_table, is_discrete
+from curricle.study.own_code import suggestion
+from curricle.study.schema import unknown
+
+KINDS = {
+    "maze": "a maze learnt from its corner",
+    "pursuit": "two predators learn to hunt from the values of one",
+    "gymnasium": "a slippery lake learnt from one that is not",
+    "deep": "a network learns three walls from solved levels of one wall",
+}
+"""Files that are there, and what they are about."""
+
+
+def new_study(kind: str) -> tuple[str, str]:
+    """Return the name and the text of a file; ConfigError if nothing is called so."""
+    if kind in KINDS:
+        return f"{kind}.toml", template(kind)
+    if kind.isalpha() and kind.islower() and (meant := suggestion(kind, KINDS)):
+        raise ConfigError(f"there is no study {kind!r} to start from{meant}")
+    return f"{kind.rpartition(':')[2].replace('/', '-')}.toml", environment_study(kind)
+
+
+def template(kind: str) -> str:
+    """Return a commented file of one of the :data:`KINDS` that runs as it is."""
+    if kind not in KINDS:
+        raise ConfigError(f"template {kind!r} {unknown(kind, KINDS)}")
+    return files(__package__).joinpath(f"{kind}.toml").read_text(encoding="utf-8")
+
+
+# -- A study of an environment of Gymnasium's registry ---------------------------------------------
 
 SHOWN = 3
 """Ids that are named where one is unknown."""
 STEPS = "# steps, or { episodes = 800 }"
 LIMIT = 500
 """Steps of an episode in an environment that sets no limit of its own."""
-
 STUDY = """\
 # {id}, learnt from scratch {how}. Run it with: curricle run FILE
 # Everything commented out shows what else there is.
@@ -73,7 +102,7 @@ def environment_study(name: str) -> str:
         why = " ".join(str(error).split())
         raise ConfigError(f"{name} cannot be made: {type(error).__name__}: {why}") from None
     with closing(env):
-        return _text(name, env)
+        return STUDY.format(id=name, **_parts(name, env))
 
 
 def _known(name: str) -> str:
@@ -87,67 +116,53 @@ def _known(name: str) -> str:
         return f"minigrid:{name}"  # a run in another process finds it by this
     lower = {known.lower(): known for known in registry}
     near = get_close_matches(name.lower(), lower, SHOWN, 0.6)
-    meant = f", did you mean {' or '.join(lower[one] for one in near)}?" if near else ""
+    meant = f", did you mean {' or '.join(lower[known] for known in near)}?" if near else ""
     raise ConfigError(
         f"no environment of Gymnasium's registry is called {name!r}{meant}; curricle new without "
         "a name lists what else there is"
     )
 
 
-def _text(name: str, env: Any) -> str:
-    """Return the study of an environment that was made."""
+def _parts(name: str, env: Any) -> dict[str, Any]:
+    """Return what the study of an environment says of it."""
     observed, acting = env.observation_space, env.action_space
     limited = env.spec is not None and env.spec.max_episode_steps is not None
-    own = limited or hasattr(env.unwrapped, "max_steps")
-    limit = "" if own else f"time_limit = {LIMIT}\n"
-    common = {"id": name, "note": ""}
-    minigrid = _is_minigrid(env)
+    limited = limited or hasattr(env.unwrapped, "max_steps")
+    limit = "" if limited else f"time_limit = {LIMIT}\n"
+    minigrid = any(kind.__module__.startswith("minigrid.") for kind in type(env.unwrapped).__mro__)
     if is_discrete(acting) and (is_discrete(observed) or minigrid):
         quick = minigrid or has_table(env)  # others are played, a thousand times slower
         budget = 100_000 if quick else 20_000
-        return STUDY.format(
-            **common,
-            how="in a table",
-            seeds=20 if quick else 5,
-            learner=TABLE,
-            type="tabulated" if minigrid else "gymnasium",
-            lines=f"# discount = 0.99\n{limit}{f'budget = {budget:_}':28}{STEPS}\n",
-            source_budget=budget // 10,
-            mapping="project = {}              # components of the same name correspond",
-        )
+        return {
+            "how": "in a table",
+            "note": "",
+            "seeds": 20 if quick else 5,
+            "learner": TABLE,
+            "type": "tabulated" if minigrid else "gymnasium",
+            "lines": f"# discount = 0.99\n{limit}{f'budget = {budget:_}':28}{STEPS}\n",
+            "source_budget": budget // 10,
+            "mapping": "project = {}              # components of the same name correspond",
+        }
     if not isinstance(acting, Box | Discrete):
         raise ConfigError(
             f"actions must be numbered, or boxes of numbers, to be learnt: those of {name} are "
             f"{acting}"
         )
-    budget = 50_000
-    network = NETWORK.format(
-        algorithm="PPO" if isinstance(acting, Box) else "DQN", policy=_policy(observed)
-    )
-    note = '# Networks need an extra: pip install "curricle[deep]"\n'
-    return STUDY.format(
-        **{**common, "note": note},
-        how="by a network",
-        seeds=3,
-        learner="",
-        type="observation_task",
-        lines=(
+    budget, picture = 50_000, isinstance(observed, Box) and len(observed.shape) == 3
+    policy = "CnnPolicy" if picture else "MlpPolicy"
+    policy = "MultiInputPolicy" if isinstance(observed, Dict) else policy
+    algorithm = "PPO" if isinstance(acting, Box) else "DQN"
+    return {
+        "how": "by a network",
+        "note": '# Networks need an extra: pip install "curricle[deep]"\n',
+        "seeds": 3,
+        "learner": "",
+        "type": "observation_task",
+        "lines": (
             f"{limit}budget = {budget:_}             # steps\neval_freq = {budget // 20:_}"
-            f"           # steps between checkpoints\nevaluation = {{ episodes = 10 }}\n\n{network}"
+            "           # steps between checkpoints\nevaluation = { episodes = 10 }\n\n"
+            f"{NETWORK.format(algorithm=algorithm, policy=policy)}"
         ),
-        source_budget=budget // 5,
-        mapping='mapping = "identity"      # or observations = "module:function"',
-    )
-
-
-def _is_minigrid(env: Any) -> bool:
-    """Return whether an environment is a level of MiniGrid, which can be tabulated."""
-    return any(one.__module__.startswith("minigrid.") for one in type(env.unwrapped).__mro__)
-
-
-def _policy(observed: Any) -> str:
-    """Return the policy of Stable-Baselines3 for a space of observations."""
-    if isinstance(observed, Dict):
-        return "MultiInputPolicy"
-    picture = isinstance(observed, Box) and len(observed.shape) == 3
-    return "CnnPolicy" if picture else "MlpPolicy"
+        "source_budget": budget // 5,
+        "mapping": 'mapping = "identity"      # or observations = "module:function"',
+    }

@@ -1,0 +1,799 @@
+"""A study's configuration: its tables, how a file is read into them, and the curricula they say.
+
+A file is validated twice: as it is written (:class:`FileTable`), which finds keys that nobody
+reads, and with every arm complete (:class:`StudyConfig`), which runs, is stored and makes keys.
+"""
+
+import ast
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cache, cached_property, wraps
+from graphlib import CycleError, TopologicalSorter
+from inspect import getsource, signature
+from itertools import pairwise
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any, Concatenate, ParamSpec, Self, TypeVar
+
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    WrapValidator,
+    model_validator,
+)
+
+from curricle.checks import listed, unfit_name
+from curricle.comparison.comparing import (
+    compare as compare_curricula,
+    from_scratch,
+    scratch_curricula,
+)
+from curricle.comparison.forecasting import forecast as forecast_curriculum
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.defaults import DEFAULT_STEPS
+from curricle.deep.learner import DeepLearner
+from curricle.display import block, shortened, table as html_table
+from curricle.errors import ConfigError, CurricleError, SettingError
+from curricle.learning.stopping import limits, spacing
+from curricle.statistics.curves import SCRATCH
+from curricle.study.file import (
+    SETTINGS,
+    Positions,
+    Problems,
+    assignment,
+    complete_curriculum,
+    complete_learners,
+    line_numbers,
+    located,
+    merged,
+    path_text,
+    toml_of,
+)
+from curricle.study.own_code import suggestion
+from curricle.study.record import VariantRecord
+from curricle.study.schema import (
+    AnyLearner,
+    Count,
+    Flag,
+    KeyPath,
+    Name,
+    NameGraph,
+    Number,
+    Settings,
+    Table,
+    TransferTable,
+    Whole,
+    as_table,
+    built,
+    seeds_of,
+    shown,
+    table,
+    unknown,
+    wrong_at,
+)
+from curricle.study.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
+from curricle.study.vary import (
+    SweepTable,
+    TuneTable,
+    Tuning,
+    varied_arms,
+    wrong_made,
+    wrong_sweep,
+    wrong_tuning,
+)
+from curricle.tasks.family import FamilyMember
+from curricle.text_tables import counted
+
+ONLY_ARM = "transfer"
+"""The name of the arm of a study without arms."""
+Messages = Iterator[tuple[KeyPath, str]]
+"""What is wrong, each with its key path."""
+
+# -- The tables of a study: as a file writes them, and as they are with all settings filled in -----
+
+Unvalidated = WrapValidator(lambda value, _: as_table(value))
+"""A table that is validated only once it is complete, but is in the JSON Schema."""
+
+
+class RunTable(Table):
+    """How a study is run and read: its top-level keys that are no settings of tasks."""
+
+    name: Name
+    """Name of the study."""
+    seeds: Annotated[
+        tuple[int, ...], BeforeValidator(seeds_of, json_schema_input_type=int | str | list[int])
+    ] = tuple(range(30))
+    """How many, a list, or ranges such as "0-29"."""
+    seeds_per_unit: Count = 5
+    """Seeds trained together as one unit of work."""
+    threshold: Number | None = None
+    """Return at which the target counts as learnt."""
+    window: Count = 5
+    """Checkpoints over which curves are smoothed."""
+    snapshots: Whole = Field(24, ge=0)
+    """Value tables of the first seed kept during training, for the report."""
+    scratch: Flag = True
+    """Whether learning the target from scratch is an arm too."""
+    scratch_learners: dict[Name, AnyLearner] = Field({})
+    """Further learners from scratch by name, each what it changes in the target's."""
+
+
+class ArmTables(Table):
+    """The curriculum of one arm: tasks, each with all its settings, and transfers."""
+
+    tasks: dict[str, AnyTask] = Field(min_length=1)
+    transfers: tuple[TransferTable, ...] = ()
+
+    @model_validator(mode="after")
+    def _all_fits(self) -> Self:
+        """Refuse keys for observations in tables' tasks and transfers, and vice versa."""
+        messages: list[tuple[KeyPath, str]] = []
+        for name, task in self.tasks.items():
+            messages += [(("tasks", name, *path), text) for path, text in task.mismatches(name)]
+        for index, edge in enumerate(self.transfers):
+            if not {edge.source, edge.target} <= self.tasks.keys():
+                continue  # reported with the names
+            here, target = ("transfers", index), self.tasks[edge.target]
+            if self.tasks[edge.source].deep and not target.deep:
+                text = f"must have tables as its target has: {edge.source} is seen through "
+                messages.append(((*here, "source"), text + "observations"))
+            ends = (edge.source, edge.target)
+            strangers = [end for end in ends if not isinstance(self.tasks[end], FamilyTask)]
+            if edge.mapping == "family" and strangers:
+                text = f"must map members of a family: {strangers[0]} is none"
+                messages.append(((*here, "mapping"), text))
+            messages += [((*here, key), text) for key, text in edge.mismatches(deep=target.deep)]
+        if messages:
+            raise wrong_at(*messages)
+        return self
+
+    @classmethod
+    def known(cls) -> tuple[str, ...]:
+        """Return the keys that a file may give an arm, settings for all tasks included."""
+        return (*cls.model_fields, *SETTINGS)
+
+
+class ArmPatch(Settings):
+    """An arm as written: what it changes in the study's curriculum."""
+
+    tasks: dict[str, dict[str, Any]] = Field({})
+    """Changes of tasks, by name."""
+    transfers: list[int] | list[TransferTable] | dict[str, dict[str, Any]] = Field([])
+    """Which of the study's transfers to keep, by number from 0; others instead; or changes of some,
+    by number."""
+
+
+class FileTable(RunTable, Settings):
+    """A study as it is written in a file."""
+
+    families: dict[str, FamilyTable] = Field({})
+    """Families of tasks by name, each with defaults of its own."""
+    tasks: dict[str, Annotated[AnyTask, Unvalidated]] = Field(min_length=1)
+    """The tasks by name, each with settings of its own."""
+    transfers: tuple[TransferTable, ...] = ()
+    """The transfers between tasks."""
+    scratch_learners: dict[Name, Annotated[AnyLearner, Unvalidated]] = Field({})
+    """Further learners from scratch by name, each what it changes in the target's."""
+    arms: dict[str, Annotated[ArmPatch, Unvalidated]] = Field({})
+    """What is compared: by name, what each changes; one arm by default."""
+    sweep: SweepTable = SweepTable()
+    """Lists of settings, which make arms of every arm."""
+    tune: TuneTable | None = None
+    """Settings that are searched for every arm before it is run."""
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of study files, for editors that complete and check TOML."""
+    schema = FileTable.model_json_schema()
+    definitions: dict[str, Any] = {**schema["$defs"], FileTable.__name__: schema}
+    titles = {task.__name__ for task in TASKS}
+    for kind in _subclasses(Table):
+        # Not ``use_attribute_docstrings``: it reads the sources at each start, for half a second.
+        properties = definitions.get(kind.__name__, {}).get("properties", {})
+        for base in kind.__mro__:
+            for key, text in _docstrings(base.__module__).get(base.__name__, {}).items():
+                if key in properties:
+                    properties[key].setdefault("description", " ".join(text.split()))
+    for definition in schema["$defs"].values():
+        if (title := definition.get("title")) in titles:
+            # An arm may give what a task leaves open, but for its type.
+            definition["required"] = ["family" if title == FamilyTask.__name__ else "type"]
+    dialect = "https://json-schema.org/draft/2020-12/schema"
+    return {"$schema": dialect, **schema, "title": "Curricle study"}
+
+
+def _subclasses(kind: Any) -> Iterator[type]:
+    for below in kind.__subclasses__():
+        yield from (below, *_subclasses(below))
+
+
+@cache
+def _docstrings(module: str) -> dict[str, dict[str, str]]:
+    """Return the docstrings below the fields of a module's classes: class -> field -> text."""
+    if not module.startswith("curricle.study."):
+        return {}
+    return {
+        node.name: {
+            field.target.id: text.value.value
+            for field, text in pairwise(node.body)
+            if isinstance(field, ast.AnnAssign)
+            and isinstance(field.target, ast.Name)
+            and isinstance(text, ast.Expr)
+            and isinstance(text.value, ast.Constant)
+            and isinstance(text.value.value, str)
+        }
+        for node in ast.walk(ast.parse(getsource(sys.modules[module])))
+        if isinstance(node, ast.ClassDef)
+    }
+
+
+# -- What a study file says, complete and checked, and the curricula that it describes -------------
+
+
+class StudyConfig(RunTable):
+    """A study of which nothing is left to fill in: every arm is complete, every map is there.
+
+    :func:`read_study` makes it from a file, :meth:`from_data` from :meth:`to_data`. Two files with
+    one meaning give equal configurations, and a study's results depend on nothing else but the
+    modules of its own functions.
+
+    Parameters
+    ----------
+    name, seeds, seeds_per_unit, threshold, window, snapshots, scratch, scratch_learners
+        The keys of a study file.
+    arms : dict of str to ArmTables
+        The tasks and transfers of each arm.
+    scratches : dict of str to ArmTables, optional
+        The arms that learn the target from scratch, where a sweep or a tuning gives them settings;
+        else they follow from the first arm.
+    variants : dict of str to VariantRecord, optional
+        The settings of each arm that a sweep or a tuning gave it, scratch included.
+    tune : Tuning, optional
+        What is to be searched for every arm before the study is run.
+    own_learners : bool, optional
+        Whether each arm may learn the target in its own way, as it was tuned.
+    total : int, optional
+        Steps that every arm spends at least, sources included.
+
+    Examples
+    --------
+    >>> study = StudyConfig.from_data(
+    ...     {"name": "line", "arms": {"transfer": {
+    ...         "tasks": {"line": {"type": "maze", "map": "S..T"}}}}}, Path())
+    >>> study.curriculum("transfer").target
+    'line'
+    """
+
+    arms: dict[str, ArmTables]
+    scratches: dict[str, ArmTables] | None = None
+    variants: dict[str, VariantRecord] | None = None
+    tune: Tuning | None = None
+    own_learners: Flag | None = None
+    total: Count | None = None
+
+    @model_validator(mode="after")
+    def _tuned_apart(self) -> Self:
+        if self.tune and (both := sorted({*self.tune.seeds} & {*self.seeds})):
+            text = f"must be none of the study's seeds: {both[0]} is one"
+            raise wrong_at((("tune", "seeds"), text))
+        return self
+
+    _folder: Path = PrivateAttr(default=Path())
+    _positions: Positions = PrivateAttr(default=Positions(""))
+    _made: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _say: Callable[[str], Any] = PrivateAttr(default=print)
+
+    @classmethod
+    def from_data(
+        cls,
+        data: Mapping[str, Any],
+        folder: Path,
+        positions: Positions | None = None,
+        *,
+        say: Callable[[str], Any] = print,
+    ) -> Self:
+        """Return the configuration that plain data describe, as :meth:`to_data` returns them.
+
+        Parameters
+        ----------
+        data : dict
+        folder : Path
+            Of the modules with the study's own functions.
+        positions : Positions, optional
+            Where in a file things are, for messages.
+        say : callable
+            Takes each line about a mapping that is found.
+
+        Raises
+        ------
+        pydantic.ValidationError
+        """
+        families = positions.families if positions else ()
+        context = {"folder": folder, "families": families}
+        config = cls.model_validate(dict(data), context=context)
+        config._folder, config._say = folder, say
+        config._positions = positions or Positions(config.name)
+        return config
+
+    def to_data(self) -> dict[str, Any]:
+        """Return the configuration as plain data, which JSON can hold.
+
+        Maps are in it, every arm is complete and every setting is given, so that equal data mean
+        equal results as long as the study's own functions stay the same.
+        """
+        return self.model_dump(mode="json", exclude_none=True)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, StudyConfig) and self.to_data() == other.to_data()
+
+    def __repr__(self) -> str:
+        seeds, arms = counted(len(self.seeds), "seed"), listed(self.arms)
+        return shortened(f"StudyConfig({self.name!r}, {seeds}; arms: {arms})")
+
+    def _repr_html_(self) -> str:
+        tasks, transfers = list[Sequence[str]](), list[Sequence[str]]()
+        for arm, tables in self.arms.items():
+            for name, task in tables.tasks.items():
+                budget = "" if task.budget is None else str(task.budget)
+                tasks.append((arm, name, task.type, budget))
+            transfers += [(arm, e.source, e.target, str(e.mapping)) for e in tables.transfers]
+        heads = ["arm", "source", "target", "mapping"]
+        return block(
+            f"Study {self.name!r}, {counted(len(self.seeds), 'seed')}",
+            html_table(["arm", "task", "type", "budget"], tasks, wide=["budget"]),
+            transfers and html_table(heads, transfers, wide=["mapping"]),
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the modules with the study's own functions."""
+        return self._folder
+
+    @property
+    def file(self) -> str:
+        """The name of the file that it was read from, without its folder; else the study's name."""
+        return Path(self._positions.file).name
+
+    @property
+    def results_folder(self) -> str:
+        """The name of the folder that results go to by default, FILE-results."""
+        return f"{Path(self.file).stem}-results"
+
+    @cached_property
+    def curricula(self) -> dict[str, Curriculum]:
+        """The curricula of all arms, by name.
+
+        Raises
+        ------
+        ConfigError
+            Naming all that cannot be built.
+        """
+        return self._built(self.arms)
+
+    def scratch_curricula(self) -> dict[str, Curriculum]:
+        """Return the arms that learn the target from scratch, ``scratch`` first.
+
+        Raises
+        ------
+        ConfigError
+            Naming each learner that does not fit the target, or is its own.
+        """
+        if self.scratches is not None:
+            return self._built(self.scratches)
+        first, problems = next(iter(self.curricula.values())), Problems(self._positions)
+        made = {SCRATCH: from_scratch(first)}
+        for name, learner in self.scratch_learners.items():
+            try:
+                made |= scratch_curricula({name: built(learner, self.folder)}, first)
+            except CurricleError as error:
+                problems.add([(("scratch_learners", name), f"cannot be compared: {error}")])
+        problems.raise_any()
+        return made
+
+    def curriculum(self, arm: str) -> Curriculum:
+        """Return the curriculum of one arm; ConfigError as in :attr:`curricula`."""
+        if arm not in self.arms:
+            raise ConfigError(f"{self._positions.file}: arm {arm!r} {unknown(arm, self.arms)}")
+        return self._built({arm: self.arms[arm]})[arm]
+
+    def check_networks(self) -> None:
+        """Check the learners that are networks with Stable-Baselines3.
+
+        Raises
+        ------
+        SettingError
+            When there is such a learner, and Stable-Baselines3 is not installed.
+        ConfigError
+            Naming each algorithm, setting and kind of shaping that it does not support.
+        """
+        problems = Problems(self._positions)
+        for arm, curriculum in self.curricula.items():
+            for name in curriculum.order:
+                learner, shaping = (curriculum.setting(s, name) for s in ("learner", "shaping"))
+                if not isinstance(learner, DeepLearner):
+                    continue
+                try:
+                    with problems.at("arms", arm, "tasks", name, "learner"):
+                        learner.algorithm_class()
+                        from curricle.deep.models import check_learner  # with torch, an extra
+
+                        edges = curriculum.in_edges(name)
+                        sources = dict.fromkeys(edge.source for edge in edges)
+                        tables = [task for task in sources if not curriculum.node(task).deep]
+                        check_learner(learner, shaping if edges else None, tables)
+                except ImportError as error:  # it names what to install
+                    raise SettingError(f"a task is learnt by a network: {error}") from None
+        problems.raise_any()
+
+    def varied(self, **fields: Any) -> Self:
+        """Return the study with some fields in plain data in the place of its own.
+
+        Raises
+        ------
+        ConfigError
+            Naming the first field that does not fit.
+        """
+        data = {**self.to_data(), **fields}
+        try:
+            made = self.from_data(data, self._folder, self._positions, say=self._say)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = path_text(first["loc"])
+            raise ConfigError(f"{self._positions.file}: {place} {first['msg']}") from None
+        made._made = self._made
+        return made
+
+    def _built(self, arms: Mapping[str, ArmTables]) -> dict[str, Curriculum]:
+        problems = Problems(self._positions)
+        curricula = {
+            arm: _Builder(arm, tables, self, problems).curriculum() for arm, tables in arms.items()
+        }
+        problems.raise_any()
+        return {arm: made for arm, made in curricula.items() if made is not None}
+
+
+class _Builder:
+    """Builds the curriculum of an arm; arms share the tasks and mappings that a study has made."""
+
+    def __init__(self, name: str, arm: ArmTables, study: StudyConfig, problems: Problems):
+        self.name, self.arm, self.study, self.problems = name, arm, study, problems
+        self.made, self.folder = study._made, study.folder
+        self.graph = NameGraph(
+            {name: getattr(task, "of", None) for name, task in arm.tasks.items()},
+            tuple((edge.source, edge.target) for edge in arm.transfers),
+        )
+
+    def curriculum(self) -> Curriculum | None:
+        """Return the curriculum; None where something was refused."""
+        learnt, before = self.graph.learnt, len(self.problems.messages)
+        tasks, settings = self._tasks(), self._settings()
+        transfers = list[Any]()
+        for index, edge in enumerate(self.arm.transfers):
+            if edge.source in tasks and edge.target in tasks:
+                with self._refused("transfers", index):
+                    transfers += [edge.transfer(f) for f in self._mappings(edge, tasks, settings)]
+        if len(self.problems.messages) == before:
+            with self._refused():
+                return Curriculum({name: tasks[name] for name in learnt}, transfers, **settings)
+        return None
+
+    def _refused(self, *path: Any) -> Any:
+        return self.problems.at("arms", self.name, *path)
+
+    def _mappings(self, edge: Any, tasks: dict[str, Any], settings: Any) -> tuple[Any, ...]:
+        """Return the mappings of a transfer, made once for all arms in which they are the same."""
+        target, source = tasks[edge.target], tasks[edge.source]
+        # As the curriculum's own ``unmapped_is_free``.
+        alone = sum(other.target == edge.target for other in self.arm.transfers) == 1
+        fit = alone and settings["unknown_value"].get(edge.target) is None
+        fitted = edge.mapping == "auto" and fit
+        free = {"calibrate"} if fitted else {"scale", "shift", "calibrate"}
+        key = f"{fitted} {edge.model_dump_json(exclude=free)}"
+        key += self._key(edge.target) + self._key(edge.source)
+        if key not in self.made:
+            members = [self._member(edge.target), self._member(edge.source)]
+            self.made[key] = edge.mappings_in(
+                target, source, self.folder, members, fit_unmapped=fit, say=self.study._say
+            )
+        mappings: tuple[Any, ...] = self.made[key]
+        return mappings
+
+    def _tasks(self) -> dict[str, Any]:
+        """Return the tasks that could be made, with the mazes that only crops are made of."""
+        tasks: dict[str, Any] = {}
+        for name in sorted(self.arm.tasks, key=lambda name: len(self.graph.drawings(name))):
+            key, of, task = self._key(name), self.graph.parts[name], self.arm.tasks[name]
+            if of is None or of in tasks:
+                with self._refused("tasks", name):
+                    if key not in self.made:
+                        whole = self._member(name) if of is None else tasks[of]
+                        self.made[key] = started(task.build(self.folder, whole), task.start_states)
+                    tasks[name] = self.made[key]
+        return tasks
+
+    def _member(self, name: str) -> FamilyMember | None:
+        """Return the address of a task in its family, one for all arms; None if it has none."""
+        task, key = self.arm.tasks[name], f"member {self._key(name)}"
+        if isinstance(task, FamilyTask) and key not in self.made:
+            self.made[key] = task.member(self.folder)
+        return self.made.get(key)
+
+    def _key(self, name: str) -> str:
+        """Return all that a task depends on: its own keys, and the mazes that it is a part of."""
+        drawings = [self.arm.tasks[drawing] for drawing in self.graph.drawings(name)]
+        return repr([drawing.model_dump_json(exclude=set(SETTINGS)) for drawing in drawings])
+
+    def _settings(self) -> dict[str, dict[str, Any]]:
+        """Return each setting of each task that is learnt, checked as :class:`Curriculum` will."""
+        settings: dict[str, dict[str, Any]] = {which: {} for which in SETTINGS}
+        are_sources, with_sources = ({edge[i] for edge in self.graph.edges} for i in (0, 1))
+        for name in self.graph.learnt:
+            for which in SETTINGS:
+                with self._refused("tasks", name, which):
+                    value = self.arm.tasks[name].setting(which, self.folder)
+                    if which == "budget" and value is None and name not in are_sources:
+                        value = DEFAULT_STEPS
+                    if which == "budget" and value is not None:
+                        limits(value)
+                    if which == "eval_freq" and settings["budget"].get(name) is not None:
+                        spacing(value, settings["budget"][name])
+                    learner = settings["learner"].get(name)
+                    if which == "shaping" and name in with_sources and None not in (value, learner):
+                        value.check(learner)
+                    settings[which][name] = value
+        return settings
+
+
+# -- From a file to its configuration, or a sentence for every mistake in it -----------------------
+
+
+def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyConfig:
+    r"""Return the study that a TOML file describes.
+
+    Nothing is built yet: tasks and curricula are built when they are asked for.
+
+    Parameters
+    ----------
+    path : path
+    set : sequence of str
+        Changes, such as ``"tasks.chase.budget=1000"``: keys as in the file with dots between them,
+        values as in TOML, or else text.
+
+    Raises
+    ------
+    ConfigError
+        With a line for each mistake: file, line, key path and what is wrong.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "maze.toml"
+    ...     _ = path.write_text('name = "maze"\ntasks.maze = { type = "maze", map = "S..T" }')
+    ...     study = read_study(path, set=["seeds=2", "budget=1000"])
+    >>> study.curriculum("transfer").train(study.seeds)["maze"].steps_used
+    array([1000, 1000])
+    """
+    if not isinstance(path, str | PathLike):
+        raise ConfigError(f"a study file must be a path: got {path!r}")
+    if isinstance(set, str):
+        raise ConfigError(f"set must be a list of settings, each key=value: got {set!r}")
+    path = Path(path)
+    text, study = toml_of(path)
+    changed = list[KeyPath]()
+    for change in set:
+        keys, value = assignment(change)
+        changed.append(_existing(study, keys, str(path)))
+        study = merged(study, value)
+    return configured(study, path.parent, Positions(str(path), line_numbers(text), tuple(changed)))
+
+
+def _existing(study: dict[str, Any], keys: tuple[str, ...], file: str) -> KeyPath:
+    """Return the key path that is to be set; ConfigError for an unknown task, arm or transfer."""
+    if len(keys) < 2 or keys[0] not in ("tasks", "arms", "transfers"):
+        return keys
+    there, listed = study.get(keys[0]), keys[0] == "transfers"
+    known = [str(n) for n in range(len(there))] if isinstance(there, list) else list(table(there))
+    path = (keys[0], int(keys[1]) if listed and keys[1].isdecimal() else keys[1], *keys[2:])
+    if keys[1] not in known:
+        positions = Positions(file, changed=(path[:2],))
+        raise ConfigError(positions.sentence(path[:2], unknown(keys[1], known)))
+    return path
+
+
+def configured(study: dict[str, Any], folder: Path, positions: Positions) -> StudyConfig:
+    """Return the configuration of a study as read; ConfigError with all that is wrong in it."""
+    study = located(study)
+    families = table(study.get("families"))
+    problems = Problems(replace(positions, families=tuple(families)))
+    for name, family in families.items():  # on which tasks depend
+        if ":" in name:
+            text = "must have a name without a colon, which functions have"
+            problems.add([(("families", name), text)])
+        with problems.at("families", name):
+            FamilyTable.model_validate(family)
+    problems.raise_any()
+    arms = table(study.get("arms")) or {ONLY_ARM: {}}
+    complete = {arm: complete_curriculum(study, patch) for arm, patch in arms.items()}
+    problems.positions = replace(problems.positions, arms=complete)
+    fields: dict[str, Any] = {key: study[key] for key in RunTable.model_fields if key in study}
+    if "scratch_learners" in fields:
+        fields["scratch_learners"] = complete_learners(study, next(iter(complete.values())))
+    with problems.at():
+        FileTable.model_validate(study, context={"folder": folder})
+    problems.add([*_wrong_arms(study, complete), *_wrong_learners(study)])
+    for arm, curriculum in complete.items():
+        problems.add(_wrong_names(curriculum), "arms", arm)
+    problems.add([*wrong_sweep(study, complete), *wrong_tuning(study, complete)])
+    fields["arms"] = complete
+    if {"sweep", "tune"} & study.keys() and not problems.messages:
+        made = varied_arms(study, complete)
+        trees = {**fields["arms"], **(made.fields["scratches"] or {}), **made.fields["arms"]}
+        problems.positions = replace(problems.positions, arms={**trees, **made.probes})
+        problems.add(wrong_made(made.fields["arms"]))
+        if made.probes:
+            with problems.at(mapped=True):
+                probes = {**fields, "arms": made.probes}
+                StudyConfig.from_data(probes, folder, problems.positions)
+        fields |= made.fields
+    config: StudyConfig | None = None
+    with problems.at(mapped=True):
+        config = StudyConfig.from_data(fields, folder, problems.positions)
+    problems.raise_any()
+    assert config is not None, "what is not wrong is configured"
+    return config
+
+
+def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
+    """Yield what is wrong with arms as they are written."""
+    tasks, transfers = table(study.get("tasks")), study.get("transfers")
+    transfers = transfers if isinstance(transfers, list) else []
+    targets: dict[str, str] = {}
+    for arm, written in table(study.get("arms")).items():
+        here, patch = ("arms", arm), table(written)
+        if why := unfit_name(arm):
+            yield here, f"has a name that {why}"
+        if arm == SCRATCH:
+            yield here, "must have another name: it is the arm without sources"
+        strange = [name for name in table(patch.get("tasks")) if name not in tasks]
+        yield from (((*here, "tasks", name), unknown(name, tasks)) for name in strange)
+        numbers = list(_wrong_numbers(arm, patch.get("transfers"), len(transfers)))
+        yield from numbers
+        if patch and complete[arm] == complete_curriculum(study) and not strange and not numbers:
+            yield here, "changes nothing: its settings are the study's, or a task has its own"
+        if len(last := NameGraph.of(complete[arm]).targets) == 1:
+            targets[arm] = last[0]
+    if len({*targets.values()}) > 1:
+        each = ", ".join(f"{arm} has {target}" for arm, target in targets.items())
+        yield ("arms",), f"must all have the same target: {each}"
+
+
+def _wrong_numbers(arm: str, chosen: Any, there: int) -> Messages:
+    for index, entry in enumerate(chosen if isinstance(chosen, list | dict) else []):
+        number = int(entry) if isinstance(entry, str) and entry.isdecimal() else entry
+        if isinstance(entry, dict) or (type(number) is int and 0 <= number < there):
+            continue
+        path: KeyPath = ("arms", arm, "transfers", *([index] if isinstance(chosen, list) else []))
+        yield path, f"must name transfers of the study by number, below {there}: got {shown(entry)}"
+
+
+def _wrong_learners(study: dict[str, Any]) -> Messages:
+    """Yield what is wrong with the names of further learners from scratch."""
+    learners, arms = table(study.get("scratch_learners")), table(study.get("arms"))
+    if learners and study.get("scratch") is False:
+        yield ("scratch_learners",), "are compared with the target's own: leave out scratch = false"
+    for name in learners:
+        if why := unfit_name(name):
+            yield ("scratch_learners", name), f"has a name that {why}"
+        if f"{SCRATCH}, {name}" in arms:
+            yield ("arms", f"{SCRATCH}, {name}"), "must have another name: a learner has it"
+
+
+DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")
+"""Types of tasks that a crop may be a part of."""
+
+
+def _wrong_names(plan: dict[str, Any]) -> Messages:
+    """Yield what is wrong with the names in a curriculum, of which parts may be malformed."""
+    graph, whole = NameGraph.of(plan), True
+    tasks, transfers = table(plan.get("tasks")), plan.get("transfers")
+
+    def no_task(name: str) -> str:
+        return f"must name a task: got {shown(name)}{suggestion(name, graph.parts)}"
+
+    for name, task in tasks.items():
+        if why := unfit_name(name):
+            yield ("tasks", name), f"has a name that {why}"
+        of, path = table(task).get("of"), ("tasks", name, "of")
+        if table(task).get("type") == "crop" and isinstance(of, str):
+            drawings = graph.drawings(name)
+            if of not in graph.parts:
+                yield path, no_task(of)
+            elif table(tasks[of]).get("type") not in DRAWN:
+                yield path, f"must name a task of type {', '.join(DRAWN)}: got {shown(of)}"
+            elif graph.parts.get(drawings[-1]) is not None:
+                yield path, f"must lead to a whole task: got {' of '.join(drawings)} and so on"
+    for index, edge in enumerate(transfers if isinstance(transfers, list) else []):
+        for role in ("source", "target"):
+            wanted = table(edge).get(role)
+            if isinstance(wanted, str) and wanted not in graph.parts:
+                yield ("transfers", index, role), no_task(wanted)
+            whole = whole and isinstance(wanted, str) and wanted in graph.parts
+    if not whole:
+        return
+    before: dict[str, list[str]] = {}
+    for source, target in graph.edges:
+        before.setdefault(target, []).append(source)
+    try:
+        TopologicalSorter(before).prepare()
+    except CycleError as error:
+        yield ("transfers",), f"must have no cycle: got {' -> '.join(error.args[1])}"
+        return
+    if graph.parts and len(graph.targets) != 1:
+        targets = ", ".join(graph.targets) or "none"
+        yield ("tasks",), f"must have one that no other builds on: got {targets}"
+
+
+# -- Functions of curricula that take a study too, or the path of its file -------------------------
+
+Study = StudyConfig | str | PathLike[str]
+"""A study, or the path of its file."""
+FORECAST_SEEDS = 3
+"""Seeds of a study that a forecast takes, as many as it takes of a curriculum."""
+Subject = TypeVar("Subject")
+Rest = ParamSpec("Rest")
+Result = TypeVar("Result")
+
+
+def study_of(study: Study) -> StudyConfig:
+    """Return a study as it is, or the one that a file describes; ConfigError says what is wrong."""
+    if isinstance(study, StudyConfig):
+        return study
+    if not isinstance(study, str | PathLike):
+        raise SettingError(f"study must be a StudyConfig or the path of a file: got {study!r}")
+    return read_study(study)
+
+
+def _of_studies(
+    function: Callable[Concatenate[Subject, Rest], Result],
+    arguments: Callable[[StudyConfig], tuple[Subject, dict[str, Any]]],
+) -> Callable[Concatenate[Subject | Study, Rest], Result]:
+    """Return a function that takes a study, and what `arguments` returns of it, for curricula."""
+    first = next(iter(signature(function).parameters))
+
+    @wraps(function)
+    def of_either(*args: Any, **settings: Any) -> Any:
+        if first in settings:
+            args = (settings.pop(first), *args)
+        if args and isinstance(args[0], StudyConfig | str | PathLike):
+            subject, said = arguments(study_of(args[0]))
+            args, settings = (subject, *args[1:]), {**said, **settings}
+        return function(*args, **settings)
+
+    return of_either
+
+
+def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
+    scratch = {name: built(table, study.folder) for name, table in study.scratch_learners.items()}
+    settings = {"seeds": study.seeds, "threshold": study.threshold, "window": study.window}
+    return study.curricula, {**settings, "scratch": scratch}
+
+
+def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
+    arm, *others = study.arms
+    if others:
+        raise ConfigError(
+            "a forecast is of one arm: give forecast(study.curriculum(ARM)), where study is "
+            f"read_study(FILE) and ARM one of {listed(study.arms)}"
+        )
+    said = {"seeds": study.seeds[:FORECAST_SEEDS], "threshold": study.threshold}
+    return study.curriculum(arm), said
+
+
+compare = _of_studies(compare_curricula, _compared)
+forecast = _of_studies(forecast_curriculum, _foreseen)

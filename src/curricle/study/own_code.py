@@ -1,0 +1,245 @@
+"""The user's own modules that a study names: loading functions, and digests of their files."""
+
+import ast
+import importlib
+import importlib.util
+import logging
+import os
+import re
+import sys
+import sysconfig
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from difflib import get_close_matches
+from hashlib import blake2b, sha256
+from importlib.machinery import all_suffixes
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from curricle.checks import listed
+from curricle.errors import ConfigError, CurricleError
+
+# -- Functions that a study file names as ``module:function`` --------------------------------------
+#
+# A module beside the study file comes before one on ``sys.path`` and belongs to its folder: modules
+# of one name in two folders stay apart, and import their neighbours relatively (``from .rules
+# import slip``). A module on ``sys.path`` must be of a package that the user allows: a file alone,
+# from whomever, then runs nothing that nobody chose to run.
+
+ALLOW = "CURRICLE_ALLOW"
+"""The environment variable with the installed packages whose functions study files may name."""
+SAFE = {"curricle.deep", "torch.nn", "torch.optim"}
+"""Modules that they may name anyway: what networks are made of runs no commands."""
+IMPORTED = dict[str, tuple[int, int] | None]()
+"""The time and size of each module's file when it was imported."""
+PACKAGES = "curricle_study_"
+"""What the names of packages of studies' own modules begin with."""
+LOGGER = logging.getLogger(__name__)
+"""It names each module of a study before the module is imported."""
+
+
+def load(reference: str, folder: Path) -> Callable[..., Any]:
+    """Return the function that ``module:function`` names; ConfigError says why there is none."""
+    module_name, colon, name = reference.partition(":")
+    if not colon or not all(part.isidentifier() for part in (*module_name.split("."), name)):
+        raise ConfigError(f"a function is named as module:function: got {reference!r}")
+    with users_code(reference):
+        module = _module(module_name, folder)
+    if module is None:
+        raise ConfigError(
+            f"{reference} names no module: {module_name} is neither beside the study file nor on "
+            "Python's path"
+        )
+    function = getattr(module, name, None)
+    if not callable(function):
+        public = {key: of for key, of in vars(module).items() if key[0] != "_" and callable(of)}
+        mine = [
+            key for key, of in public.items() if getattr(of, "__module__", "") == module.__name__
+        ]
+        others = suggestion(name, public) or (f": it has {listed(mine)}" if mine else "")
+        raise ConfigError(
+            f"{reference} names no function: {module_name} has no {name} to call{others}"
+        )
+    return function  # type: ignore[no-any-return]
+
+
+def suggestion(word: Any, known: Iterable[str]) -> str:
+    """Return ``, did you mean 'that'?`` for the closest known word; empty if none is close."""
+    by_lower_case = {name.lower(): name for name in known}
+    close = get_close_matches(str(word).lower(), by_lower_case, n=1)
+    return f", did you mean {by_lower_case[close[0]]!r}?" if close else ""
+
+
+@contextmanager
+def users_code(reference: str) -> Iterator[None]:
+    """Turn a failure of a user's function into a ConfigError that names it."""
+    try:
+        yield
+    except CurricleError:
+        raise
+    except Exception as error:
+        raise ConfigError(f"{reference} failed: {type(error).__name__}: {error}") from error
+
+
+def _module(name: str, folder: Path) -> ModuleType | None:
+    """Return a module beside the study file or on ``sys.path``; None if there is none."""
+    package, first = _package(folder), name.partition(".")[0]
+    module = None
+    if _exists(f"{package}.{first}"):
+        module = _imported(f"{package}.{name}", name, "beside the study file")
+    if module is None and (first in sys.modules or _exists(first)):
+        _check_allowed(name)
+        module = _imported(name, name, "from Python's path")
+    for path in _modules_in(package):
+        IMPORTED.setdefault(path, _stamp(path))
+    return module
+
+
+def _check_allowed(name: str) -> None:
+    """Raise ConfigError unless a module that is not beside the study file may be named in it."""
+    first, allowed = name.partition(".")[0], os.environ.get(ALLOW, "").split(",")
+    if first in sys.stdlib_module_names:
+        raise ConfigError(
+            f"a study file names functions of modules beside it: {first} is not there, and "
+            "Python's own library, which can run any command, is refused"
+        )
+    if name not in SAFE and not any(f"{name}.".startswith(f"{path.strip()}.") for path in allowed):
+        raise ConfigError(
+            "a study file names functions of modules beside it, and of installed packages that you "
+            f"allow: {first} is not beside it; set {ALLOW}={first} if you trust the file with it"
+        )
+
+
+def _imported(path: str, name: str, place: str) -> ModuleType | None:
+    if path not in sys.modules:
+        LOGGER.info("importing the study's module %s, %s", name, place)
+    return importlib.import_module(path) if _exists(path) else None
+
+
+def _exists(path: str) -> bool:
+    package = path.rpartition(".")[0]
+    there = not package or package in sys.modules or _exists(package)
+    return there and importlib.util.find_spec(path) is not None
+
+
+def _package(folder: Path) -> str:
+    """Return the name of a package of the modules in a folder, imported again if changed."""
+    path = str(folder.resolve())
+    name = f"{PACKAGES}{sha256(path.encode()).hexdigest()[:16]}"
+    imported = _modules_in(name)
+    if any(module in IMPORTED and IMPORTED[module] != _stamp(module) for module in imported):
+        for module in imported:
+            del sys.modules[module]
+            IMPORTED.pop(module, None)
+        importlib.invalidate_caches()
+    package = ModuleType(name, f"The modules in {path}.")
+    package.__path__ = [path]
+    sys.modules.setdefault(name, package)
+    return name
+
+
+def _modules_in(package: str) -> list[str]:
+    return [name for name in list(sys.modules) if name.startswith(f"{package}.")]
+
+
+def _stamp(module: str) -> tuple[int, int] | None:
+    """Return the time and size of a module's file now; None if it has none."""
+    try:
+        status = Path(getattr(sys.modules[module], "__file__", None) or "").stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size
+
+
+# -- The user's own modules behind the functions that a study names, as digests of their files -----
+#
+# A module is the user's own if it is in the study's folder, or on Python's path without being
+# installed (in ``site-packages``) or part of Python. What it imports from its own folder belongs to
+# it: every ``import`` in its text counts, wherever it stands. Modules imported by a computed name,
+# and files that a module reads, are not seen.
+
+REFERENCE = re.compile(r"((?:[^\W\d]\w*\.)*[^\W\d]\w*):\S+")
+"""``module:function``, or an environment of Gymnasium, ``module:Name-v0``."""
+INSTALLED = {
+    Path(sysconfig.get_path(scheme)).resolve()
+    for scheme in ("stdlib", "platstdlib", "purelib", "platlib")
+}
+
+
+def code_of(data: Any, folder: Path) -> dict[str, str]:
+    """Return digests of the own modules that plain data name, by file.
+
+    Files are named from the folder that holds them, and line ends do not count, so that equal code
+    has equal digests on any machine. Any text in the data may be a ``module:function``; `folder` is
+    the study's.
+    """
+    return {
+        name: blake2b(file.read_bytes().replace(b"\r\n", b"\n"), digest_size=16).hexdigest()
+        for name, file in own_files(data, folder).items()
+    }
+
+
+def own_files(data: Any, folder: Path) -> dict[str, Path]:
+    """Return the files of the own modules that plain data name, as in :func:`code_of`."""
+    files = dict[str, Path]()
+    modules = {match[1] for text in _texts(data) if (match := REFERENCE.fullmatch(text))}
+    for words in (tuple(module.split(".")) for module in sorted(modules)):
+        root = folder if any(_files(folder, words)) else _other_folder(words)
+        if root is None:
+            continue
+        closure, waiting = set[Path](), [words]  # the files of the module, and of all it imports
+        while waiting:
+            for file in _files(root, waiting.pop()):
+                if file not in closure:
+                    closure.add(file)
+                    waiting += _imports(file, file.relative_to(root).parent.parts)
+        files |= {file.relative_to(root).as_posix(): file for file in sorted(closure)}
+    return files
+
+
+def _texts(data: Any) -> Iterator[str]:
+    """Yield every text in plain data."""
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, dict | list | tuple):
+        for value in data.values() if isinstance(data, dict) else data:
+            yield from _texts(value)
+
+
+def _other_folder(words: tuple[str, ...]) -> Path | None:
+    """Return the folder on Python's path that holds a module; None if it is not the user's own."""
+    try:
+        spec = importlib.util.find_spec(words[0])
+    except ValueError:  # __main__
+        return None
+    if spec is None or words[0] == __name__.partition(".")[0]:  # Curricle has a version instead
+        return None
+    place, *_ = [*(spec.submodule_search_locations or []), spec.origin or ""]
+    root = Path(place).resolve().parent
+    installed = any(root.is_relative_to(path) for path in INSTALLED)
+    return root if any(_files(root, words)) and not installed else None
+
+
+def _files(root: Path, words: tuple[str, ...]) -> Iterator[Path]:
+    """Yield the files of a module and of the packages that it is in."""
+    for n in range(1, len(words) + 1):
+        stem = root.joinpath(*words[:n])
+        for suffix in all_suffixes():
+            files = (stem / f"__init__{suffix}", stem.with_name(stem.name + suffix))
+            yield from (file for file in files if file.is_file())
+
+
+def _imports(file: Path, package: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    """Yield what a file of a package imports, as words; some name functions in modules."""
+    try:
+        tree = ast.parse(file.read_bytes() if file.suffix == ".py" else b"")
+    except (SyntaxError, ValueError):  # importing it is an error, which is reported there
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (tuple(alias.name.split(".")) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            around = package[: len(package) + 1 - node.level] if node.level else ()
+            module = (*around, *(node.module.split(".") if node.module else ()))
+            yield from ((*module, alias.name) for alias in node.names)

@@ -1,0 +1,796 @@
+"""The tables of a study file: what all of them are made of, and those of settings and transfers.
+
+The library's frozen dataclasses and functions are the schema. :func:`table_of` derives a table from
+a class: the keys are its parameters, with their types and defaults, and with their descriptions
+from the numpydoc "Parameters" section. The class itself checks the values when the object is built.
+
+A table is no ``TypeAdapter(cls)``, which would hold the object instead of what the file says:
+objects change what they are given (a map becomes rows, a number a schedule), and records and keys,
+which hold what the file says, would become others with each such change. Nor has an object a key
+``type``, and 1e3 is a whole number in a study file.
+"""
+
+import inspect
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, is_dataclass
+from functools import cache, reduce
+from operator import or_
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Self,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from pydantic import (
+    AfterValidator,
+    AllowInfNan,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    JsonValue,
+    ModelWrapValidatorHandler,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    create_model,
+    model_validator,
+)
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
+
+from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, unfit_name
+from curricle.deep.learner import DeepLearner
+from curricle.deep.shaping import PolicyReuse, WeightTransfer
+from curricle.interop.encoders import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
+from curricle.learning.learners import SARSA, DoubleQLearning, ExpectedSARSA, QLearning
+from curricle.learning.optimistic_learning import OptimisticQLearning
+from curricle.learning.schedules import Schedule, exponential, harmonic, linear
+from curricle.learning.seeds import MOST_SEEDS
+from curricle.learning.shaping import (
+    DecayingAdvice,
+    LookAheadAdvice,
+    LookBackAdvice,
+    QInitialisation,
+    RewardBonus,
+    StateShaping,
+)
+from curricle.learning.stopping import Episodes, StoppingRule
+from curricle.learning.storage import Storage
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.study.own_code import load, suggestion, users_code
+from curricle.tasks.family import FamilyMember
+from curricle.tasks.observation_task import is_observation_task
+from curricle.transfer import by_components, mapping
+from curricle.transfer.by_components import check_same_observations, identity, member_mappings
+from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.search import announced
+from curricle.transfer.transfer import Transfer
+
+# -- Tables: frozen, without unknown keys, and with messages in plain words ------------------------
+
+KeyPath = tuple[str | int, ...]
+"""The keys and list indices that lead to a value of a study file."""
+SHOWN = 60
+"""Characters of a value that a message repeats."""
+PHRASES = {
+    "float_type": "must be a number",
+    "finite_number": "must be finite",
+    "bool_type": "must be true or false",
+    "string_type": "must be text in quotes",
+    "list_type": "must be a list",
+    "tuple_type": "must be a list",
+    "dict_type": "must be a table",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than_equal": "must be at most {le:,}",
+    "string_too_short": "must not be empty",
+    "too_short": "must have {min_length} or more entries",
+    "too_long": "must have {max_length} entries",
+    "literal_error": "must be {expected}",
+}
+"""The types of Pydantic's errors, as parts of a sentence."""
+
+
+class Table(BaseModel):
+    """A table of a study file; its errors end sentences that begin with the key path."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @classmethod
+    def known(cls) -> tuple[str, ...]:
+        """Return the keys that the table may have."""
+        return tuple(cls.model_fields)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _plain_messages(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        try:
+            return handler(data if isinstance(data, cls) else as_table(data))
+        except ValidationError as error:
+            details = [(detail["loc"], _message(detail, cls.known())) for detail in error.errors()]
+            raise wrong_at(*details) from None
+
+
+def _message(detail: Any, keys: Collection[str]) -> str:
+    """Return an error of Pydantic's as the end of a sentence; the table may have these keys."""
+    kind, value = detail["type"], detail["input"]
+    if kind == "wrong":
+        return str(detail["msg"])
+    if kind == "missing":
+        return "is missing"
+    if kind == "extra_forbidden":
+        return unknown(detail["loc"][-1], keys)
+    context = detail.get("ctx", {})
+    phrase = PHRASES.get(kind, "is not understood").format(**context)
+    words = context["expected"].split("'")[1::2] if kind == "literal_error" else ()
+    return f"{phrase}: got {shown(value)}{suggestion(value, words)}"
+
+
+def wrong(text: str) -> PydanticCustomError:
+    """Return an error with this message about the value that is validated."""
+    return PydanticCustomError("wrong", "{text}", {"text": text})
+
+
+def wrong_at(*messages: tuple[KeyPath, str]) -> ValidationError:
+    """Return an error with messages about parts of the value that is validated."""
+    details = [InitErrorDetails(type=wrong(text), loc=path, input=None) for path, text in messages]
+    return ValidationError.from_exception_data("study", details)
+
+
+def shown(value: Any) -> str:
+    """Return a value as messages repeat it."""
+    text = repr(value)
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+
+
+def not_one_of(value: Any, known: Collection[str]) -> str:
+    """Return that a value must be a known word."""
+    return f"must be one of {', '.join(known)}: got {shown(value)}{suggestion(value, known)}"
+
+
+def unknown(word: Any, known: Collection[str]) -> str:
+    """Return that a word is unknown, with the closest known word or else all of them."""
+    others = f": known are {', '.join(known)}" if known else ""
+    return f"is unknown{suggestion(word, known) or others}"
+
+
+# -- Single values: numbers, names, words, seeds, and choices among tables -------------------------
+
+
+def table(value: Any) -> dict[str, Any]:
+    """Return a table as it is, and an empty one for anything else."""
+    return value if isinstance(value, dict) else {}
+
+
+def as_table(value: Any) -> dict[str, Any]:
+    """Return a table as it is; refuse anything else."""
+    if not isinstance(value, dict):
+        raise wrong(f"must be a table: got {shown(value)}")
+    return value
+
+
+def whole_number(value: Any) -> int:
+    """Return a whole number: 1000, 1_000 or 1e3."""
+    whole = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
+    if not whole or isinstance(value, bool):
+        raise wrong(f"must be a whole number: got {shown(value)}")
+    if abs(value) >= BEYOND_64_BITS:
+        raise wrong(f"must fit into 64 bits: got {shown(value)}")
+    return int(value)
+
+
+def word(
+    rule: str,
+    words: Collection[str] = (),
+    *,
+    function: bool = False,
+    lists: Any = None,
+    other: Callable[[Any], Any] = lambda value: value,
+) -> BeforeValidator:
+    """Return the validator of a value that is a text among some words, or is no text.
+
+    `rule` is what the value must be, for messages; `function` allows ``module:function`` too.
+    `lists` is the type of a list in a word's place, and `other` validates whatever is no text.
+    """
+    if lists is not None:
+        # Not left to the union of both types, which would complain about a list that it is no word.
+        adapter = TypeAdapter[Any](lists)
+
+        def other(value: Any) -> Any:
+            if not isinstance(value, list | tuple):
+                raise wrong(f"must {rule}: got {shown(value)}")
+            return adapter.validate_python(value)
+
+    def checked(value: Any) -> Any:
+        if not isinstance(value, str):
+            return other(value)
+        if value in words or (function and ":" in value):
+            return value
+        raise wrong(f"must {rule}: got {shown(value)}{suggestion(value, words)}")
+
+    return BeforeValidator(checked)
+
+
+def _fit_name(text: str) -> str:
+    if why := unfit_name(text):
+        raise wrong(why)
+    return text
+
+
+Whole = Annotated[int, BeforeValidator(whole_number)]
+Count = Annotated[Whole, Field(ge=1)]
+Number = Annotated[float, Strict(), AllowInfNan(False)]
+Flag = Annotated[bool, Strict()]
+Name = Annotated[
+    str,
+    AfterValidator(_fit_name),
+    Field(json_schema_extra={"minLength": 1, "maxLength": LONGEST_NAME}),
+]
+Reference = Annotated[str, word("name a function as module:function", function=True)]
+"""A function as ``module:function``."""
+
+
+def seeds_of(value: Any) -> tuple[int, ...]:
+    """Return what a file says of seeds, such as 30, [0, 1, 7] or "0-9,20-29"."""
+    numbers: Any = seeds_in_ranges(value) if isinstance(value, str) else value
+    if type(numbers) is int:
+        numbers = range(min(numbers, MOST_SEEDS + 1))
+    several = isinstance(numbers, list | tuple | range) and 0 < len(numbers) <= MOST_SEEDS
+    whole = several and all(type(n) is int and 0 <= n < BEYOND_64_BITS for n in numbers)
+    if not whole or len(set(numbers)) < len(numbers):
+        raise wrong(
+            'must be a number of seeds, a list of different ones, or ranges such as "0-9,20-29", '
+            f"{MOST_SEEDS:,} at most: got {shown(value)}"
+        )
+    return tuple(numbers)
+
+
+def seeds_in_ranges(text: str) -> list[int]:
+    """Return the seeds in ranges such as "0-9,20-29"; none if malformed or far too many."""
+    numbers = list[int]()
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\d{1,19})\s*(?:-\s*(\d{1,19})\s*)?", part, re.ASCII)
+        named = range(int(match[1]), int(match[2] or match[1]) + 1) if match else range(0)
+        if not named or len(numbers) + named.stop - named.start > MOST_SEEDS:
+            return []
+        numbers += named
+    return numbers
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Annotation of a value that is one of several tables: only the one meant is reported about."""
+
+    tables: tuple[type[Table], ...]
+    default: str | None = None
+    """The ``type`` of a table that says none."""
+    choose: Callable[[dict[str, Any]], Any] = lambda value: None
+    """Returns the table that a dict is meant to be; None where its key ``type`` says it."""
+    simple: Callable[[Any], Any] = as_table
+    """Validates what is not a table."""
+    simple_type: Any = None
+    """The type of what `simple` accepts, for the JSON Schema."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        types = [*self.tables, *([] if self.simple_type is None else [self.simple_type])]
+        return core_schema.with_info_wrap_validator_function(
+            self._validated, handler.generate_schema(reduce(or_, types))
+        )
+
+    def _validated(self, value: Any, _: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+        if isinstance(value, dict):
+            return self._meant(value).model_validate(value, context=info.context)
+        return value if isinstance(value, Table) else self.simple(value)
+
+    def _meant(self, value: dict[str, Any]) -> type[Table]:
+        """Return the table that a dict is meant to be."""
+        if len(self.tables) == 1:
+            return self.tables[0]
+        meant: type[Table] | None = self.choose(value)
+        if meant is not None:
+            return meant
+        name, by_name = value.get("type", self.default), tags(self.tables)
+        if "type" not in value and self.default is None:
+            raise wrong_at((("type",), f"is missing: one of {', '.join(by_name)}"))
+        if not isinstance(name, str) or name not in by_name:
+            raise wrong_at((("type",), not_one_of(name, by_name)))
+        return by_name[name]
+
+
+def tags(tables: Iterable[type[Table]]) -> dict[str, type[Table]]:
+    """Return tables by the value of their key ``type``."""
+    return {str(made.model_fields["type"].default): made for made in tables}
+
+
+# -- Tables from the library's frozen dataclasses and functions ------------------------------------
+
+
+class ObjectTable(Table):
+    """A table that stands for an object of the library."""
+
+    makes: ClassVar[Any]
+    """The class or function that makes the object."""
+    parameters: ClassVar[tuple[str, ...]] = ()
+    """The parameters of `makes` that the table has."""
+    functions: ClassVar[tuple[str, ...]] = ()
+    """Those whose texts with a colon name functions of the user's."""
+
+    def build(self, folder: Path = Path()) -> Any:
+        """Return the object; the library's own error if the values make no sense."""
+        return type(self).makes(**self.arguments_in(folder))
+
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments for what makes the object: inner tables built, functions loaded."""
+        arguments = {name: built(getattr(self, name), folder) for name in self.parameters}
+        for name in self.functions:
+            if isinstance(arguments[name], str) and ":" in arguments[name]:
+                arguments[name] = load(arguments[name], folder)
+        return arguments
+
+
+def built(value: Any, folder: Path) -> Any:
+    """Return the object that a table stands for, and any other value as it is."""
+    return value.build(folder) if isinstance(value, ObjectTable) else value
+
+
+@cache
+def table_of(
+    makes: Any,
+    base: type[ObjectTable] = ObjectTable,
+    *,
+    tag: str | None = None,
+    without: tuple[str, ...] = (),
+    **annotations: Any,
+) -> Any:
+    """Return the table of a dataclass or function of the library.
+
+    Keys of the table `base` come on top; `tag` is the value of its key ``type``, where it is one of
+    several; parameters `without` cannot be given; `annotations` are types of parameters that TOML
+    writes in another way than Python.
+    """
+    hints, texts = get_type_hints(makes), descriptions(makes)
+    signature = inspect.signature(makes).parameters
+    parameters = {name: of.default for name, of in signature.items() if name not in without}
+    fields: dict[str, Any] = {} if tag is None else {"type": (Literal[tag], tag)}
+    for name, default in parameters.items():
+        annotation, kind = annotations.get(name) or annotated(hints[name]), cast(Any, type(default))
+        if default is inspect.Parameter.empty:
+            default = ...
+        elif _is_dataclass(kind):
+            default = table_of(kind)()
+        elif kind.__name__ == "_HAS_DEFAULT_FACTORY_CLASS":
+            default = {}
+        fields[name] = (annotation, Field(default, description=texts[name]))
+    made = create_model(tag or makes.__name__, __base__=base, __doc__=summary(makes), **fields)
+    made.makes, made.parameters = makes, tuple(parameters)
+    return made
+
+
+def annotated(hint: Any) -> Any:
+    """Return the type that validates what TOML may say for a parameter of this type."""
+    if hint in _PLAIN:
+        return _PLAIN[hint]
+    members = get_args(hint)
+    if get_origin(hint) in (Union, UnionType):
+        if Schedule in members:
+            return Rate | None if NoneType in members else Rate
+        tables = [table_of(member) for member in members if _is_dataclass(member)]
+        if tables and (bool in members or NoneType in members):
+            return _flag_or(tables[0], False if bool in members else None)
+        return Union[*tables, *(annotated(other) for other in members if not _is_dataclass(other))]
+    if get_origin(hint) is tuple:
+        return tuple[*map(annotated, members)]  # type: ignore[misc]
+    return table_of(hint) if _is_dataclass(hint) else hint
+
+
+def _is_dataclass(hint: Any) -> bool:
+    return is_dataclass(hint)
+
+
+def _flag_or(made: type[Table], off: Any) -> Any:
+    """Return the type of what is false (`off`), true (a table of defaults) or a table."""
+
+    def flag(value: Any) -> Any:
+        if not isinstance(value, bool):
+            raise wrong(f"must be true, false or a table: got {shown(value)}")
+        return made() if value else off
+
+    return Annotated[Any, Choice((made,), simple=flag, simple_type=bool)]
+
+
+def summary(makes: Any) -> str:
+    """Return the first paragraph of a docstring, without markup."""
+    return _plain((inspect.getdoc(makes) or "").partition("\n\n")[0])
+
+
+def descriptions(makes: Callable[..., Any]) -> dict[str, str]:
+    """Return what the numpydoc says of each parameter; the summary where it says nothing."""
+    docs = [inspect.getdoc(kind) or "" for kind in getattr(makes, "__mro__", (makes,))]
+    texts = dict.fromkeys(inspect.signature(makes).parameters, summary(makes))
+    for doc in reversed(docs):
+        section = re.search(r"Parameters\n-+\n(.*?)(\n\n\w[\w ]*\n-+\n|\Z)", doc, re.DOTALL)
+        for entry in re.finditer(
+            r"^(\w[\w, ]*?)(?: : (.*))?\n((?:[ ]+.*\n?|\n)*)",
+            f"{section[1]}\n" if section else "",
+            re.MULTILINE,
+        ):
+            text = _plain(entry[3]) or _plain(entry[2] or "")
+            texts |= dict.fromkeys(re.split(r",\s*", entry[1]), text) if text else {}
+    return texts
+
+
+def _plain(text: str) -> str:
+    """Return a part of a docstring on one line, without markup."""
+    return " ".join(re.sub(r":\w+:`~?([^`]*)`|`+([^`]*)`+", r"\1\2", text).split())
+
+
+_PLAIN: dict[Any, Any] = {int: Whole, float: Number, bool: Flag, NoneType: None}
+_SCHEDULES = tuple(table_of(makes, tag=makes.__name__) for makes in (linear, exponential, harmonic))
+Rate = Annotated[
+    Any, Choice(_SCHEDULES, simple=TypeAdapter(Number).validate_python, simple_type=float)
+]
+"""A number, or a table that says how it changes."""
+
+
+def named(*tables: Any, function: bool = False) -> Callable[[Any], Any]:
+    """Return the validator of a table's name in its place, or of ``module:function``."""
+    known = tags(tables)
+
+    def simple(value: Any) -> Any:
+        if function and isinstance(value, str) and ":" in value:
+            return value
+        if not isinstance(value, str) or value not in known:
+            raise wrong(not_one_of(value, known) + " (or module:function)" * function)
+        needed = [key for key, field in known[value].model_fields.items() if field.is_required()]
+        if needed:
+            raise wrong(f"must be a table, as {value} needs {' and '.join(needed)}: got {value!r}")
+        return known[value]()
+
+    return simple
+
+
+# -- Encoders of observations: by name, as a table, or a function of the user's --------------------
+
+
+def _encoder_of(*tables: Any) -> Any:
+    simple = named(*tables, function=True)
+    return Annotated[Any, Choice(tables, simple=simple, simple_type=str)]
+
+
+class _StackedFramesTable(ObjectTable):
+    functions: ClassVar[tuple[str, ...]] = ("of",)
+
+
+_OF_A_FRAME = (
+    table_of(MiniGridView, tag="MiniGridView"),
+    table_of(MiniGridFullView, tag="MiniGridFullView"),
+    table_of(FlatDict, tag="FlatDict", leave_out=tuple[str, ...]),
+)
+AnyEncoder: Any = _encoder_of(
+    *_OF_A_FRAME,
+    table_of(
+        StackedFrames, _StackedFramesTable, tag="StackedFrames", of=_encoder_of(*_OF_A_FRAME) | None
+    ),
+)
+"""An encoder: ``"MiniGridView"``, ``{ type = "FlatDict", ... }`` or ``"module:function"``."""
+
+
+# -- Settings of learning: learner, budget, how potentials enter, evaluation, storage --------------
+
+AGGREGATES = ("maximum", "mean", "minimum", "total")
+DEEP = "deep"
+"""The `type` of a learner that is a network."""
+
+
+class _DeepLearnerTable(ObjectTable):
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments, the study's own classes and functions loaded."""
+        arguments = super().arguments_in(folder)
+        if ":" in arguments["algorithm"]:
+            algorithm = load(arguments["algorithm"], folder)
+            arguments["algorithm"] = f"{algorithm.__module__}:{algorithm.__qualname__}"
+        settings = _loaded(arguments["settings"], folder)
+        # Lists of TOML are what the algorithms take as tuples, such as train_freq.
+        arguments["settings"] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in settings.items()
+        }
+        return arguments
+
+
+def _loaded(value: Any, folder: Path) -> Any:
+    """Return a setting with its texts ``module:name`` replaced by what they name."""
+    if isinstance(value, dict):
+        return {name: _loaded(inner, folder) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_loaded(inner, folder) for inner in value]
+    return load(value, folder) if isinstance(value, str) and ":" in value else value
+
+
+class EpisodesTable(ObjectTable):
+    """A budget in episodes."""  # by hand: the parameter is called `number`, the key `episodes`
+
+    episodes: Whole
+    """How many."""
+
+    def build(self, folder: Path = Path()) -> Episodes:
+        """Return the budget."""
+        return Episodes(self.episodes)
+
+
+LEARNERS = tuple(
+    table_of(kind, tag=kind.__name__)
+    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
+)
+DeepLearnerTable = table_of(
+    DeepLearner,
+    _DeepLearnerTable,
+    tag=DEEP,
+    without=("callbacks", "progress_bar"),
+    settings=dict[str, JsonValue],
+)
+StoppingTable = table_of(StoppingRule)
+SHAPINGS = tuple(
+    table_of(kind, tag=kind.__name__, without=("potential", "source"), weight=Rate)
+    for kind in (
+        *(QInitialisation, LookAheadAdvice, LookBackAdvice, StateShaping),
+        *(DecayingAdvice, RewardBonus, WeightTransfer, PolicyReuse),
+    )
+)
+"""The ways a potential or a network enters learning; the sources give the potential."""
+EvaluationTable = table_of(GreedyEvaluation)
+_OR_WHOLE = BeforeValidator(lambda limit: limit if isinstance(limit, str) else whole_number(limit))
+StorageTable = table_of(Storage, memory_limit=Annotated[int | str | None, _OR_WHOLE])
+AnyLearner = Annotated[Any, Choice((*LEARNERS, DeepLearnerTable), "QLearning")]
+AnyBudget = Annotated[
+    Any,
+    Choice(
+        (EpisodesTable, StoppingTable),
+        choose=lambda value: EpisodesTable if "episodes" in value else StoppingTable,
+        simple=whole_number,
+        simple_type=int,
+    ),
+]
+AnyShaping = Annotated[
+    Any, Choice(SHAPINGS, "QInitialisation", simple=named(*SHAPINGS), simple_type=str)
+]
+_AGGREGATE = f"be one of {', '.join(AGGREGATES)}, or a function as module:function"
+
+
+class Settings(Table):
+    """Settings for all tasks, or for one."""
+
+    aggregate: Annotated[str, word(_AGGREGATE, AGGREGATES, function=True)] = "mean"
+    """How several potentials into a task become one: maximum, mean, minimum, total, or a function
+    (N, S, A) -> (S, A) as module:function."""
+    unknown_value: Number | None = None
+    """The potential of pairs that all mappings leave unmapped; 0 by default."""
+    learner: AnyLearner = LEARNERS[0]()
+    """The learning algorithm."""
+    budget: AnyBudget = None
+    """Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }. By default
+    100_000 for the target. A source ends when its return has settled, or after its steps: by
+    default a tenth of the target's, which all such sources share."""
+    shaping: AnyShaping = None
+    """How a potential, or a network, enters learning: its name, or { type = "QInitialisation",
+    guard = true }, which is the default where it is possible."""
+    eval_freq: Whole | None = None
+    """Steps between checkpoints; a hundredth of the budget by default."""
+    evaluation: Annotated[Any, Choice((EvaluationTable,))] = EvaluationTable()
+    """How the greedy policy is evaluated."""
+    storage: Annotated[Any, Choice((StorageTable,))] = StorageTable()
+    """How values are stored."""
+
+    def setting(self, which: str, folder: Path) -> Any:
+        """Return a setting, such as ``"learner"``, as :class:`Curriculum` takes it."""
+        value = getattr(self, which)
+        if which != "aggregate":
+            return built(value, folder)
+        return getattr(aggregate, value) if value in AGGREGATES else load(value, folder)
+
+
+# -- Transfers: which mapping, how much of the source's values, calibrated or not ------------------
+
+MAPPINGS_BY_NAME = ("identity", "same_position", "relative_objects", "family", "auto")
+MAPPINGS = ("project", "mapping", "function", "factory", "observations")
+"""Ways to say which source pair a target pair reads; a transfer has one of them."""
+OF_OBSERVATIONS = ("observations", "actions", "status")
+"""Keys of transfers into tasks that are seen through observations."""
+ACTIONS = (
+    "be a list of the source's actions, -1 where there is none, or a function as module:function"
+)
+
+
+class _TransferTable(ObjectTable):
+    if TYPE_CHECKING:
+        source: str  # derived, as are target, scale, shift and calibrate
+        target: str
+        scale: float
+        shift: float
+
+    # The keys that say f are by hand: they are arguments of five functions that make a mapping.
+    project: dict[str, str] | None = None
+    """f by name: source component = target component where the names differ; may be empty."""
+    mapping: Literal["identity", "same_position", "relative_objects", "family", "auto"] | None = (
+        None
+    )
+    """f, one of Curricle's other mappings; 'family' is what the family of both tasks says, one
+    transfer for each mapping that it names; 'auto' is the best that is found between the tasks."""
+    function: Reference | None = None
+    """f as a function from the target's decoded states and actions to the source's,
+    module:function."""
+    factory: Reference | None = None
+    """A function that makes f from the tasks, (target, source) -> mapping."""
+    observations: Reference | None = None
+    """f as a function from a target's stacked observations to the source's, or to the numbers of
+    its states, module:function."""
+    actions: Annotated[
+        tuple[int, ...] | str | None, word(ACTIONS, function=True, lists=tuple[Whole, ...])
+    ] = None
+    """With observations: the source's action for each of the target's, -1 where there is none, or a
+    function of observations, module:function."""
+    status: Reference | None = None
+    """With observations: a function from them to whether there is a counterpart,
+    module:function."""
+    unmapped_value: Number | None = None
+    """A value for pairs without a source pair; by default aggregates skip them, and a mapping that
+    is found has the value that fits."""
+
+    @model_validator(mode="after")
+    def _one_mapping(self) -> Self:
+        ways = [name for name in MAPPINGS if getattr(self, name) is not None]
+        if len(ways) != 1:
+            raise wrong(f"must have one of {', '.join(MAPPINGS)}: got {', '.join(ways) or 'none'}")
+        others = self.actions is not None or self.status is not None
+        if others and self.observations is None and self.mapping != "identity":
+            raise wrong("has actions or status, which go with observations or mapping = 'identity'")
+        whole = self.mapping == "identity" and not others
+        if self.unmapped_value is not None and (self.factory is not None or whole):
+            raise wrong(
+                "has an unmapped_value that is not used: a factory sets its own, and identity "
+                "leaves nothing unmapped"
+            )
+        return self
+
+    def mismatches(self, *, deep: bool) -> Iterator[tuple[str, str]]:
+        """Yield the keys that do not suit a target, seen through observations if `deep`."""
+        seen = (
+            f"{self.target} is seen through observations, which observations, mapping = 'identity' "
+            "or factory map"
+        )
+        if deep and self.mapping not in (None, "identity"):
+            yield "mapping", f"must be left out, or 'identity': {seen}"
+            return
+        rest = seen if deep else f"{self.target} is not seen through observations"
+        for key in ("project", "function") if deep else OF_OBSERVATIONS:
+            if getattr(self, key) is not None:
+                yield key, f"must be left out: {rest}"
+
+    def transfer(self, f: Any) -> Transfer:
+        """Return the transfer, with a mapping that :meth:`mappings_in` returned."""
+        return Transfer(mapping=f, **self.arguments_in(Path()))
+
+    def mappings_in(
+        self,
+        target: Any,
+        source: Any,
+        folder: Path,
+        members: Sequence[FamilyMember | None],
+        *,
+        fit_unmapped: bool,
+        say: Callable[[str], Any],
+    ) -> tuple[Any, ...]:
+        """Return the mapping f, or several where a family says so.
+
+        `folder` has the modules of the user's own functions; `members` are the addresses of target
+        and source in their families, None for a task that has none. `fit_unmapped` is for a mapping
+        that is found: whether it may state a value where it knows nothing. `say` takes each line
+        about it.
+        """
+        to, of = members
+        if self.mapping == "auto":
+            edge = f"{self.source} -> {self.target}"
+            scores: dict[str, Any] = {"fit_unmapped": fit_unmapped, "say": say}
+            scores |= {"scale": self.scale, "shift": self.shift}
+            return (announced(edge, target, source, self.unmapped_value, **scores).mapping,)
+        if self.mapping != "family" or to is None or of is None:
+            return (self._mapping_in(target, source, folder),)
+        with users_code(f"the mapping of {to.family.name}"):
+            return member_mappings(to, of, target, source, self.unmapped_value)
+
+    def _mapping_in(self, target: Any, source: Any, folder: Path) -> Any:
+        """Return the mapping f of any other kind."""
+        value = self.unmapped_value
+        if is_observation_task(target) and self.factory is None:
+            return self._of_observations(target, source, folder)
+        if self.project is not None:
+            return by_components.project(target, source, unmapped_value=value, **self.project)
+        if self.mapping == "identity":
+            return identity(target, source)
+        if self.mapping is not None:
+            return getattr(mapping, self.mapping)(target, source, unmapped_value=value)
+        reference = str(self.factory or self.function)
+        function = load(reference, folder)
+        with users_code(reference):
+            if self.factory is not None:
+                return function(target, source)
+            return mapping.from_function(target, source, function, unmapped_value=value)
+
+    def _of_observations(self, target: Any, source: Any, folder: Path) -> Any:
+        functions: dict[str, Any] = {
+            key: load(value, folder) if isinstance(value, str) else value
+            for key in OF_OBSERVATIONS
+            for value in [getattr(self, key)]
+        }
+        if self.mapping == "identity":
+            check_same_observations(target, source)
+        return ObservationMapping(target, source, **functions, unmapped_value=self.unmapped_value)
+
+
+if TYPE_CHECKING:
+    TransferTable = _TransferTable
+else:
+    TransferTable = table_of(
+        Transfer, _TransferTable, without=("mapping",), source=Name, target=Name
+    )
+
+
+# -- The tasks of a curriculum by name, known before anything is built -----------------------------
+
+
+class NameGraph(NamedTuple):
+    """The tasks of a curriculum by name, its crops and its transfers."""
+
+    parts: dict[str, str | None]
+    """The task of which each task is a crop, if it is one."""
+    edges: tuple[tuple[str, str], ...]
+    """Source and target of each transfer."""
+
+    @classmethod
+    def of(cls, plan: dict[str, Any]) -> "NameGraph":
+        """Return the graph of a curriculum as data, of which any part may be malformed."""
+        tasks = {name: table(task).get("of") for name, task in table(plan.get("tasks")).items()}
+        transfers = plan.get("transfers")
+        rows = map(table, transfers if isinstance(transfers, list) else [])
+        edges = [(edge.get("source"), edge.get("target")) for edge in rows]
+        return cls(
+            {name: of if isinstance(of, str) else None for name, of in tasks.items()},
+            tuple((s, t) for s, t in edges if isinstance(s, str) and isinstance(t, str)),
+        )
+
+    @property
+    def learnt(self) -> list[str]:
+        """The tasks that are learnt: all but those that are there only to be cropped."""
+        linked = {name for edge in self.edges for name in edge}
+        cropped = set(self.parts.values())
+        return [name for name in self.parts if name in linked or name not in cropped]
+
+    @property
+    def targets(self) -> list[str]:
+        """The tasks that are learnt and that no other builds on; a curriculum has one."""
+        sources = {source for source, _ in self.edges}
+        return [name for name in self.learnt if name not in sources]
+
+    def drawings(self, name: str) -> list[str]:
+        """Return the tasks that a task is a crop of, itself first."""
+        names, part = list[str](), name
+        while part is not None and part not in names:
+            names.append(part)
+            part = self.parts.get(part)  # type: ignore[assignment]
+        return names

@@ -1,0 +1,641 @@
+"""The tables of a study file for tasks of every type."""
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    JsonValue,
+    ValidationInfo,
+    model_validator,
+)
+
+from curricle.deep.miniature import HELD_OUT, MOST_STATES, RESETS, miniatures
+from curricle.errors import ConfigError, TaskError
+from curricle.files import read_bounded
+from curricle.interop.gymnasium import from_gymnasium, observation_task
+from curricle.interop.tabulation import tabulate
+from curricle.planning.solution import solve, visit_distribution
+from curricle.study.own_code import load, suggestion, users_code
+from curricle.study.schema import (
+    SHAPINGS,
+    AnyEncoder,
+    Choice,
+    Count,
+    DeepLearnerTable,
+    Flag,
+    KeyPath,
+    Name,
+    Number,
+    ObjectTable,
+    Reference,
+    Settings,
+    Table,
+    Whole,
+    built,
+    shown,
+    table_of,
+    unknown,
+    whole_number,
+    word,
+    wrong,
+    wrong_at,
+)
+from curricle.tasks.block_dude import BlockDude
+from curricle.tasks.built_in import BUILT_IN
+from curricle.tasks.deep_sea import DeepSea
+from curricle.tasks.domain import MOVES
+from curricle.tasks.family import FamilyMember, TaskFamily
+from curricle.tasks.four_rooms import FourRooms
+from curricle.tasks.frozen_lake import FrozenLake
+from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.key_lock_pit import KeyLockPit
+from curricle.tasks.mdp import generative_model
+from curricle.tasks.observation_task import EnvironmentMaker
+from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.river_swim import RiverSwim
+from curricle.tasks.start_states import GoalDistance, TaskWithStart, with_start
+
+# -- Where episodes start: a ring around the goal, reachable states, or where a policy goes --------
+
+WORDS = ("uniform", "reachable")
+
+
+def _distance(value: Any) -> tuple[int, int]:
+    """Return a range of distances; one number is a range."""
+    ends = value if isinstance(value, list | tuple) else (value, value)
+    if len(ends) != 2:
+        raise wrong(f"must be a number of steps, or the lowest and the highest: got {shown(value)}")
+    low, high = map(whole_number, ends)
+    if not 0 <= low <= high:
+        raise wrong(f"must be steps from low to high, at least 0: got {shown(value)}")
+    return low, high
+
+
+class StartTable(Table):
+    """Where episodes start instead."""
+
+    distance: Annotated[
+        tuple[int, int] | None, BeforeValidator(_distance, json_schema_input_type=int | list[int])
+    ] = None
+    """Steps to the goal, or the fewest and the most: a ring around the goal."""
+    goal: dict[str, JsonValue] | None = None
+    """With distance: the goal by components, each a value, a label or a list; by default the ends
+    that are entered with the largest reward."""
+    visits: Literal["random", "optimal"] | None = None
+    """Where the random or the optimal policy goes, as often as there."""
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if (self.distance is None) == (self.visits is None):
+            raise wrong(f"must have distance or visits: got {'both' if self.visits else 'neither'}")
+        if self.goal is not None and self.distance is None:
+            raise wrong("has a goal, which goes with distance")
+        return self
+
+
+def _start_word(value: Any) -> str:
+    if value not in WORDS:
+        text = "must be 'uniform', 'reachable', or a table with distance or visits: got "
+        raise wrong(f"{text}{shown(value)}{suggestion(value, WORDS)}")
+    return str(value)
+
+
+def started(task: Any, start: Any) -> Any:
+    """Return a task that starts where a file says; itself where the file says nothing."""
+    if start is None:
+        return task
+    if isinstance(start, str):
+        return with_start(task, start)
+    if start.distance is not None:
+        low, high = start.distance
+        return with_start(task, GoalDistance(low, high, start.goal))
+    policy = None if start.visits == "random" else solve(task).policy
+    return with_start(task, visit_distribution(task, policy))
+
+
+# -- What the tables of all tasks share: settings of a task alone, and whether they suit it --------
+
+
+class TaskTable(ObjectTable, Settings):
+    """A task, and settings for it alone."""
+
+    deep: ClassVar[bool] = False
+    """Whether it is seen through observations and learnt by a network."""
+
+    start_states: Annotated[Any, Choice((StartTable,), simple=_start_word, simple_type=str)] = None
+    """Where episodes start instead: 'uniform', 'reachable', { distance = [1, 3] } from the goal, or
+    { visits = "random" }."""
+
+    def mismatches(self, name: str) -> Iterator[tuple[KeyPath, str]]:
+        """Yield the settings that do not suit the task `name`, each with what is wrong."""
+        network = isinstance(self.learner, DeepLearnerTable)
+        kind = None if self.shaping is None else type(self.shaping).makes
+        if not self.deep:
+            if network:
+                yield (
+                    ("learner",),
+                    f'must be tabular for {name}, such as {{ type = "QLearning" }}: networks learn '
+                    "tasks seen through observations, of type 'observation_task'",
+                )
+            if kind is not None and not kind.for_tables:
+                text = f"must be for tables, to learn {name}: got {self.shaping.type!r}"
+                yield ("shaping",), text
+            return
+        if not network:
+            yield (
+                ("learner",),
+                f'must be {{ type = "deep", ... }} for {name}, which is seen through observations '
+                "and learnt by a network",
+            )
+        if kind is not None and not kind.for_networks:
+            known = ", ".join(of.makes.__name__ for of in SHAPINGS if of.makes.for_networks)
+            text = f"must be one of {known} for {name}, which a network learns: got "
+            yield ("shaping",), f"{text}{self.shaping.type!r}"
+        if self.start_states is not None:
+            text = f"must be left out for {name}: it is for tables, and a network learns {name}"
+            yield ("start_states",), text
+
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments for what makes the task."""
+        arguments = super().arguments_in(folder)
+        if arguments.get("time_limit") == NONE:
+            arguments["time_limit"] = None
+        return arguments
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the task; `whole` is what a crop is a part of, or a member of a family."""
+        return super().build(folder)
+
+
+NONE = "none"
+"""What a file writes for None."""
+TimeLimit = Annotated[
+    int | Literal["none"], word("be a whole number, or 'none'", (NONE,), other=whole_number)
+]
+
+
+# -- Tasks that are environments: Gymnasium's or one's own, in tables or seen by networks ----------
+
+
+class Maker(Table):
+    """An environment of Gymnasium's, or one's own."""
+
+    id: Name | None = None
+    """Of Gymnasium's registry: CartPole-v1."""
+    factory: Reference | None = None
+    """Instead: a class or function of one's own that makes it, module:Class."""
+    arguments: dict[str, JsonValue] = Field({})
+    """Passed by name to gymnasium.make, or to the class or function."""
+
+    @model_validator(mode="after")
+    def _one_environment(self) -> Self:
+        if (self.id is None) == (self.factory is None):
+            raise wrong(f"must have id or factory: got {'both' if self.id else 'neither'}")
+        return self
+
+    def made_by(self, make: Callable[..., Any], folder: Path, **options: Any) -> Any:
+        """Return what a function of the library makes of the environment, with these options."""
+        reference = str(self.id or self.factory)
+        what, wrapped = self.id or load(reference, folder), options.pop("wrapped", None)
+        encode = load(wrapped, folder) if isinstance(wrapped, str) else built(wrapped, folder)
+        maker = EnvironmentMaker(what, dict(self.arguments), encode)
+        with users_code(reference):
+            try:
+                return make(maker, **options)
+            except TaskError as error:
+                if self.factory or ":" not in reference or re.search(r"-v\d+$", reference):
+                    raise
+                hint = "a class or function of your own is named by factory, not by id"
+                raise TaskError(f"{error}; {hint}") from error
+
+
+Names = tuple[Name, ...] | None
+
+
+class EnvironmentTable(Maker, TaskTable):
+    """An environment as a task: a function of the library makes it."""
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the environment as a task; what the file leaves out is as the function has it."""
+        arguments = self.arguments_in(folder).items()
+        stated = {
+            name: value for name, value in arguments if getattr(self, name, value) is not None
+        }
+        return self.made_by(type(self).makes, folder, **stated)
+
+
+class GymnasiumTask(EnvironmentTable):
+    """An environment of Gymnasium's registry, or one's own."""
+
+    makes: ClassVar[Any] = from_gymnasium
+    parameters: ClassVar[tuple[str, ...]] = (
+        *("discount", "time_limit", "names", "sizes", "actions", "encode", "live"),
+    )
+    functions: ClassVar[tuple[str, ...]] = ("encode",)
+    type: Literal["gymnasium"] = "gymnasium"
+    discount: Number = 0.99
+    """In [0, 1]."""
+    time_limit: TimeLimit | None = None
+    """Steps after which an episode is cut, or 'none'; the environment's own."""
+    names: Names = None
+    """Of a state's components, the numbers in an observation."""
+    sizes: tuple[Count, ...] | None = None
+    """How many values each has, where an observation is one number."""
+    actions: Names = None
+    """A label for each action; north, east, south and west are drawn as arrows."""
+    encode: Reference | None = None
+    """A function from observations to states, module:function, with its states as its attribute."""
+    live: Flag | None = None  # None is not stored, so that keys of older results stay
+    """Whether to call step for every step even if there is a table."""
+
+
+class _EncodedTable(EnvironmentTable):
+    discount: Number = 0.99
+    """In [0, 1]."""
+    encode: AnyEncoder | None = None
+    """An encoder of its observations: its name, a table, or module:function."""
+
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments, with what wraps the environment."""
+        return {**super().arguments_in(folder), "wrapped": self.encode}
+
+
+class TabulatedTaskTable(_EncodedTable):
+    """An environment as exact tables of every state that can be reached."""
+
+    makes: ClassVar[Any] = tabulate
+    parameters: ClassVar[tuple[str, ...]] = (
+        *("discount", "time_limit", "names", "actions", "outcomes", "samples"),
+    )
+    functions: ClassVar[tuple[str, ...]] = ("outcomes",)
+    type: Literal["tabulated"] = "tabulated"
+    time_limit: TimeLimit | None = None
+    """Steps after which an episode is cut, or 'none'; the environment's own."""
+    names: Names = None
+    """Other names for a state's components."""
+    actions: Names = None
+    """A label for each action."""
+    reset_seeds: tuple[Whole, ...] = (0,)
+    """Of the resets that starts are taken from."""
+    outcomes: Reference | None = None
+    """Of random steps: a function of a state and an action, module:function."""
+    samples: Count | None = None
+    """Instead: steps that each pair's outcomes are estimated from."""
+    cache: Name | None = None
+    """A file beside the study, which keeps the tables."""
+
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments, seeds and cache as the function calls them."""
+        cache = None if self.cache is None else folder / self.cache
+        return {**super().arguments_in(folder), "seeds": self.reset_seeds, "cache": cache}
+
+
+class ObservationTaskTable(_EncodedTable):
+    """An environment whose observations a network reads."""
+
+    makes: ClassVar[Any] = observation_task
+    parameters: ClassVar[tuple[str, ...]] = ("discount", "time_limit")
+    type: Literal["observation_task"] = "observation_task"
+    deep: ClassVar[bool] = True
+    time_limit: Whole | None = None
+    """Steps after which an episode is cut; the environment's own."""
+
+
+def _member(value: Any) -> Any:
+    """Return an id as the table of a member."""
+    return {"id": value} if isinstance(value, str) else value
+
+
+Members = tuple[Annotated[Maker, BeforeValidator(_member, json_schema_input_type=str | Maker)], ...]
+
+
+class DistilledTask(TaskTable):
+    """Small relatives that are solved; a network is distilled from them in no steps.
+
+    What their own sources say takes the place of exact answers, if transfers lead to them.
+    """
+
+    makes: ClassVar[Any] = miniatures
+    parameters: ClassVar[tuple[str, ...]] = ("resets", "held_out", "max_states")
+    type: Literal["distilled"] = "distilled"
+    deep: ClassVar[bool] = True
+    members: Members = Field(min_length=1)
+    """Ids, or tables with id or factory, and arguments."""
+    tested_on: Members = ()
+    """Relatives that are only tested on, of growing size."""
+    discount: Number = 0.99
+    """In [0, 1]."""
+    encode: AnyEncoder | None = None
+    """An encoder of their observations: its name, a table, or module:function."""
+    time_limit: Whole | None = None
+    """Steps after which an episode is cut; the environments' own."""
+    resets: Count = RESETS
+    """Of each member; alike levels count once."""
+    held_out: Number = HELD_OUT
+    """Share of the levels that is held out."""
+    max_states: Count = MOST_STATES
+    """Of each member."""
+    shuffled: Flag = False
+    """Whether each observation has the answer of another: a placebo."""
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the miniatures; they are solved when they are first needed."""
+        options = {"discount": self.discount, "time_limit": self.time_limit, "wrapped": self.encode}
+        members, tested_on = (
+            [maker.made_by(observation_task, folder, **options) for maker in makers]
+            for makers in (self.members, self.tested_on)
+        )
+        made = miniatures(*members, tested_on=tested_on, **self.arguments_in(folder))
+        return replace(made, shuffled=self.shuffled)
+
+
+# -- Task families: tables that name one, and tasks that are members of one ------------------------
+
+
+class FamilyTable(Table):
+    """A family of tasks with defaults of one's own; its other keys are parameters."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, JsonValue]
+
+    family: str = Field(
+        description=f"One of {', '.join(BUILT_IN)}, or one's own as module:function."
+    )
+
+    @model_validator(mode="after")
+    def _known_parameters(self) -> Self:
+        self.__pydantic_extra__.update(_checked(self.family, self.__pydantic_extra__))
+        return self
+
+
+def _checked(
+    family: str, values: Mapping[str, Any], families: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Return parameters as built-in families hold them; messages name the study's `families`."""
+    if ":" in family:  # its module is imported when the task is built
+        return dict(values)
+    if family not in BUILT_IN:
+        known = (*families, *BUILT_IN)
+        text = f"must be one of {', '.join(known)}, or a family of one's own as module:function: "
+        raise wrong_at((("family",), f"{text}got {shown(family)}{suggestion(family, known)}"))
+    return _checked_by(BUILT_IN[family], values)
+
+
+def _checked_by(family: TaskFamily, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters as a family's members hold them, or raise what is wrong at each key."""
+    checked, messages = dict[str, Any](), list[tuple[KeyPath, str]]()
+    by_name = {parameter.name: parameter for parameter in family.parameters}
+    for name, value in values.items():
+        if name not in by_name:
+            messages.append(((name,), unknown(name, by_name)))
+            continue
+        try:
+            none = by_name[name].optional and value == NONE  # which data hold as it is written
+            checked[name] = NONE if none else by_name[name].checked(value, family.name)
+        except TaskError as error:
+            messages.append(((name,), str(error).removeprefix(f"{name} of {family.name} ")))
+    if messages:
+        raise wrong_at(*messages)
+    return checked
+
+
+class FamilyTask(TaskTable):
+    """A member of a task family; its other keys are the member's parameters."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, JsonValue]
+
+    type: Literal["family"] = "family"
+    family: str
+    """The name of a table in [families], of a family that is built in, or module:function."""
+
+    @model_validator(mode="after")
+    def _known_parameters(self, info: ValidationInfo) -> Self:
+        families = (info.context or {}).get("families", ())
+        values = _checked(self.family, self.__pydantic_extra__, families)
+        if self.family in BUILT_IN:
+            parameters = BUILT_IN[self.family].parameters
+            defaults = {of.name: of.default for of in parameters if not of.required}
+            values = {
+                name: NONE if value is None else value
+                for name, value in {**defaults, **values}.items()
+            }
+        self.__pydantic_extra__.update(values)
+        return self
+
+    def member(self, folder: Path) -> FamilyMember:
+        """Return the address of the task in its family, which may be the user's own."""
+        family = BUILT_IN.get(self.family) or self._users_family(folder)
+        optional = {parameter.name for parameter in family.parameters if parameter.optional}
+        values = _checked_by(family, self.__pydantic_extra__).items()
+        return family(**{k: None if v == NONE and k in optional else v for k, v in values})
+
+    def _users_family(self, folder: Path) -> TaskFamily:
+        family = load(self.family, folder)
+        if not isinstance(family, TaskFamily):
+            raise ConfigError(
+                f"{self.family} must be a TaskFamily, such as a function under @task_family(): got "
+                f"{family!r}"
+            )
+        for parameter in family.parameters:
+            if parameter.name in type(self).model_fields:
+                raise ConfigError(
+                    f"{self.family} has the parameter {parameter.name}, which is a key of every "
+                    "task in a file: give it another name"
+                )
+        return family
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the task that the family makes."""
+        member = whole or self.member(folder)
+        with users_code(self.family):
+            task = member.task
+        generative_model(task)
+        return task
+
+
+# -- Tasks of the library: mazes, crops, pursuits, other domains -----------------------------------
+
+LARGEST_FILE = 10_000_000
+"""Bytes of a study file or a map: the largest example has 3,000."""
+Pair = tuple[Whole, Whole]
+CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)
+"""Tasks that lie on a map, of which a crop may be a part."""
+
+
+def text_of(path: Path) -> str:
+    """Return the content of a text file; ValueError says why it cannot be read."""
+    try:
+        return read_bounded(path, LARGEST_FILE).decode("utf-8-sig")  # with or without a mark
+    except OSError as error:
+        raise ValueError(error.strerror) from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"it is not UTF-8: {error}") from None
+
+
+def _in_order(value: Any) -> Any:
+    """Return a list that stands for a set sorted, without repetitions."""
+    return tuple(sorted(set(value))) if isinstance(value, tuple) else value
+
+
+def _without_margins(drawing: str) -> str:
+    return "\n".join(line.strip() for line in drawing.strip().splitlines())
+
+
+def _cells_or(*words: str) -> Any:
+    """Return the type of some words, or of a list of cells that stands for a set."""
+    rule = f"be {', '.join(map(repr, words))} or a list of cells"
+    cells = tuple[Pair, ...]
+    return Annotated[
+        Literal[words] | cells, word(rule, words, lists=cells), AfterValidator(_in_order)
+    ]
+
+
+def _listed_or(rule: str, lists: Any, *words: str) -> Any:
+    """Return the type of some words, or of lists."""
+    return Annotated[Literal[words] | lists, word(rule, words, lists=lists)]
+
+
+class _MazeTask(TaskTable):
+    file: str | None = None
+    """A text file with the map instead, relative to the study file."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_file(cls, data: Any, info: ValidationInfo) -> Any:
+        """Put the map in its file's place, so that the study no longer depends on the file."""
+        if not isinstance(data, dict) or data.get("file") is None:
+            return data
+        if "map" in data:
+            raise wrong("has both map and file: one of them is enough")
+        name, folder = data["file"], (info.context or {}).get("folder", Path())
+        if not isinstance(name, str):
+            raise wrong_at((("file",), f"must be text in quotes: got {shown(name)}"))
+        try:
+            text = text_of(folder / name)
+        except ValueError as error:
+            raise wrong_at((("file",), f"cannot be read: {shown(name)}, {error}")) from None
+        return {**{key: value for key, value in data.items() if key != "file"}, "map": text}
+
+
+class CropTask(TaskTable):
+    """A part of a maze, or of another task drawn as one, of the study; all else is as there."""
+
+    type: Literal["crop"] = "crop"
+    of: Name
+    """The task (or crop) it is a part of, by its name in [tasks]."""
+    rows: Pair
+    """First row and the one after the last, in the map's coordinates."""
+    columns: Pair
+    """First column and the one after the last."""
+    start: _cells_or("map", "uniform") = "uniform"  # type: ignore[valid-type]
+    """As in a maze."""
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the part of the whole."""
+        if isinstance(whole, TaskWithStart):
+            whole = whole.task
+        if not isinstance(whole, CROPPED):
+            known = ", ".join(kind.__name__ for kind in CROPPED)
+            raise TaskError(f"what a crop is a part of must be one of {known}: got {whole!r}")
+        cropped: Any = whole
+        return cropped.crop(rows=self.rows, columns=self.columns, start=self.start)
+
+
+class _PursuitTask(TaskTable):
+    functions: ClassVar[tuple[str, ...]] = ("prey",)
+
+
+class FactoryTask(TaskTable):
+    """A task that a function of the user's makes."""
+
+    type: Literal["factory"] = "factory"
+    factory: Reference
+    """The function that returns the task, module:function."""
+    arguments: dict[str, JsonValue] = Field({})
+    """Passed to it by name."""
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return what the function returns, if it is a task."""
+        make = load(self.factory, folder)
+        with users_code(self.factory):
+            made = make(**self.arguments)
+            generative_model(made)
+        return made
+
+
+def _level(value: Any) -> int | str:
+    """Return a level's number, or its map without margins."""
+    return _without_margins(value) if isinstance(value, str) else whole_number(value)
+
+
+def _domain(makes: Any, tag: str, base: type[TaskTable] = TaskTable, **types: Any) -> Any:
+    """Return the table of a task of the library's; `types` are those that TOML writes otherwise."""
+    return table_of(makes, base, tag=tag, time_limit=TimeLimit, **types)
+
+
+_MAP = {
+    "map": Annotated[str, AfterValidator(_without_margins)],
+    "start": _cells_or("map", "uniform"),
+}
+_ENDS = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator(_in_order)]
+_NEEDS = _listed_or(
+    "be 'all' or a list of keys for each lock", tuple[tuple[Whole, ...], ...], "all"
+)
+_HALLWAY = _listed_or("be a hallway or a list of a row and a column", Pair, *MOVES)
+_PLACES = _listed_or("be 'uniform' or a list of positions", tuple[Whole, ...], "uniform")
+_ROWS = tuple[tuple[Number, ...], ...]
+_CAPTURES = ("all", "any", "as_published")
+MazeTask = _domain(GridWorld, "maze", _MazeTask, ends=_ENDS, **_MAP)
+PursuitTask = _domain(
+    Pursuit,
+    "pursuit",
+    _PursuitTask,
+    capture=Annotated[
+        Literal[_CAPTURES] | int,
+        word(
+            "be 'all', 'any', 'as_published' or a number of predators",
+            _CAPTURES,
+            other=whole_number,
+        ),
+    ],
+    prey=Annotated[
+        str | _ROWS,
+        word(
+            "be 'uniform', rows of probabilities, or a function as module:function",
+            ("uniform",),
+            function=True,
+            lists=_ROWS,
+        ),
+    ],
+)
+TASKS = (
+    MazeTask,
+    CropTask,
+    PursuitTask,
+    _domain(FourRooms, "four_rooms", goal=_HALLWAY, start=_cells_or("corner", "uniform")),
+    _domain(KeyLockPit, "key_lock_pit", _MazeTask, needs=_NEEDS, **_MAP),
+    _domain(BlockDude, "block_dude", level=Annotated[int | str, BeforeValidator(_level)]),
+    _domain(RiverSwim, "river_swim", start=Annotated[_PLACES, AfterValidator(_in_order)]),
+    _domain(DeepSea, "deep_sea", start=_cells_or("surface", "uniform")),
+    GymnasiumTask,
+    TabulatedTaskTable,
+    FactoryTask,
+    FamilyTask,
+    ObservationTaskTable,
+    DistilledTask,
+)
+AnyTask = Annotated[
+    Any,
+    Choice(
+        TASKS,
+        choose=lambda value: FamilyTask if "family" in value and "type" not in value else None,
+    ),
+]

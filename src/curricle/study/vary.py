@@ -1,0 +1,531 @@
+"""Settings of a study that vary: a sweep lists their values, a tuning says where to search them.
+
+Both name a setting by its key in the file, such as ``learner.learning_rate``. Where it stands in
+each arm's complete curriculum a mark shows that is put at the key before arms and settings are
+merged: a value so reaches what it would reach if the file said it, and nothing else.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from math import prod
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from curricle.checks import unfit_name
+from curricle.curriculum.defaults import OF_TARGETS
+from curricle.learning.seeds import MOST_SEEDS
+from curricle.statistics.curves import SCRATCH
+from curricle.study.file import (
+    SETTINGS,
+    Located,
+    complete_curriculum,
+    complete_learners,
+    dotted,
+    merged,
+    nested,
+    path_text,
+)
+from curricle.study.schema import (
+    Count,
+    Flag,
+    KeyPath,
+    NameGraph,
+    Table,
+    Whole,
+    seeds_of,
+    shown,
+    table,
+    unknown,
+    whole_number,
+    wrong,
+    wrong_at,
+)
+from curricle.text_tables import counted
+
+Raw = Mapping[str, Any]
+Messages = Iterator[tuple[KeyPath, str]]
+"""What is wrong, each with its key path."""
+
+# -- The tables of a file --------------------------------------------------------------------------
+
+MODE, PAIRED = "mode", "paired"
+FIRST_SEED = 1_000_000
+"""Of the seeds for tuning, where the file says how many: studies have other ones."""
+MOST_TRIALS = 1_000
+
+
+class SweepTable(Table):
+    """Lists of settings, by their keys in the file: each value makes an arm of every arm."""
+
+    model_config = ConfigDict(extra="allow")
+
+    mode: Literal["grid", "paired"] = "grid"
+    """Every combination of the values; or the first of each list, the second of each, and so on."""
+
+
+def _tuning_seeds(value: Any) -> tuple[int, ...]:
+    if type(value) is int and 0 < value <= MOST_SEEDS:
+        return tuple(range(FIRST_SEED, FIRST_SEED + value))
+    return seeds_of(value)
+
+
+def _bound(value: Any) -> int | float:
+    """Return a finite number; whole ones stay whole."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or value - value != 0:
+        raise wrong(f"must be a finite number: got {shown(value)}")
+    return whole_number(value) if isinstance(value, int) else value
+
+
+Bound = Annotated[int | float, BeforeValidator(_bound)]
+
+
+class RangeTable(Table):
+    """Numbers from `low` to `high`: whole ones if both are."""
+
+    low: Bound
+    """The smallest value."""
+    high: Bound
+    """The largest value."""
+    log: Flag = False
+    """Whether equal ratios are equally likely."""
+
+    @property
+    def whole(self) -> bool:
+        """Whether its numbers are whole."""
+        return isinstance(self.low, int) and isinstance(self.high, int)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.low < self.high:
+            raise wrong_at((("high",), f"must be above low, {self.low}: got {self.high}"))
+        if self.log and self.low <= 0:
+            raise wrong_at((("low",), f"must be above 0 in a logarithmic range: got {self.low}"))
+        return self
+
+
+class TuneTable(Table):
+    """How settings are searched for every arm before it is run."""
+
+    trials: Annotated[Count, Field(le=MOST_TRIALS)] = 20
+    """Settings that are tried for each arm, learning from scratch too."""
+    seeds: Annotated[
+        tuple[int, ...],
+        BeforeValidator(_tuning_seeds, json_schema_input_type=int | str | list[int]),
+    ] = tuple(range(FIRST_SEED, FIRST_SEED + 3))
+    """Seeds of each trial: how many, a list, or ranges; none of the study's."""
+    seed: Whole = Field(default=0, ge=0)
+    """Of the search: the same seed, one outcome."""
+    space: dict[str, Any]
+    """What is searched, by its keys in the file: lists of values, or tables with low, high and
+    perhaps log = true."""
+
+
+class Tuning(TuneTable):
+    """A tuning of which nothing is left to fill in."""
+
+    space: dict[str, RangeTable | tuple[Any, ...]]
+    places: dict[str, dict[str, tuple[KeyPath, ...]]]
+    """Arm -> name of a setting -> where it stands in the arm's curriculum; none if nowhere."""
+
+    def placed(self, arm: str, values: Raw) -> dict[KeyPath, Any]:
+        """Return the values of an arm's settings by their places in its curriculum."""
+        places = self.places[arm]
+        return {place: value for name, value in values.items() for place in places[name]}
+
+    def keys(self, arm: str) -> tuple[str, ...]:
+        """Return the names of the settings that an arm has."""
+        return tuple(name for name, places in self.places[arm].items() if places)
+
+    def ends(self, name: str) -> tuple[Any, ...]:
+        """Return the values of a setting that tell whether all of them are allowed."""
+        space = self.space[name]
+        return (space.low, space.high) if isinstance(space, RangeTable) else space
+
+
+# -- Settings that vary, and where they stand in the curriculum of an arm --------------------------
+
+FREE = ("learner", "storage", *OF_TARGETS)
+"""Settings of the target in which arms may differ."""
+RANGE = {"low", "high"}
+"""Keys that tell a range from a table with further keys."""
+SWEEP_HOME, TUNE_HOME = ("sweep",), ("tune", "space")
+
+
+class Varied(NamedTuple):
+    """A setting that varies."""
+
+    key: tuple[str, ...]
+    """Its key in a study file."""
+    home: KeyPath
+    """Where the file says how it varies."""
+    values: Any
+    """What it says there."""
+
+    @property
+    def name(self) -> str:
+        """The key as text."""
+        return path_text(self.key)
+
+
+def varied_in(tables: Any, home: KeyPath) -> Iterator[Varied]:
+    """Yield the settings a table at `home` names, by tables in it or by dotted keys in quotes."""
+    for name, value in table(tables).items():
+        yield from _inside((dotted(name) if "." in name else ()) or (name,), (*home, name), value)
+
+
+def _inside(key: tuple[str, ...], home: KeyPath, value: Any) -> Iterator[Varied]:
+    if isinstance(value, dict) and not RANGE & value.keys():
+        for name, inner in value.items():
+            yield from _inside((*key, name), (*home, name), inner)
+    else:
+        yield Varied(key, home, value)
+
+
+def swept_in(study: Raw) -> list[Varied]:
+    """Return the settings that a study sweeps."""
+    lists = {key: values for key, values in table(study.get("sweep")).items() if key != MODE}
+    return [*varied_in(lists, SWEEP_HOME)]
+
+
+def tuned_in(study: Raw) -> list[Varied]:
+    """Return the settings that a study tunes."""
+    return [*varied_in(table(study.get("tune")).get("space"), TUNE_HOME)]
+
+
+def short_names(settings: Sequence[Varied]) -> dict[str, str]:
+    """Return the name of each setting in names of arms: its last word, where that is unique."""
+    shorter = {
+        setting.name: (*setting.key[1:2], setting.key[-1])
+        if setting.key[0] == "tasks"
+        else setting.key[-1:]
+        for setting in settings
+        if setting.key[0] != "transfers"
+    }
+    taken = [*shorter.values()]
+    alone = {name: short for name, short in shorter.items() if taken.count(short) == 1}
+    return {s.name: path_text(alone[s.name]) if s.name in alone else s.name for s in settings}
+
+
+def value_text(value: Any) -> str:
+    """Return a value as names of arms and tables have it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key}={value_text(inner)}' for key, inner in value.items())}}}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(value_text, value))}]"
+    return str(value)
+
+
+def places_of(study: Raw, patch: Any, key: Sequence[str]) -> tuple[KeyPath, ...]:
+    """Return where a setting stands in the curriculum of an arm that does not set it itself."""
+    mark = object()
+    return tuple(_paths_to(mark, complete_curriculum(merged(study, nested(key, mark)), patch)))
+
+
+def _paths_to(mark: object, node: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
+    if node is mark:
+        yield path
+    elif isinstance(node, dict | list):
+        for part, inner in node.items() if isinstance(node, dict) else enumerate(node):
+            yield from _paths_to(mark, inner, (*path, part))
+
+
+def with_values(
+    curriculum: Raw, values: Mapping[KeyPath, Any], homes: Mapping[KeyPath, KeyPath] | None = None
+) -> dict[str, Any]:
+    """Return a complete curriculum with values at some places, which stand at `homes` in a file."""
+    result, known = Located(curriculum, curriculum), set[KeyPath]()
+    for place, value in values.items():
+        home, patch = (homes or {}).get(place, ()), value
+        # Tasks and transfers as a whole stay where they are, what several share where the first is.
+        known |= {
+            place[:n] for n in range(3 if place[0] == "tasks" and place[2] in SETTINGS else 2)
+        }
+        for n in reversed(range(len(place))):
+            patch = Located({str(place[n]): patch})
+            patch.home = () if place[:n] in known else home
+            patch.homes = {} if place[: n + 1] in known or not home else {str(place[n]): home}
+        known |= {place[:n] for n in range(len(place))}
+        result = merged(result, patch)
+    return result
+
+
+def target_alone(curriculum: Raw) -> dict[str, Any]:
+    """Return a complete curriculum without its sources and what applies to targets alone."""
+    tasks, graph = curriculum["tasks"], NameGraph.of(dict(curriculum))
+    (target,) = graph.targets
+    kept = {name: tasks[name] for name in reversed(graph.drawings(target))}
+    lasting = {key: value for key, value in tasks[target].items() if key not in OF_TARGETS}
+    kept[target] = Located(lasting, tasks[target])
+    return Located({"tasks": Located(kept, tasks), "transfers": []}, curriculum)
+
+
+# -- The arms that they make -----------------------------------------------------------------------
+
+MOST_ARMS = 100
+"""Arms that a sweep makes at most: with more no difference that matters would be shown."""
+
+
+class Variant(NamedTuple):
+    """An arm with values for the settings that vary."""
+
+    arm: str
+    """As the file calls it."""
+    values: dict[str, Any]
+    """By name of the setting."""
+    curriculum: dict[str, Any]
+
+
+class VariedArms(NamedTuple):
+    """What a sweep and a tuning make of a study."""
+
+    fields: dict[str, Any]
+    """Of the configuration."""
+    probes: dict[str, Any]
+    """Arms with the ends of each range that is tuned, to be checked beforehand."""
+
+
+def varied_arms(study: Raw, complete: Mapping[str, Any]) -> VariedArms:
+    """Return the arms that a correct sweep and tuning make of those without."""
+    variants, scratches = variants_of(study, complete), scratch_variants(study, complete)
+    every = {**scratches, **variants}
+    fields: dict[str, Any] = {
+        "arms": {name: variant.curriculum for name, variant in variants.items()},
+        "scratches": {name: variant.curriculum for name, variant in scratches.items()},
+        "variants": {
+            name: {"arm": variant.arm, "values": variant.values} for name, variant in every.items()
+        },
+    }
+    probes = dict[str, Any]()
+    if "tune" in study:
+        places = _places_of_tuning(study, variants, scratches)
+        space = {setting.name: setting.values for setting in tuned_in(study)}
+        plain = TuneTable.model_validate(study["tune"]).model_dump()
+        fields["tune"] = {**plain, "space": space, "places": places}
+        for setting in tuned_in(study):
+            arm = next(arm for arm in places if places[arm][setting.name])
+            here = places[arm][setting.name]
+            homes = dict.fromkeys(here, setting.home)
+            values = setting.values
+            if isinstance(values, dict):
+                ends = values["low"], values["high"]
+                # A number between them is no whole number, which some settings refuse.
+                between = ends[0] + (ends[1] - ends[0]) / 3**0.5
+                values = ends if all(isinstance(end, int) for end in ends) else (*ends, between)
+            for value in values:
+                probe = with_values(every[arm].curriculum, dict.fromkeys(here, value), homes)
+                probes[f"{setting.name} = {value_text(value)}"] = probe
+    return VariedArms(fields, probes)
+
+
+def variants_of(study: Raw, complete: Mapping[str, Any]) -> dict[str, Variant]:
+    """Return the arms of a sweep: one for all values of a setting that does not apply to it."""
+    variants = dict[str, Variant]()
+    for arm, curriculum in complete.items():
+        patch = table(study.get("arms")).get(arm)
+        places = {setting.name: places_of(study, patch, setting.key) for setting in swept_in(study)}
+        for name, variant in _variants(study, arm, curriculum, places):
+            variants.setdefault(name, variant)
+    return variants
+
+
+def _variants(
+    study: Raw, arm: str, curriculum: Any, places: Mapping[str, Sequence[KeyPath]]
+) -> Iterator[tuple[str, Variant]]:
+    """Yield an arm with the values that apply to it, of each point of a sweep, and its name."""
+    settings = swept_in(study)
+    short, lists = short_names(settings), [setting.values for setting in settings]
+    paired = lists and study["sweep"].get(MODE) == PAIRED
+    for point in zip(*lists, strict=True) if paired else product(*lists):
+        pairs = [(s, value) for s, value in zip(settings, point, strict=True) if places[s.name]]
+        at = {place: value for s, value in pairs for place in places[s.name]}
+        homes = {place: s.home for s, _ in pairs for place in places[s.name]}
+        label = ", ".join([arm, *(f"{short[s.name]}={value_text(value)}" for s, value in pairs)])
+        values = {s.name: value for s, value in pairs}
+        yield label, Variant(arm, values, with_values(curriculum, at, homes))
+
+
+def scratch_variants(study: Raw, complete: Mapping[str, Any]) -> dict[str, Variant]:
+    """Return the arms from scratch, for each value that applies; the first is "scratch"."""
+    if study.get("scratch") is False:
+        return {}
+    arm, curriculum = next(iter(complete.items()))
+    patch, alone = table(study.get("arms")).get(arm), target_alone(curriculum)
+    places = {s.name: _places_from_scratch(study, patch, s, alone) for s in swept_in(study)}
+    swept = dict[str, Variant]()
+    for name, variant in _variants(study, SCRATCH, alone, places):
+        swept.setdefault(name, variant)
+    first, *others = swept
+    variants = {SCRATCH: swept[first], **{name: swept[name] for name in others}}
+    for learner in table(study.get("scratch_learners")):
+        label = f"{SCRATCH}, {learner}"
+        for name, variant in [*variants.items()]:
+            if variant.arm != SCRATCH:
+                continue
+            plan, tasks = variant.curriculum, variant.curriculum["tasks"]
+            *_, target = tasks
+            task = {**tasks[target], "learner": complete_learners(study, plan)[learner]}
+            changed = Located({**tasks, target: Located(task, tasks[target])}, tasks)
+            plan = Located({**plan, "tasks": changed}, plan)
+            if all(other.curriculum != plan for other in variants.values()):
+                made = variant._replace(arm=label, curriculum=plan)
+                variants[label + name.removeprefix(SCRATCH)] = made
+    return variants
+
+
+def _places_from_scratch(
+    study: Raw, patch: Any, setting: Varied, alone: Any
+) -> tuple[KeyPath, ...]:
+    """Return where a setting stands in a curriculum of the target alone."""
+    *_, target = alone["tasks"]
+    return tuple(
+        place
+        for place in places_of(study, patch, setting.key)
+        if place[:2] == ("tasks", target) and place[2] in ("learner", "storage")
+    )
+
+
+def _places_of_tuning(
+    study: Raw, variants: Mapping[str, Variant], scratches: Mapping[str, Variant]
+) -> dict[str, dict[str, tuple[KeyPath, ...]]]:
+    """Return where each tuned setting stands in the curriculum of each arm, from scratch too."""
+    patches, settings = table(study.get("arms")), tuned_in(study)
+    places = {
+        name: {s.name: places_of(study, patches.get(variant.arm), s.key) for s in settings}
+        for name, variant in variants.items()
+    }
+    first = patches.get(next(iter(variants.values())).arm)
+    learners = table(study.get("scratch_learners"))
+    for name, variant in scratches.items():
+        learner = learners.get(variant.arm.removeprefix(f"{SCRATCH}, "), {})
+        learner = learner if variant.arm != SCRATCH else {}
+        places[name] = {
+            s.name: tuple(
+                place
+                for place in _places_from_scratch(study, first, s, variant.curriculum)
+                if not _sets(learner, place[3:])
+            )
+            for s in settings
+        }
+    return places
+
+
+def _sets(learner: Any, path: KeyPath) -> bool:
+    """Return whether a further learner from scratch sets a key itself."""
+    for part in path:
+        if not isinstance(learner, dict) or part not in learner:
+            return False
+        learner = learner[part]
+    return bool(path)
+
+
+# -- What is wrong with them -----------------------------------------------------------------------
+
+
+def wrong_sweep(study: Raw, complete: Mapping[str, Any]) -> Messages:
+    """Yield what is wrong with a study's sweep; `complete` are the curricula of arms without it."""
+    settings = swept_in(study)
+    if not settings and isinstance(study.get("sweep"), dict):
+        yield SWEEP_HOME, "must name a setting to sweep: got none"
+    names, refused = [setting.name for setting in settings], False
+    for number, setting in enumerate(settings):
+        texts = list(map(value_text, setting.values)) if isinstance(setting.values, list) else []
+        if not texts:
+            why = f"must be a list of one or more values: got {shown(setting.values)}"
+        elif twice := [text for n, text in enumerate(texts) if text in texts[:n]]:
+            why = f"must be a list of different values: {twice[0]} is there twice"
+        else:
+            why = _wrong_key(study, complete, setting)
+        why = why or "is given twice" * (setting.name in names[:number])
+        if why:
+            refused = True
+            yield setting.home, why
+    if not settings or refused:
+        return
+    lengths = [len(setting.values) for setting in settings]
+    paired = study["sweep"].get(MODE) == PAIRED
+    for setting, length in zip(settings, lengths, strict=True):
+        if paired and length != lengths[0]:
+            first = path_text(settings[0].home)
+            text = f"must have as many values as {first}, with which it is paired: got "
+            yield setting.home, f"{text}{length} and {lengths[0]}"
+    number = len(complete) * (lengths[0] if paired else prod(lengths))
+    if number > MOST_ARMS:
+        values = f"{' x '.join(map(str, lengths))} values"
+        values = counted(lengths[0], "value") if paired else values
+        arms = f" of each of {len(complete)} arms" if len(complete) > 1 else ""
+        yield SWEEP_HOME, f"must make at most {MOST_ARMS} arms: got {values}{arms}, {number:,} arms"
+
+
+def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
+    """Yield what is wrong with the space of a study's tuning."""
+    settings = tuned_in(study)
+    if not settings and isinstance(table(study.get("tune")).get("space"), dict):
+        yield TUNE_HOME, "must name a setting to tune: got none"
+    if "tune" in study and study.get("scratch") is False:
+        yield (
+            ("tune",),
+            "needs learning from scratch, which is tuned as every arm: leave out scratch = false",
+        )
+    names, swept = [s.name for s in settings], {s.name for s in swept_in(study)}
+    for number, setting in enumerate(settings):
+        if setting.name in names[:number]:
+            yield setting.home, "is given twice"
+        elif setting.name in swept:
+            yield setting.home, "is swept already: leave out one of the two"
+        elif messages := [*_wrong_space(setting)]:
+            yield from messages
+        elif why := _wrong_key(study, complete, setting):
+            yield setting.home, why
+
+
+def _wrong_space(setting: Varied) -> Messages:
+    if isinstance(setting.values, dict):
+        try:
+            RangeTable.model_validate(setting.values)
+        except ValidationError as error:
+            for detail in error.errors(include_url=False):
+                yield (*setting.home, *detail["loc"]), detail["msg"]
+        return
+    texts = list(map(value_text, setting.values)) if isinstance(setting.values, list) else []
+    if len(texts) < 2 or len(set(texts)) < len(texts):
+        text = "must be a list of two or more different values, or { low, high }: got "
+        yield setting.home, text + shown(setting.values)
+
+
+def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
+    """Return why a setting cannot vary; empty if it can."""
+    first, *others = setting.key
+    if first not in (known := ("tasks", "transfers", *SETTINGS)):
+        return f"must name a setting of tasks or transfers: {first} {unknown(first, known)}"
+    if first in ("tasks", "transfers"):
+        there = study.get(first)
+        names = list(map(str, range(len(there)))) if isinstance(there, list) else [*table(there)]
+        if others and others[0] not in names:
+            return f"must name a key of one of the {first}: {others[0]} {unknown(others[0], names)}"
+        if len(others) < 2:
+            which = others[0] if others else next(iter(names), "NAME")
+            key = "budget" if first == "tasks" else "scale"
+            return f"must name a key of one of the {first}, such as {first}.{which}.{key}"
+    patches, nowhere = table(study.get("arms")), True
+    for arm, curriculum in complete.items():
+        graph = NameGraph.of(curriculum)
+        drawn = {part for target in graph.targets for part in graph.drawings(target)}
+        for place in places_of(study, patches.get(arm), setting.key):
+            nowhere = False
+            if place[0] == "tasks" and place[1] in drawn and place[2] not in FREE:
+                return (
+                    f"must leave the target {graph.targets[0]} as it is, since all arms are "
+                    "compared in it: run the study once for each value, with --set"
+                )
+    text = "changes nothing: each task or arm that it could apply to sets it itself"
+    return text if nowhere else ""
+
+
+def wrong_made(variants: Raw) -> Messages:
+    """Yield what is wrong with the names of the arms that a sweep makes."""
+    for name in variants:
+        if why := unfit_name(name):
+            yield SWEEP_HOME, f"makes an arm with a name that {why}"
