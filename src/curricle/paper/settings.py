@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 
 from curricle import GreedyEvaluation, GridWorld, QLearning, Rewards
 from curricle.archives import as_json
-from curricle.show import COLOURS
-from curricle.show.plots import content_of
+from curricle.show import COLOURS, content_of
 from curricle.statistics import Interval, mean_interval
 
 MAP = resources.files("curricle.paper").joinpath("maze.txt").read_text(encoding="utf-8")

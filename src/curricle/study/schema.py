@@ -75,7 +75,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.study.own_code import load, suggestion, users_code
 from curricle.tasks.family import FamilyMember
 from curricle.tasks.observation_task import is_observation_task
-from curricle.transfer import by_components, mapping
+from curricle.transfer import aggregate, by_components, mapping
 from curricle.transfer.by_components import check_same_observations, identity, member_mappings
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.search import announced
