@@ -196,7 +196,7 @@ class BlockDude(DomainWithStart):
                 f"{column}"
             )
         drawn = [line[column] for line in lines]
-        free = next((row for row, letter in enumerate(drawn) if letter != "."), len(drawn)) - 1
+        free = next((row for row, cell in enumerate(drawn) if cell != "."), len(drawn)) - 1
         if free < 0 or "E" in drawn[free + 1 : free + 2]:
             raise TaskError("the agent needs a free cell above what is drawn in its column")
         line = lines[free]
