@@ -15,6 +15,7 @@ from curricle.show.grids import draw_potential
 from curricle.show.replay import grid_drawing
 from curricle.show.views import GridView
 from curricle.study.record import ViewRecord
+from curricle.tasks.domain import Domain
 from curricle.tasks.family import rules_of
 from tests.refusals import check_values
 from tests.studies import only, reader
@@ -40,6 +41,12 @@ def made(name):
     kind, other = DOMAINS[name]
     default = kind("S.T") if name == "maze" else kind()
     return default, kind(**other), kind(**other)
+
+
+def test_every_public_domain_is_among_them():
+    public = {getattr(cr.tasks, name) for name in cr.tasks.__all__}
+    domains = {kind for kind in public if isinstance(kind, type) and issubclass(kind, Domain)}
+    assert {kind for kind, _ in DOMAINS.values()} == domains
 
 
 @pytest.mark.parametrize("name", NAMES)

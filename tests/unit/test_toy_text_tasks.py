@@ -1,6 +1,5 @@
 """FrozenLake, CliffWalking and Taxi by own rules: equal to Gymnasium's, and their relatives."""
 
-from collections import deque
 from functools import partial
 
 import gymnasium as gym
@@ -8,10 +7,11 @@ import numpy as np
 import pytest
 from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 from hypothesis import given, settings, strategies as st
+from scipy.sparse.csgraph import floyd_warshall
 
 from curricle import from_gymnasium, solve
 from curricle.errors import TaskError
-from curricle.tasks import CliffWalking, FrozenLake, Taxi
+from curricle.tasks import CliffWalking, FrozenLake, Taxi, goal_distance
 from curricle.tasks.frozen_lake import random_lake
 from curricle.tasks.mdp import reachable_states
 from tests.refusals import check_values
@@ -111,25 +111,10 @@ def test_a_part_of_a_lake_is_the_lake_there():
     assert part.mdp.start[part.mdp.terminal].sum() == 0
 
 
-def steps_to_goal(mdp):
-    """Return the fewest steps from the start to an end, by breadth first search forward."""
-    first = np.flatnonzero(mdp.start)
-    waiting, distance = deque(first.tolist()), dict.fromkeys(first.tolist(), 0)
-    while waiting:
-        state = waiting.popleft()
-        if mdp.terminal[state]:
-            return distance[state]
-        for after in set(mdp.next_state[mdp.outcome_row[state], 0].tolist()):
-            if after not in distance:
-                distance[after] = distance[state] + 1
-                waiting.append(after)
-    raise AssertionError("no end can be reached")
-
-
 @pytest.mark.parametrize(("rows", "columns"), [(2, 3), (3, 6), (4, 12), (5, 20)])
 def test_a_walk_of_any_size_takes_the_way_past_the_cliff(rows, columns):
     walk = CliffWalking(rows, columns, discount=0.9)
-    assert steps_to_goal(walk.mdp) == columns + 1
+    assert goal_distance(walk)[walk.mdp.start_states].tolist() == [columns + 1]
     best = -(1 - 0.9 ** (columns + 1)) / (1 - 0.9)
     assert solve(walk).start_value == pytest.approx(best)
     assert walk.states.label(walk.states.size - 1) == "row=3 column=11"
@@ -141,7 +126,14 @@ def test_a_walk_of_any_size_takes_the_way_past_the_cliff(rows, columns):
 def test_every_ride_in_every_town_is_possible(size, stands, walls):
     """The best value of each start is that of the shortest ride, found on the map of the town."""
     town = Taxi(size, stands, walls=walls)
-    far = distances(town)
+    n = town.size**2
+    beside = np.zeros((n, n))
+    for cell, (row, column) in enumerate(np.ndindex(size, size)):
+        if row + 1 < size:
+            beside[cell, cell + size] = 1
+        if column + 1 < size and not town.wall_cells[row, column]:
+            beside[cell, cell + 1] = 1
+    far = floyd_warshall(beside, directed=False)
     places, values = town.stand_cells, town.states.decode()
     best = solve(town).values
     for state in np.flatnonzero(town.mdp.start):
@@ -151,22 +143,6 @@ def test_every_ride_in_every_town_is_possible(size, stands, walls):
         gamma = town.discount
         expected = -(1 - gamma**steps) / (1 - gamma) + 20 * gamma**steps
         assert best[state] == pytest.approx(expected)
-
-
-def distances(town):
-    """Return the steps between cells of a town, (cells, cells), by Floyd and Warshall."""
-    n = town.size**2
-    far = np.where(np.eye(n, dtype=bool), 0.0, np.inf)
-    for cell in range(n):
-        row, column = divmod(cell, town.size)
-        if row + 1 < town.size:
-            far[cell, cell + town.size] = far[cell + town.size, cell] = 1
-        if column + 1 < town.size and not town.wall_cells[row, column]:
-            far[cell, cell + 1] = far[cell + 1, cell] = 1
-    for middle in range(n):
-        far = np.minimum(far, far[:, [middle]] + far[[middle]])
-    assert np.isfinite(far).all()
-    return far
 
 
 @pytest.mark.parametrize(

@@ -142,19 +142,19 @@ class BlockDude(DomainWithStart):
             level = LEVELS[level - 1]
         object.__setattr__(self, "level", read_map(level, CHARACTERS))
         object.__setattr__(self, "origin", read_origin(self.origin))
-        for what, letters in (("agent < or >", "<>"), ("exit E", "E")):
+        for thing, letters in (("agent < or >", "<>"), ("exit E", "E")):
             count = sum(line.count(letter) for line in self.level for letter in letters)
             if count != 1:
-                raise TaskError(f"a map needs one {what}: there are {count or 'none'}")
+                raise TaskError(f"a map needs one {thing}: there are {count or 'none'}")
         first, bricks = self._first, self._bricks
         solid = bricks | set(first.blocks)
-        for what, (column, height) in (
+        for thing, (column, height) in (
             ("agent", first[:2]),
             *(("block", block) for block in first.blocks),
         ):
             if height > 1 and (column, height - 1) not in solid:
                 raise TaskError(
-                    f"the {what} needs ground, a brick or a block below it: there is none below "
+                    f"the {thing} needs ground, a brick or a block below it: there is none below "
                     f"row {self._row(height)}, column {column + self.origin[1]}"
                 )
 
@@ -196,7 +196,7 @@ class BlockDude(DomainWithStart):
                 f"{column}"
             )
         drawn = [line[column] for line in lines]
-        free = next((row for row, what in enumerate(drawn) if what != "."), len(drawn)) - 1
+        free = next((row for row, cell in enumerate(drawn) if cell != "."), len(drawn)) - 1
         if free < 0 or "E" in drawn[free + 1 : free + 2]:
             raise TaskError("the agent needs a free cell above what is drawn in its column")
         line = lines[free]
@@ -211,25 +211,25 @@ class BlockDude(DomainWithStart):
         """What is drawn at (column, height), without free cells."""
         top = len(self.level)
         return {
-            (column, top - row): what
+            (column, top - row): drawn
             for row, line in enumerate(self.level)
-            for column, what in enumerate(line)
-            if what != "."
+            for column, drawn in enumerate(line)
+            if drawn != "."
         }
 
     @cached_property
     def _bricks(self) -> set[Cell]:
-        return {cell for cell, what in self._drawn.items() if what == "#"}
+        return {cell for cell, drawn in self._drawn.items() if drawn == "#"}
 
     @cached_property
     def _exit(self) -> Cell:
-        return next(cell for cell, what in self._drawn.items() if what == "E")
+        return next(cell for cell, drawn in self._drawn.items() if drawn == "E")
 
     @cached_property
     def _first(self) -> _State:
         """The state that is drawn."""
-        (agent,) = (cell for cell, what in self._drawn.items() if what in FACING)
-        blocks = sorted(cell for cell, what in self._drawn.items() if what == "B")
+        (agent,) = (cell for cell, drawn in self._drawn.items() if drawn in FACING)
+        blocks = sorted(cell for cell, drawn in self._drawn.items() if drawn == "B")
         return _State(*agent, FACING[self._drawn[agent]], False, tuple(blocks))
 
     def _below(self, state: _State, column: int, height: int) -> int:
@@ -383,7 +383,7 @@ def part_of_level(
     whole = BlockDude(level, **rules)
     if columns is None:
         return whole
-    (agent,) = (line.find(what) for line in whole.level for what in "<>" if what in line)
+    (agent,) = (line.find(letter) for line in whole.level for letter in "<>" if letter in line)
     inside = agent < columns
     begins = None if inside else columns - 1
     return whole.crop(columns=(0, columns), agent=begins, start=whole.start)

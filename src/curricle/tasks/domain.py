@@ -73,7 +73,7 @@ class Domain(Frozen):
         """Return the tables; episodes start in the states `starting`, equally likely.
 
         Outcomes are (Y, O) as in :class:`FiniteMDP`. Without `outcome_row` every pair has a row
-        alone, and they are (S, A, O) or broadcast to it.
+        to itself, and they are (S, A, O) or broadcast to it.
         """
         start = np.zeros(len(terminal))
         start[starting] = 1 / len(starting)
@@ -113,7 +113,7 @@ def family_of(
     """Return the family of a domain, named after it.
 
     Its parameters are those of the `factory`, by default the domain itself, and the domain's other
-    fields, which a factory takes as keywords; `declared` ones come before what annotations say.
+    fields, which a factory takes as keywords. What is `declared` overrides annotations.
     """
     name = re.sub(r"(?<=.)(?=[A-Z])", "_", domain.__name__).lower()
     if factory is not None:
@@ -252,17 +252,17 @@ class GridDomain(DomainWithStart):
     def _read_start(self) -> None:
         """Check the start, which is a word of its annotation or cells, and sort its cells."""
         valid = rules_of(type(self))["start"][1].values or ()
-        words = ", ".join(map(repr, valid))
+        known = ", ".join(map(repr, valid))
         if isinstance(self.start, str):
             if self.start not in valid:
-                raise TaskError(f"start must be {words} or cells: got {self.start!r}")
+                raise TaskError(f"start must be {known} or cells: got {self.start!r}")
             return
         try:
             cells = np.array(list(self.start))
         except (TypeError, ValueError):
             cells = np.empty(0)
         if cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
-            raise TaskError(f"start must be {words} or cells such as [(2, 1)]: got {self.start!r}")
+            raise TaskError(f"start must be {known} or cells such as [(2, 1)]: got {self.start!r}")
         listed = tuple(sorted({(int(row), int(column)) for row, column in cells}))
         object.__setattr__(self, "start", listed)
 

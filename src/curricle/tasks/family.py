@@ -205,16 +205,16 @@ class Parameter:
         """
         if self.values is not None:
             shown = [str(value) for value in self.values[:12]]
-            words = ", ".join([*shown, *(["..."] if len(self.values) > len(shown) else [])])
+            listed = ", ".join([*shown, *(["..."] if len(self.values) > len(shown) else [])])
         elif self.kind is bool:
-            words = "True, False"
+            listed = "True, False"
         elif self.low is None and self.high is None:
-            words = {int: "whole numbers", str: "text"}.get(self.kind or float, "numbers")
+            listed = {int: "whole numbers", str: "text"}.get(self.kind or float, "numbers")
         elif self.high is None:
-            words = f"{self.low} or more"
+            listed = f"{self.low} or more"
         else:
-            words = f"{'' if self.low is None else self.low}..{self.high}"
-        return f"{words}, None" if self.optional else words
+            listed = f"{'' if self.low is None else self.low}..{self.high}"
+        return f"{listed}, None" if self.optional else listed
 
 
 def _key(value: Any) -> tuple[type, Any]:
@@ -255,9 +255,8 @@ def complete_parameters(
 ) -> tuple[Parameter, ...]:
     """Return the parameters of a family's function, in its order, with what annotations say.
 
-    What is declared comes first. A parameter that is not declared has the kind and default of the
-    signature; without an annotation the default's kind. A parameter whose annotation or default is
-    no kind that a family has keeps its default and is no parameter of the family.
+    What is declared overrides annotations. Without an annotation a parameter has the kind of its
+    default. One whose kind no family has keeps its default and is no parameter of the family.
     """
     signature, rules = inspect.signature(function).parameters, rules_of(function)
     by_name = {parameter.name: parameter for parameter in declared}
@@ -481,7 +480,7 @@ class TaskFamily(Frozen):
         yield from self._allowed(columns)
 
     def easier(self, member: "FamilyMember") -> Iterator["FamilyMember"]:
-        """Yield the members that are nowhere harder than one, and easier in at least one parameter.
+        """Yield the members that are easier in at least one parameter and harder in none.
 
         Parameters that are not ordered, or whose values are too many to list, stay as they are.
 

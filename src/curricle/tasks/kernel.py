@@ -36,9 +36,9 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it when it is
 # -- machine code on disk --------------------------------------------------------------------------
 
 PACKAGES = ("learning", "planning", "tasks", "teaching", "transfer")
-"""Those that have compiled code."""
+"""Packages with compiled code."""
 MARKS = (b"numba", b"tasks.kernel", b".body(")
-"""One of which is in each file with compiled code: what it imports, or a decorator."""
+"""Each file with compiled code contains one of these: an import, or a decorator."""
 
 ENTRY: Any = {"nogil": True, "no_cfunc_wrapper": True}  # no C code calls a loop
 entered_from_python: Any = njit(**ENTRY)

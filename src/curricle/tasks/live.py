@@ -322,9 +322,9 @@ def _observed(begun: Any) -> Any:
     return observation
 
 
-def _wrong_parts(what: str, returned: Any) -> str:
-    parts = ", ".join(RETURNED[what])
-    return f"a {what} of an environment must return ({parts}): got {returned!r}"
+def _wrong_parts(method: str, returned: Any) -> str:
+    parts = ", ".join(RETURNED[method])
+    return f"a {method} of an environment must return ({parts}): got {returned!r}"
 
 
 def numbering(task: LiveMDP) -> Callable[[Any], int]:

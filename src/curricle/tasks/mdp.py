@@ -212,7 +212,7 @@ class FiniteMDP(Frozen):
         actions: Space | None,
         **rest: Any,
     ) -> Self:
-        """Return the MDP in which every pair has an outcome row alone; tables are (S, A, O)."""
+        """Return the MDP in which every pair has an outcome row to itself; tables are (S, A, O)."""
         n_states, n_actions, width = probability.shape
         return cls(
             states=states or Space([Component("state", n_states)]),
@@ -230,14 +230,14 @@ class FiniteMDP(Frozen):
         instance("actions", self.actions, Space, TaskError)
         if np.ndim(self.probability) != 2:
             raise TaskError(f"probability must have shape (Y, O): got {np.shape(self.probability)}")
-        for name, what, size in (
+        for name, label, size in (
             ("outcome_row", "outcome_row", len(self.probability)),
             ("next_state", "next states", self.states.size),
         ):
-            numbers = whole_by_type(getattr(self, name), what)
+            numbers = whole_by_type(getattr(self, name), label)
             if numbers.size and (numbers.min() < 0 or numbers.max() >= size):
                 raise TaskError(
-                    f"{what} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
+                    f"{label} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
                 )
 
     def _adopt_arrays(self) -> None:
@@ -508,7 +508,7 @@ class GenerativeModel(Protocol):
 
 
 def generative_model(task: Any) -> GenerativeModel:
-    """Return a task that has a generative model as it is, the tables of any other."""
+    """Return the task itself if it has a generative model, else its tables."""
     generative: GenerativeModel = (
         task if isinstance(getattr(task, "model", None), tuple) else tables(task)
     )
@@ -521,7 +521,7 @@ def has_tables(task: Any) -> bool:
 
 
 def tables(task: Any) -> FiniteMDP:
-    """Return the tables of a task, or raise TaskError if it is none."""
+    """Return the tables of a task, or raise TaskError if it has none."""
     mdp = getattr(task, "mdp", None)
     if not isinstance(mdp, FiniteMDP):
         if isinstance(getattr(task, "model", None), tuple):
@@ -545,9 +545,9 @@ def _advice(task: Any) -> str:
     return ""
 
 
-def same_task(one: Task, other: Task) -> bool:
+def same_task(task: Task, other: Task) -> bool:
     """Return whether two tasks are the same: one object, or equal values."""
-    return one is other or one == other
+    return task is other or task == other
 
 
 # -- the graph of a task's transitions -------------------------------------------------------------

@@ -386,7 +386,7 @@ class Functions(NamedTuple):
 FAILURE = np.dtype(
     [("by", "u8"), ("state", "u8"), ("action", "u8"), ("next_state", "f8"), ("reward", "f8")]
 )
-"""A mistake of a user's function: in which, the pair it was asked for, what it returned."""
+"""The first mistake of a user's functions: which function, for which pair, what it returned."""
 START, STEP = 1, 2
 """The function that made it; 0 is none."""
 

@@ -29,22 +29,22 @@ MISSING = -1
 """What :meth:`Space.encode` gives for values that are no point of the space."""
 
 
-def whole(values: npt.ArrayLike, what: str) -> IntArray:
+def whole(values: npt.ArrayLike, name: str) -> IntArray:
     """Return values as int64, or raise TaskError where they are not whole numbers by type."""
-    array = whole_by_type(values, what)
+    array = whole_by_type(values, name)
     if array.dtype == np.uint64 and array.size and array.max() >= BEYOND_64_BITS:
-        raise TaskError(f"{what} must be below 2^63: got {array.max()}")
+        raise TaskError(f"{name} must be below 2^63: got {array.max()}")
     return array.astype(np.int64)
 
 
-def whole_by_type(values: npt.ArrayLike, what: str) -> npt.NDArray[Any]:
+def whole_by_type(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
     """Return values as an array, or raise TaskError where they are not whole numbers by type."""
     try:
         array = np.asarray(values)
     except ValueError:
-        raise TaskError(f"{what} must be an array of whole numbers: got {values!r}") from None
+        raise TaskError(f"{name} must be an array of whole numbers: got {values!r}") from None
     if array.dtype.kind not in "iu" and array.size:
-        raise TaskError(f"{what} must be whole numbers: got {array.dtype}")
+        raise TaskError(f"{name} must be whole numbers: got {array.dtype}")
     return array
 
 
