@@ -14,7 +14,7 @@ import curricle as cr
 from curricle import GridWorld
 from curricle.study import StudyConfig, read_study
 from curricle.study.config import configured, json_schema
-from curricle.study.file import Positions, merged
+from curricle.study.file import Positions, located, merged
 from curricle.study.templates import KINDS, template
 from curricle.transfer import aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
@@ -182,6 +182,24 @@ TABLES = st.dictionaries(st.sampled_from("abcd"), TREES, max_size=4)
 def test_merging_twice_is_merging_once_and_nothing_changes_nothing(one, other):
     assert merged(one, {}) == merged({}, one) == merged(one, one) == one
     assert merged(merged(one, other), other) == merged(one, other)
+
+
+def entries(node, path=()):
+    for key, value in node.items():
+        yield (*path, key), value
+        yield from entries(value, (*path, key)) if isinstance(value, dict) else ()
+
+
+@given(TABLES, TABLES)
+def test_a_merged_table_knows_where_each_entry_stands(one, other):
+    files = {"one": one, "other": other}
+    both = merged(*(located(table, (file,)) for file, table in files.items()))
+    positions = Positions("x.toml", arms={"both": both})
+    for path, value in entries(both):
+        node = files
+        for part in positions.in_file(("arms", "both", *path)):
+            node = node[part]
+        assert node == value or (isinstance(value, dict) and node.items() <= value.items())
 
 
 # Setting things from outside.

@@ -122,6 +122,7 @@ NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.ep
         ("sweep.tasks.corner.rows=[[0, 9]]", "sweep.tasks.corner.rows is refused: a crop must lie"),
         ("sweep.learner.epsilon=[1, 1]", "must be a list of different values: 1 is there twice"),
         ("sweep.learner.epsilon=[3.0]", "sweep.learner.epsilon is refused: epsilon must"),
+        ("sweep.learner=[{ epslon = 1 }, {}]", "sweep.learner[0].epslon is unknown, did you mean"),
         ("sweep.budget=[1, 2]", "changes nothing: each task or arm that it could apply to sets it"),
         ("sweep.tasks.maze.budget=[1, 2]", "must leave the target maze as it is"),
         ("sweep.tasks=[1]", "a key of one of the tasks, such as tasks.maze.budget"),

@@ -10,13 +10,13 @@ from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
-from curricle.study.templates import template
 from tests.hunters import observed
 from tests.studies import OBSERVED_HUNT as HUNT, reader
 
 FIRST = HUNT.partition('target = "hunt"\n')[2].partition("[[")[0].rstrip()
 """What the first transfer reads."""
 DEEP = 'learner = { type = "deep", settings = { learning_rate = 1e-3 } }'
+GUARDED = "shaping = { guard = true, type = "
 CART = """
 name = "cart"
 [learner]
@@ -184,21 +184,15 @@ def test_every_shaping_of_a_network_may_be_named(read, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "sentence"),
-    [
-        ("QInitialisation", "a guard is for learners with tables: got DeepLearner(DQN"),
-        ("PolicyReuse", "shaping.guard is unknown"),
-    ],
-)
-def test_a_guard_is_none_of_networks(complaint, name, sentence):
-    guarded = f"shaping = {{ type = {name!r}, guard = true }}\naggregate"
-    assert sentence in complaint(HUNT, ("aggregate", guarded))
-
-
-@pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
         (DEEP, "", 'line 4: learner must be { type = "deep", ... } for hunt, which is seen'),
+        (
+            "aggr",
+            f"{GUARDED}'QInitialisation' }}\naggr",
+            "a guard is for learners with tables: got",
+        ),
+        ("aggr", f"{GUARDED}'PolicyReuse' }}\naggr", "shaping.guard is unknown"),
         ("budget = 3_000", 'learner = { type = "deep" }', "line 10: tasks.chase.learner must be"),
         ("settings =", "setings =", "line 17: tasks.hunt.learner.setings is unknown, did you mean"),
         ('"deep", ', '"deep", envs = 0, ', "line 17: tasks.hunt.learner is refused: envs of a"),
@@ -257,9 +251,3 @@ def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):
     assert again.to_data() == study.to_data()
     assert Arms.of(again).keys == Arms.of(study).keys
     assert Arms.of(study).live
-
-
-def test_the_template_is_what_it_says(read):
-    plan = read(template("deep")).curriculum("placebo")
-    assert plan.node("three_walls").deep
-    assert plan.tasks["one_wall"].shuffled

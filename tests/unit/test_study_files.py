@@ -55,13 +55,6 @@ def test_it_reads_and_comes_back_equal(path):
     assert StudyConfig.from_data(plain, study.folder) == study
 
 
-def test_its_curricula_have_one_target_and_share_it(path):
-    study = read_study(path)
-    arms = study.curricula
-    targets = [arm.tasks[arm.target] for arm in arms.values()]
-    assert all(target is targets[0] for target in targets)
-
-
 @pytest.mark.filterwarnings("ignore:.* take their potential as it is")
 def test_it_is_trained(path):
     study = read_study(path, set=reduced(path))

@@ -632,15 +632,14 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
     problems.add([*wrong_sweep(study, complete), *wrong_tuning(study, complete)])
     fields["arms"] = complete
     if {"sweep", "tune"} & study.keys() and not problems.messages:
-        made = varied_arms(study, complete)
-        trees = {**fields["arms"], **(made.fields["scratches"] or {}), **made.fields["arms"]}
-        problems.positions = replace(problems.positions, arms={**trees, **made.probes})
-        problems.add(wrong_made(made.fields["arms"]))
-        if made.probes:
+        varied, probes = varied_arms(study, complete)
+        trees = {**complete, **varied["scratches"], **varied["arms"], **probes}
+        problems.positions = replace(problems.positions, arms=trees)
+        problems.add(wrong_made(varied["arms"]))
+        if probes:
             with problems.at(mapped=True):
-                probes = {**fields, "arms": made.probes}
-                StudyConfig.from_data(probes, folder, problems.positions)
-        fields |= made.fields
+                StudyConfig.from_data({**fields, "arms": probes}, folder, problems.positions)
+        fields |= varied
     config: StudyConfig | None = None
     with problems.at(mapped=True):
         config = StudyConfig.from_data(fields, folder, problems.positions)

@@ -202,12 +202,15 @@ def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> Located:
     changes = Located(table(patch), patch)
     if isinstance(changes.get("tasks"), dict):
         # A change of an unknown task has been reported.
-        there, tasks = table(base.get("tasks")), changes["tasks"]
-        known = {name: task for name, task in tasks.items() if name in there}
+        tasks = changes["tasks"]
+        known = {name: tasks[name] for name in tasks if name in table(base.get("tasks"))}
         changes["tasks"] = Located(known, tasks)
     plan, chosen = merged(base, changes), changes.get("transfers")
     if isinstance(chosen, list):
-        plan["transfers"] = _chosen(chosen, base.get("transfers"))
+        transfers = base.get("transfers")
+        there = dict(enumerate(transfers)) if isinstance(transfers, list) else {}
+        edges = [there.get(edge) if type(edge) is int else edge for edge in chosen]
+        plan["transfers"] = [edge for edge in edges if edge is not None]
         plan["tasks"] = _needed(plan, NameGraph.of(base))
     for_all = Located({which: plan.pop(which) for which in SETTINGS if which in plan}, plan)
     with_sources = {target for _, target in NameGraph.of(plan).edges}
@@ -221,13 +224,6 @@ def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> Located:
         }
         plan["tasks"] = Located(complete, tasks)
     return plan
-
-
-def _chosen(chosen: list[Any], transfers: Any) -> list[Any]:
-    """Return the transfers that an arm names, a number being the place of the study's."""
-    there = dict(enumerate(transfers)) if isinstance(transfers, list) else {}
-    edges = [there.get(edge) if type(edge) is int else edge for edge in chosen]
-    return [edge for edge in edges if edge is not None]
 
 
 def _needed(plan: Located, base: NameGraph) -> Any:

@@ -278,17 +278,11 @@ class Variant(NamedTuple):
     curriculum: dict[str, Any]
 
 
-class VariedArms(NamedTuple):
-    """What a sweep and a tuning make of a study."""
+def varied_arms(study: Raw, complete: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the fields of a configuration that a correct sweep and tuning make of these arms.
 
-    fields: dict[str, Any]
-    """Of the configuration."""
-    probes: dict[str, Any]
-    """Arms with the ends of each range that is tuned, to be checked beforehand."""
-
-
-def varied_arms(study: Raw, complete: Mapping[str, Any]) -> VariedArms:
-    """Return the arms that a correct sweep and tuning make of those without."""
+    The second dict has arms with the ends of each range that is tuned, to be checked beforehand.
+    """
     variants, scratches = variants_of(study, complete), scratch_variants(study, complete)
     every = {**scratches, **variants}
     fields: dict[str, Any] = {
@@ -317,7 +311,7 @@ def varied_arms(study: Raw, complete: Mapping[str, Any]) -> VariedArms:
             for value in values:
                 probe = with_values(every[arm].curriculum, dict.fromkeys(here, value), homes)
                 probes[f"{setting.name} = {value_text(value)}"] = probe
-    return VariedArms(fields, probes)
+    return fields, probes
 
 
 def variants_of(study: Raw, complete: Mapping[str, Any]) -> dict[str, Variant]:
