@@ -26,9 +26,6 @@ from curricle.deep.vec_env import ShapedVecEnv
 from curricle.errors import SettingError
 from tests.unit.interop import shaping
 
-pytest.importorskip("stable_baselines3")
-
-
 torch.set_num_threads(1)
 DISCOUNT = 0.9
 

@@ -43,8 +43,8 @@ else:  # it takes types only in newer versions of Gymnasium
     AnyVectorWrapper = VectorWrapper
 
 
-Steps = int | IntArray
-"""t of all observations, or of each, (n,)."""
+Steps = int | list[int]
+"""t of all observations, or of each."""
 TaskPotential = StatePotential | StateActionPotential | MappedPotential
 Potential = Callable[[Any], Any] | TaskPotential | ValueSource
 """A function of an observation, a potential over a task's states, or values of observations."""
@@ -180,7 +180,7 @@ def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
 
 def each_step(steps: Steps, n: int) -> list[int]:
     """Return the step of each of n observations."""
-    return [steps] * n if isinstance(steps, int) else steps.tolist()
+    return [steps] * n if isinstance(steps, int) else steps
 
 
 def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:
@@ -415,7 +415,7 @@ class Episodes:
 
         ``final(i)`` is the observation at which episode i was cut off, None if unknown.
         """
-        running, discount = self._running.copy(), self._potential.discount
+        running, discount = self._running, self._potential.discount
         steps: Any
         if not (None in running or True in terminated or True in truncated):
             # Most steps, which must be quick.
@@ -425,7 +425,7 @@ class Episodes:
             for episode, phi, reward in steps:
                 shaping.append(episode.step(phi, reward, discount))
             return ShapedStep(self._all, shaping, there, {})
-        same_step = self._finals_in is not None
+        running, same_step = running.copy(), self._finals_in is not None
         self._steps += sum(episode is not None for episode in running)
         over = [i for i in range(len(rows)) if terminated[i] or truncated[i]]
         ended = {i: episode for i in over if (episode := running[i]) is not None}
@@ -477,8 +477,8 @@ class Episodes:
         read = [i for i in range(len(rows)) if same_step or not terminated[i]]
         asked = [rows[i] for i in read] + [*finals.values()] + [e.first for e in ended.values()]
         now = [self._steps] * (len(read) + len(finals))
-        steps = np.array([*now, *(episode.begun for episode in ended.values())])
-        values = iter(self._potential.read(asked, steps))
+        begun = [episode.begun for episode in ended.values()]
+        values = iter(self._potential.read(asked, now + begun))
         of_end = [0.0] * (1 + len(self._potential.sources))
         here = [of_end] * len(rows)
         for i in read:

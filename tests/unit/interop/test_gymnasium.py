@@ -1,4 +1,4 @@
-"""Gymnasium environments with transition tables as tasks, and their names."""
+"""Gymnasium environments as tasks: tables, spaces, names, and what is refused."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""Learning in live tasks, and live tasks in the rest of the library."""
+"""Live tasks: learning in them, and what goes wrong in an environment surfaces as it is."""
 
 import _thread
 import signal

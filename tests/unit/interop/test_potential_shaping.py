@@ -1,4 +1,4 @@
-"""Shaping one environment, beside a slow oracle that writes F = gamma Phi(s') - Phi(s) out."""
+"""Shaping of environments, one or many, beside oracles that write gamma Phi(s') - Phi(s) out."""
 
 import copy
 import pickle
