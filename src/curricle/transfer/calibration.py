@@ -63,7 +63,7 @@ class Calibration:
 
     Examples
     --------
-    >>> from curricle import GridWorld, solve
+    >>> from curricle import GridWorld, StateActionPotential, solve
     >>> maze = GridWorld("S.T", time_limit=10)
     >>> phi = StateActionPotential(maze, 0.5 * solve(maze).action_values)
     >>> print(calibrate(phi, episodes=10))
@@ -133,7 +133,7 @@ def calibrate(
 
     Examples
     --------
-    >>> from curricle import GridWorld, solve
+    >>> from curricle import GridWorld, StateActionPotential, solve
     >>> maze = GridWorld("S.T", time_limit=10)
     >>> phi = StateActionPotential(maze, solve(maze).action_values / 3)
     >>> fitted = calibrate(phi)
