@@ -43,8 +43,7 @@ from curricle.transfer.bisimulation import numbered_rows
 LARGEST_EXACT = 20_000_000
 """Outcomes (S x A x O) up to which ``method="auto"`` compares every state (2 GB, seconds)."""
 
-MOST_REFINEMENTS = 100
-"""Rounds after which equally good actions are not proven equal."""
+MOST_REFINEMENTS = 100  # rounds after which equally good actions are not proven equal
 
 
 def certify(

@@ -17,8 +17,7 @@ from curricle.certificate.shaped_task import Reachable
 from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.spaces import action_name, state_name
 
-RELATIVE_RESIDUAL = 1e-5
-"""Residual, relative to the largest F, up to which a potential fits."""
+RELATIVE_RESIDUAL = 1e-5  # residual, relative to the largest F, up to which a potential fits
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +166,7 @@ def _potential(
 
 
 AnyInts = npt.NDArray[np.integer[Any]]
-NAMED = 3
-"""Ends that are named; the others are counted."""
+NAMED = 3  # ends that are named; the others are counted
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,7 @@ from curricle.tasks.spaces import state_name
 
 Checked = tuple[int, float, tuple[str, ...]]
 """Steps taken, the largest distance of a sum of F from that of a potential, and sentences."""
-LONGEST = 200
-"""Steps of a rollout at most."""
+LONGEST = 200  # steps of a rollout at most
 BRANCHES, DEPTH = 40, 3
 """Rollouts from one state, and their steps, among which two paths may meet."""
 

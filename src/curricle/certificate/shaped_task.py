@@ -26,8 +26,7 @@ RewardFunction = Callable[..., Any]
 Ends = Literal["zero", "given"]
 """Whether an array is read as 0 at the ends, as by :func:`learn`, or as given."""
 AnyInts = npt.NDArray[np.integer[Any]]
-CHUNK = 1_000_000
-"""Transitions passed to a shaping reward at a time."""
+CHUNK = 1_000_000  # transitions passed to a shaping reward at a time
 ROUNDED = 1.25
 """Factor of an error bound that covers the rounding of r + F.
 

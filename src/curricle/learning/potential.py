@@ -30,8 +30,7 @@ them; near 1e308 learning overflows.
 """
 
 
-STATES_READ = 10_000
-"""States whose phi of all actions is read at a time."""
+STATES_READ = 10_000  # states whose phi of all actions is read at a time
 
 
 @dataclass(frozen=True, eq=False)

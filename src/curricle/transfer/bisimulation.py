@@ -26,8 +26,7 @@ from curricle.tasks.kernel import compiled_once
 # -- partition refinement --------------------------------------------------------------------------
 
 
-PRECISION = 1e-9
-"""Numbers no further apart than this, in units of the largest, count as equal."""
+PRECISION = 1e-9  # numbers no further apart than this, in units of the largest, count as equal
 
 
 class Model(NamedTuple):
@@ -154,10 +153,8 @@ def _joined(models: Sequence[Model]) -> Model:
 # -- the Kantorovich distance ----------------------------------------------------------------------
 
 
-UNSET = 255
-"""In the first place of a tree: there is none yet."""
-WIDEST = 120
-"""Outcomes of a distribution at most: nodes of both are numbered in 8 bits."""
+UNSET = 255  # in the first place of a tree: there is none yet
+WIDEST = 120  # outcomes of a distribution at most: nodes of both are numbered in 8 bits
 PERTURBATION = 1e-10
 MOST_PIVOTS = 10_000
 
@@ -299,8 +296,7 @@ def _pivot(p, q, row, column, parent, order, space):
 # -- the fixed point -------------------------------------------------------------------------------
 
 
-SWEEPS = 40
-"""Sweeps with the choices of a backup."""
+SWEEPS = 40  # sweeps with the choices of a backup
 MOST_ROUNDS = 5_000
 MOST_WORK = 20_000_000_000
 """Pairs of outcomes that are coupled at most, in all rounds: some minutes of one core."""

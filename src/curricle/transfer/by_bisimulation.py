@@ -24,8 +24,7 @@ from curricle.transfer.bisimulation import (
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.pair import Proposal, TaskPair, apart
 
-LARGEST = 20_000_000
-"""State-action pairs of both tasks up to which they are refined."""
+LARGEST = 20_000_000  # state-action pairs of both tasks up to which they are refined
 
 
 def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
@@ -93,8 +92,7 @@ def _first_of(keys: IntArray, wanted: IntArray) -> IntArray:
 # -- nearest pairs ---------------------------------------------------------------------------------
 
 
-TOLERANCE = 1e-3
-"""How far below the fixed point distances may be, in units of the largest."""
+TOLERANCE = 1e-3  # how far below the fixed point distances may be, in units of the largest
 LARGEST_PAIRS = 8_000_000
 """Pairs of a target's and a source's kinds of pairs up to which distances are computed."""
 

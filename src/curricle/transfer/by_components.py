@@ -28,8 +28,7 @@ from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.pair import Proposal, TaskPair
 from curricle.transfer.scores import total_variation
 
-LARGEST_INDEX = 500_000_000
-"""Target pairs for which an index array is made (4 GB)."""
+LARGEST_INDEX = 500_000_000  # target pairs for which an index array is made (4 GB)
 UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
 """What becomes of values that the source lacks, in words."""
 
@@ -449,8 +448,7 @@ def _made(
 
 
 MAX_ASSIGNMENTS = 10_000
-COMPARED = 5_000
-"""State-action pairs of the target on which assignments are compared at most."""
+COMPARED = 5_000  # state-action pairs of the target on which assignments are compared at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -543,8 +541,7 @@ WORDS: dict[Unequal, str] = {
     "scale": "components by name, unequal ranges scaled",
     "clip": "components by name, unequal ranges clipped",
 }
-MOST_UNEQUAL = 3
-"""Components of unequal ranges that are aligned in all ways."""
+MOST_UNEQUAL = 3  # components of unequal ranges that are aligned in all ways
 
 
 def by_name(tasks: TaskPair) -> Iterator[Proposal]:

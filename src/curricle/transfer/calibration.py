@@ -25,16 +25,12 @@ from curricle.transfer.transfer import CALIBRATION_EPISODES, Calibrate
 
 AnyPotential = Any
 """The potential of a task: a StateActionPotential, MappedPotential or ObservationPotential."""
-FIRST_EPISODES = 20
-"""Episodes after which a calibration stops if they reached nothing."""
-MIN_NONZERO = 0.5
-"""Least share of the steps in which phi is not 0."""
-MIN_EXPLAINED = 0.25
-"""Least share of the squares of the returns that the fit explains."""
+FIRST_EPISODES = 20  # episodes after which a calibration stops if they reached nothing
+MIN_NONZERO = 0.5  # least share of the steps in which phi is not 0
+MIN_EXPLAINED = 0.25  # least share of the squares of the returns that the fit explains
 LARGEST_SEARCHED = 10_000_000
 """Pairs (S x A) in which the highest value of phi is searched; of more, as many at random."""
-CHUNK = 1_000_000
-"""Pairs read at a time."""
+CHUNK = 1_000_000  # pairs read at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +59,7 @@ class Calibration:
 
     Examples
     --------
-    >>> from curricle import GridWorld, solve
+    >>> from curricle import GridWorld, StateActionPotential, solve
     >>> maze = GridWorld("S.T", time_limit=10)
     >>> phi = StateActionPotential(maze, 0.5 * solve(maze).action_values)
     >>> print(calibrate(phi, episodes=10))
@@ -133,7 +129,7 @@ def calibrate(
 
     Examples
     --------
-    >>> from curricle import GridWorld, solve
+    >>> from curricle import GridWorld, StateActionPotential, solve
     >>> maze = GridWorld("S.T", time_limit=10)
     >>> phi = StateActionPotential(maze, solve(maze).action_values / 3)
     >>> fitted = calibrate(phi)

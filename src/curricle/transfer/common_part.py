@@ -20,21 +20,15 @@ from curricle.transfer.bisimulation import levels
 from curricle.transfer.mapping import UNMAPPED, pair_mapping
 from curricle.transfer.pair import Proposal, TaskPair
 
-LARGEST = 50_000
-"""State-action pairs of a task."""
-LARGEST_SOURCE = 250
-"""States of a source; growing a part takes time with their square."""
-MOST_BEGINNINGS = 64
-"""Pairs of states from which a part is grown."""
-WORK = 300_000
-"""Parts that are grown at most, times the square of the source's states."""
+LARGEST = 50_000  # state-action pairs of a task
+LARGEST_SOURCE = 250  # states of a source; growing a part takes time with their square
+MOST_BEGINNINGS = 64  # pairs of states from which a part is grown
+WORK = 300_000  # parts that are grown at most, times the square of the source's states
 STAYS = -1
-KEPT = 30
-"""Parts that are proposed, the largest first."""
+KEPT = 30  # parts that are proposed, the largest first
 RESTARTS = 16
 """Parts that are grown from each beginning; guesses that are about as likely are drawn."""
-TIES = 0.9
-"""Rewards that do not count when guesses are compared."""
+TIES = 0.9  # rewards that do not count when guesses are compared
 
 
 @dataclass(frozen=True, eq=False)

@@ -419,8 +419,7 @@ def _check_mazes(mapping: str, target: Task, source: Task) -> None:
 # -- coverage --------------------------------------------------------------------------------------
 
 
-LARGEST_COVERAGE = 5_000_000
-"""Pairs of either task up to which a mapping's coverage is counted."""
+LARGEST_COVERAGE = 5_000_000  # pairs of either task up to which a mapping's coverage is counted
 
 
 @dataclass(frozen=True)
@@ -440,8 +439,8 @@ class Coverage:
         return (
             f"{self.mapped:.1%} of {counted(self.target_pairs, 'target pair')} mapped, "
             f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped; "
-            f"{self.never_used:,} of {counted(self.source_pairs, 'source pair')} never used, the "
-            f"others read by {self.mean_readers:.1f} target pairs on average, "
+            f"{self.never_used:,} of {counted(self.source_pairs, 'source pair')} are never read, "
+            f"each of the others by {self.mean_readers:.1f} target pairs on average, by "
             f"{self.most_readers:,} at most"
         )
 

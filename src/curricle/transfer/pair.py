@@ -27,8 +27,7 @@ from curricle.transfer.bisimulation import Model, model_for_refinement, refined
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 
 NOT_PROVEN = float("nan")
-ENDLESS = 1_000
-"""Steps that stand for the horizon of a task with discount 1 and no time limit."""
+ENDLESS = 1_000  # steps that stand for the horizon of a task with discount 1 and no time limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,10 +234,8 @@ def search_steps(transfers: Iterable[Any]) -> int:
 # -- tables estimated from steps -------------------------------------------------------------------
 
 
-LARGEST = 2_000_000
-"""State-action pairs of a task that is sampled."""
-LONGEST = 1_000
-"""Steps of an episode where the task has no time limit."""
+LARGEST = 2_000_000  # state-action pairs of a task that is sampled
+LONGEST = 1_000  # steps of an episode where the task has no time limit
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,8 +37,7 @@ from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, terminal_states,
 from curricle.transfer.observation_mapping import ObservationMapping, ValueSource, no_actions
 from curricle.transfer.transfer import Transfer
 
-MOST_SOURCES = 64
-"""Sources of a lookup, at most: each has a bit of a number."""
+MOST_SOURCES = 64  # sources of a lookup, at most: each has a bit of a number
 
 # -- looked up while learning ----------------------------------------------------------------------
 

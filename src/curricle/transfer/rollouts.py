@@ -41,16 +41,11 @@ from curricle.transfer.potential import ObservationPotential
 
 LARGEST_ARRAY = 1_000_000
 """Pairs (S x A) up to which a potential is read from an array, also where it could be looked up."""
-MOST_STEPS = 50_000_000
-"""Steps that may be recorded (2.4 GB)."""
-OBSERVATION_ROLLOUTS = 50
-"""Episodes of which returns are the mean, unless another number is given."""
-COVERAGE_EPISODES = 20
-"""Episodes whose observations are the sample for a mapping's coverage."""
-MAX_RANKED = 200_000
-"""Pairs over which a rank correlation is taken at most; a sample of more."""
-STREAM = "potential_quality"
-"""Name of the random stream of rollouts that judge a potential."""
+MOST_STEPS = 50_000_000  # steps that may be recorded (2.4 GB)
+OBSERVATION_ROLLOUTS = 50  # episodes of which returns are the mean, unless another number is given
+COVERAGE_EPISODES = 20  # episodes whose observations are the sample for a mapping's coverage
+MAX_RANKED = 200_000  # pairs over which a rank correlation is taken at most; a sample of more
+STREAM = "potential_quality"  # name of the random stream of rollouts that judge a potential
 NAN = float("nan")
 
 

@@ -19,10 +19,8 @@ from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, termi
 from curricle.transfer.pair import TaskPair
 
 NAN = float("nan")
-TIED = 1e-9
-"""Values this close, in units of the largest, are tied for a greedy policy."""
-LARGEST_SAMPLE = 20_000
-"""Pairs on which next states are compared at most; a sample of more."""
+TIED = 1e-9  # values this close, in units of the largest, are tied for a greedy policy
+LARGEST_SAMPLE = 20_000  # pairs on which next states are compared at most; a sample of more
 
 
 @dataclass(frozen=True)
@@ -203,10 +201,8 @@ def total_variation(
 
 EXPECTILE = 0.03
 """Expectile of the residuals that is 0; 0.5 is least squares. Values too low do less harm."""
-SWEEPS = 100
-"""Greedy policies that are fitted to at most."""
-SETTLED = 1e-9
-"""Two constants are one if they differ by less, in units of the larger."""
+SWEEPS = 100  # greedy policies that are fitted to at most
+SETTLED = 1e-9  # two constants are one if they differ by less, in units of the larger
 
 
 def fitted_constant(stated: FloatArray, factor: FloatArray) -> float:

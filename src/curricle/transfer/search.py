@@ -37,14 +37,12 @@ SEARCHES: tuple[Search, ...] = (
 )
 LEAST_REGAINED = 0.25
 """Share of the way to the optimum that a mapping used unseen must regain where it is known."""
-MOST_UNEXPLAINED = 0.75
-"""Share that such a mapping may leave unexplained."""
+MOST_UNEXPLAINED = 0.75  # share that such a mapping may leave unexplained
 MOST_MISSED = 0.05
 """Share of the way to the optimum that a mapping as good as exact may miss where it is known."""
 LEFT_BY_EXACT = 0.01
 """Share that such a mapping may leave unexplained: flat values of many pairs are explained well."""
-SAME = 1e-7
-"""Two mappings are one if phi differs by less, in units of the largest."""
+SAME = 1e-7  # two mappings are one if phi differs by less, in units of the largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,8 +275,7 @@ def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
 # -- the best mapping, or why none is used ---------------------------------------------------------
 
 
-REMEMBERED = 16
-"""Searches whose result is kept while the program runs; one may take half a minute."""
+REMEMBERED = 16  # searches whose result is kept while the program runs; one may take half a minute
 
 
 def auto_mapping(

@@ -15,12 +15,10 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import LARGEST_POTENTIAL
 from curricle.transfer.mapping import TaskMapping
 
-CALIBRATION_EPISODES = 200
-"""Greedy episodes of a calibration, unless another number is given."""
+CALIBRATION_EPISODES = 200  # greedy episodes of a calibration, unless another number is given
 CALIBRATION_SHARE = 20
 """A calibration takes one part in so many of its target's budget at most by default: 5 %."""
-LARGEST_SHARE = 4
-"""The same, whatever is asked: a quarter."""
+LARGEST_SHARE = 4  # a calibration that states its steps gets at most a quarter of that budget
 
 
 @dataclass(frozen=True)
@@ -164,8 +162,7 @@ def numbered(names: Sequence[str]) -> list[str]:
 
 
 DIGEST_BYTES = 16
-SIGNIFICANT = 6
-"""Digits of values in a digest: the last ones may differ between machines."""
+SIGNIFICANT = 6  # digits of values in a digest: the last ones may differ between machines
 
 
 def transfer_words(transfer: Transfer) -> str:

@@ -29,8 +29,7 @@ from curricle.transfer.pair import Proposal, TaskPair
 # -- the order of values ---------------------------------------------------------------------------
 
 
-MOST_VALUES = 200
-"""Values of a component; all pairs of them are looked at."""
+MOST_VALUES = 200  # values of a component; all pairs of them are looked at
 
 
 class Path(NamedTuple):
@@ -107,25 +106,17 @@ def path_order(weight: FloatArray) -> IntArray | None:
 # -- paths laid side by side -----------------------------------------------------------------------
 
 
-LARGEST = 50_000
-"""State-action pairs of a task."""
-LARGEST_BOX = 2_000_000
-"""Combinations of a source's values."""
+LARGEST = 50_000  # state-action pairs of a task
+LARGEST_BOX = 2_000_000  # combinations of a source's values
 MOST_ASSIGNMENTS = 10_000
-MOST_LAID = 48
-"""Assignments whose values are matched, those whose moves agree best."""
-SLACK = 1.0
-"""How much less than the best the moves of such an assignment may agree."""
-LARGEST_WORK = 20_000_000
-"""Pairs that are compared at most to find the windows of one assignment."""
-KEPT = 4
-"""Ways of either kind that are proposed, those that fit best."""
-NOWHERE = 2.0
-"""Mismatch of a pair that reads a state which the source lacks or which ends it."""
+MOST_LAID = 48  # assignments whose values are matched, those whose moves agree best
+SLACK = 1.0  # how much less than the best the moves of such an assignment may agree
+LARGEST_WORK = 20_000_000  # pairs that are compared at most to find the windows of one assignment
+KEPT = 4  # ways of either kind that are proposed, those that fit best
+NOWHERE = 2.0  # mismatch of a pair that reads a state which the source lacks or which ends it
 STEP = 0.1
 """Cost for each pair of a value where a path stands still, or leaps by one, on the source's."""
-NEARER_SCALE = 1e-6
-"""Cost that decides between warps that fit alike: for the one nearer to scale."""
+NEARER_SCALE = 1e-6  # cost that decides between warps that fit alike: for the one nearer to scale
 ROUNDS = 10
 
 
