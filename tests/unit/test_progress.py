@@ -74,8 +74,8 @@ LONG = {
         lambda **how: cr.transfer.auto_mapping(
             cr.GridWorld(f"S{'.' * next(LENGTHS)}T"), LINE, **how
         ),
-        [one.__name__ for one in cr.transfer.found_mappings.SEARCHES],
-        [f"searches: {len(cr.transfer.found_mappings.SEARCHES)} done"],
+        [one.__name__ for one in cr.transfer.search.SEARCHES],
+        [f"searches: {len(cr.transfer.search.SEARCHES)} done"],
     ),
     "lax_bisimulation": (
         lambda **how: cr.transfer.lax_bisimulation(cr.GridWorld("S..T"), LINE, **how),
