@@ -9,6 +9,7 @@ import shutil
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from operator import attrgetter
 from os import PathLike
 from pathlib import Path, PurePosixPath
 from secrets import token_hex
@@ -106,20 +107,10 @@ class RemotePath:
         """The first part: on a server for objects, the bucket."""
         return self._at(self.key.parts[0])
 
-    @property
-    def name(self) -> str:
-        """As :attr:`pathlib.Path.name`."""
-        return self.key.name
-
-    @property
-    def stem(self) -> str:
-        """As :attr:`pathlib.Path.stem`."""
-        return self.key.stem
-
-    @property
-    def suffix(self) -> str:
-        """As :attr:`pathlib.Path.suffix`."""
-        return self.key.suffix
+    # As of pathlib.Path.
+    name = property(attrgetter("key.name"))
+    stem = property(attrgetter("key.stem"))
+    suffix = property(attrgetter("key.suffix"))
 
     @property
     def _kind(self) -> str:

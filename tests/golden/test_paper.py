@@ -90,8 +90,8 @@ def test_a_stopped_run_writes_nothing_and_an_earlier_one_is_replaced(tmp_path, f
     assert not out.exists()
     reproduce(out, figures=["1"], seeds=2)
     claims = reproduce(out, figures=["2", "1"], seeds=SEEDS, workers=1, progress=False)
-    assert claims == [c for c in json.loads((folder / "claims.json").read_text("utf-8"))
-                      if c["figure"] in "12"]  # fmt: skip
+    whole = json.loads((folder / "claims.json").read_text("utf-8"))
+    assert claims == [claim for claim in whole if claim["figure"] in "12"]
     for name in ("figure1.svg", "figure2.svg", "data/figure2.parquet", "data/figure2.json"):
         assert (out / name).read_bytes() == (folder / name).read_bytes()
 

@@ -244,12 +244,6 @@ def test_the_same_in_every_run():
     assert str(one) == str(other)
 
 
-def test_returns_are_exact():
-    for candidate in source_candidates(CORRIDOR):
-        assert candidate.optimum == cr.solve(candidate.task).start_value
-        assert candidate.optimum > candidate.random_return
-
-
 def test_a_bottleneck_from_which_the_goal_is_out_of_reach_is_dropped():
     # A yard of five cells behind a one-way door, into which many ways lead and none out.
     after = {0: (1, 2), 1: (7, 2), 2: (3, 3), 3: (4, 5), 4: (3, 3), 5: (3, 6), 6: (5, 5)}
@@ -284,13 +278,6 @@ def test_other_candidates_read_each_other_through_the_target():
     large, small = crops["rows 0..4, columns 5..9"], crops["rows 0..2, columns 7..9"]
     (mapping,) = mappings_between(MAZE, large, small)
     assert (mapping.index == same_position(large.task, small.task).index).all()
-
-
-def test_candidates_without_tables_must_be_members_of_one_family():
-    near = proposed(CORRIDOR.crop(rows=(0, 1), columns=(3, 6)))
-    check_refusal(
-        CurriculumError, lambda: mappings_between(ring(), near, near), "must be members of one"
-    )
 
 
 # -- a user's own, and what is dropped -----------------------------------------------------------
@@ -392,6 +379,10 @@ REFUSALS = {
             "must lead to its task: one of 'a'",
         ),
         "no mapping": (lambda: SourceCandidate("a", NEAR, []), "needs mappings from the target"),
+        "no tables between": (
+            lambda: mappings_between(ring(), proposed(NEAR), proposed(NEAR)),
+            "must be members of one",
+        ),
         "unknown candidate": (
             lambda: source_candidates(CORRIDOR)["far"],
             "a candidate must be one of rows",

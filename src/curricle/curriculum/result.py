@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Self
 
@@ -75,9 +76,9 @@ class CurriculumResult:
 
     def __repr__(self) -> str:
         seeds = len(next(iter(self.nodes.values())).seeds) if self.nodes else 0
-        last = [f"{task} {node.greedy_return[:, -1].mean():.4g}"
-                for task, node in self.nodes.items()]  # fmt: skip
-        returns = f"last greedy returns: {', '.join(last)}" if last else "nothing was trained"
+        last = {name: node.greedy_return[:, -1].mean() for name, node in self.nodes.items()}
+        listed = ", ".join(f"{name} {value:.4g}" for name, value in last.items())
+        returns = f"last greedy returns: {listed}" if last else "nothing was trained"
         return shortened(f"CurriculumResult({counted(seeds, 'seed')}; {returns})")
 
     def _repr_html_(self) -> str:
@@ -222,6 +223,7 @@ SCALARS = [f.name for f in fields(Calibration) if f.name not in ("potential", "w
 def to_file(result: CurriculumResult) -> tuple[Arrays, dict[str, Any]]:
     """Return the arrays and the JSON of a file; arrays are named ``part/number/name``."""
     nodes = {name: node.parts_of_file() for name, node in result.nodes.items()}
+    kinds = {name: {"kind": type(node).__name__} for name, node in result.nodes.items()}
     parts: dict[str, list[Arrays]] = {
         "nodes": [arrays for arrays, _ in nodes.values()],
         "given": [
@@ -230,29 +232,31 @@ def to_file(result: CurriculumResult) -> tuple[Arrays, dict[str, Any]]:
             for source in result.given.values()
         ],
         "calibrations": [
-            {f"{key}_{k}": getattr(calibration.warm_up, key)
-             for k, calibration in enumerate(fitted) for key in ("lengths", "returns")}
+            {
+                f"{key}_{k}": getattr(calibration.warm_up, key)
+                for k, calibration in enumerate(fitted)
+                for key in ("lengths", "returns")
+            }
             for fitted in result.calibrations.values()
         ],
-    }  # fmt: skip
+    }
     arrays = {
         f"{part}/{i}/{name}": array
         for part, of_tasks in parts.items()
         for i, named in enumerate(of_tasks)
         for name, array in named.items()
     }
+    scalars = attrgetter(*SCALARS)
     words = {
         "tasks": {name: task_record(task) for name, task in result.curriculum.tasks.items()},
-        "nodes": {name: {"kind": type(result.nodes[name]).__name__, **about}
-                  for name, (_, about) in nodes.items()},
+        "nodes": {name: kinds[name] | about for name, (_, about) in nodes.items()},
         "trained": list(result.potentials),
         "given": {name: source.own_rewards for name, source in result.given.items()},
         "calibrations": {
-            name: [{scalar: getattr(calibration, scalar) for scalar in SCALARS}
-                   for calibration in fitted]
+            name: [dict(zip(SCALARS, scalars(fit), strict=True)) for fit in fitted]
             for name, fitted in result.calibrations.items()
         },
-    }  # fmt: skip
+    }
     return arrays, words
 
 
