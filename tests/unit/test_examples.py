@@ -50,7 +50,7 @@ def test_a_gymnasium_class_of_ones_own_is_studied_from_its_file(tmp_path):
     )
     found = cr.run_study(study, tmp_path / "results")
     assert sorted(task.view.words for task in found.record.tasks) == ["parcel 0", "parcel 1"]
-    assert "Replay of training" in cr.report.write_report(tmp_path / "results").read_text("utf-8")
+    assert "Replay of training" in cr.show.write_report(tmp_path / "results").read_text("utf-8")
 
 
 def test_a_sweep_and_a_tuning_run(tmp_path):
@@ -66,7 +66,7 @@ def test_a_sweep_and_a_tuning_run(tmp_path):
         assert len(results.seeds) == 2
         assert "mean return" in str(results.comparison)
         kind = {"sweep": "sweep", "tune": "tuning"}[name]
-        assert f'id="{kind}"' in cr.report.write_report(tmp_path / name).read_text("utf-8")
+        assert f'id="{kind}"' in cr.show.write_report(tmp_path / name).read_text("utf-8")
 
 
 def test_no_example_is_left_out():
