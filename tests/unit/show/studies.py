@@ -117,8 +117,7 @@ class Reader(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag, attrs):
-        names = [name for name, _ in attrs]
-        if len(set(names)) != len(names):
+        if len(dict(attrs)) != len(attrs):
             self.problems.append(f"{tag} repeats an attribute")
         self.elements.append((tag, dict(attrs)))
         if tag not in VOID:
