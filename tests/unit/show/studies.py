@@ -58,13 +58,9 @@ def record(name, plans, seeds, moments=5, **settings):
     scratch = cr.Curriculum({target: first.tasks[target]}, budget=comparison.total)
     arms = {"scratch": scratch, **plans}
     results = {arm: plan.train(seeds, snapshots=moments) for arm, plan in arms.items()}
-    return SimpleNamespace(
-        name=name,
-        comparison=comparison,
-        results=results,
-        decisions={},
-        environment={"curricle": "0.1.0", "command": "curricle run study.toml <now>"},
-    )
+    environment = {"curricle": "0.1.0", "command": "curricle run study.toml <now>"}
+    made = {"name": name, "comparison": comparison, "results": results}
+    return SimpleNamespace(**made, decisions={}, environment=environment)
 
 
 def hunt_plan(aggregate, **transfer):

@@ -66,13 +66,8 @@ def test_text_shows_who_is_where():
     assert environment.render() == "P1 .  .\n.  .  .\n.  .  2"
     first = int(GRIDS["Block Dude"].mdp.start_states[0])
     assert "1" in scene_of(GRIDS["Block Dude"]).text(first)
-
-
-def test_rendering_needs_a_mode():
-    environment = to_gymnasium(WALLED)
-    environment.reset()
     with pytest.warns(UserWarning, match="render_mode"):
-        assert environment.render() is None
+        assert to_gymnasium(WALLED).render() is None
 
 
 # -- environments without a layout of their own ----------------------------------------------------
