@@ -77,17 +77,8 @@ def test_hovered_values_are_those_of_the_data(visit, studies, panel, viewport):
             band = mean_interval(curve.filled()[:, place])
             expected = [x for x in (band.estimate, band.low, band.high) if not np.isnan(x)]
             assert numbers == pytest.approx(expected, abs=0.51 * 10**-digits)
-
-
-def test_without_a_pointer_the_last_values_are_shown(visit, studies):
-    page, total = visit("maze"), studies["maze"][0].total
-    assert page.text_content("#chart-steps") == f"At the end, {total:,} steps"
-    point_at(page, 1000)
-    steps = studies["maze"][0].scratch.curve.steps
-    nearest = steps[np.argmin(abs(steps - 1000))]
-    assert page.text_content("#chart-steps") == f"At {nearest:,} steps"
     page.mouse.move(1, 1)
-    assert page.text_content("#chart-steps") == f"At the end, {total:,} steps"
+    assert page.text_content("#chart-steps") == f"At the end, {checkpoints[-1]:,} steps"
 
 
 def test_an_arm_is_turned_off_and_on_by_its_name_and_seeds_are_thin_lines(visit):

@@ -15,10 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from curricle.comparison.comparison import Comparison
-from curricle.display import COLOURS as COLOURS, OWN_COLOURS
+from curricle.display import COLOURS as PALETTE, OWN_COLOURS
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 
+COLOURS = PALETTE
+"""The palette of Okabe and Ito, which colour-blind readers can tell apart: name -> colour."""
 STYLE: Any = {
     "font.size": 9,
     "axes.titlesize": 9.5,

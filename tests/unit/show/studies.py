@@ -57,13 +57,9 @@ def record(name, plans, seeds, moments=5, **settings):
     scratch = cr.Curriculum({target: first.tasks[target]}, budget=comparison.total)
     arms = {"scratch": scratch, **plans}
     results = {arm: plan.train(seeds, snapshots=moments) for arm, plan in arms.items()}
-    return SimpleNamespace(
-        name=name,
-        comparison=comparison,
-        results=results,
-        decisions={},
-        environment={"curricle": "0.1.0", "command": "curricle run study.toml <now>"},
-    )
+    environment = {"curricle": "0.1.0", "command": "curricle run study.toml <now>"}
+    made = {"name": name, "comparison": comparison, "results": results}
+    return SimpleNamespace(**made, decisions={}, environment=environment)
 
 
 def hunt_plan(aggregate, **transfer):
@@ -116,8 +112,7 @@ class Reader(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag, attrs):
-        names = [name for name, _ in attrs]
-        if len(set(names)) != len(names):
+        if len(dict(attrs)) != len(attrs):
             self.problems.append(f"{tag} repeats an attribute")
         self.elements.append((tag, dict(attrs)))
         if tag not in VOID:

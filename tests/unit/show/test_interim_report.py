@@ -68,11 +68,11 @@ def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
     live.store("chain", "corner", "easy", "maze")
     report.refresh()
     words, seconds = live.banner
-    assert "8 of 16 units" in words
-    assert "so far is of scratch, chain; to come: state, calibrated. There" in words
+    assert re.search(
+        "8 of 16 units.* is of scratch, chain; to come: state, calibrated. There", words
+    )
     assert seconds >= 2
-    assert ">chain<" in live.page.replace("> ", ">").replace(" <", "<")
-    assert "reload" in live.page
+    assert re.search(r">\s*chain\s*<.*reload|reload.*>\s*chain\s*<", live.page, re.DOTALL)
     live.store_all()
     report.refresh(last=True)
     assert live.page == stored_page(StudyResults(live.finished))

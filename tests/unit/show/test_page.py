@@ -191,34 +191,19 @@ def graphs_of(results):
 def test_arms_with_the_same_tasks_and_transfers_share_a_graph(pursuit, maze):
     (graph,) = graphs_of(pursuit.results)
     assert graph["arms"] == ("min", "mean")
-    assert [card["name"] for card in graph["cards"]] == ["chase", "hunt"]
-    assert [curve["arms"] for curve in graph["cards"][0]["curves"]] == [("min", "mean")]
-    assert [curve["arms"] for curve in graph["cards"][1]["curves"]] == [
-        ("min",),
-        ("mean",),
-        ("scratch",),
-    ]
+    owners = {c["name"]: [curve["arms"] for curve in c["curves"]] for c in graph["cards"]}
+    assert owners == {"chase": [("min", "mean")], "hunt": [("min",), ("mean",), ("scratch",)]}
     (edge,) = graph["edges"]
-    assert [words.split(";")[0] for words in edge["words"]] == [
-        "predator is predator_1, prey by name",
-        "predator is predator_2, prey by name",
-    ]
-    assert graph["notes"] == [
-        "min: hunt uses the minimum of its transfers.",
-        "mean: hunt uses the mean of its transfers.",
-    ]
+    mapped = [f"predator is predator_{n}, prey by name" for n in (1, 2)]
+    assert [words.split(";")[0] for words in edge["words"]] == mapped
+    names = {"min": "minimum", "mean": "mean"}.items()
+    assert graph["notes"] == [f"{a}: hunt uses the {name} of its transfers." for a, name in names]
     # Both corners are called "corner", and are not one task.
     assert [graph["arms"] for graph in graphs_of(maze.results)] == [("2x2",), ("3x3",)]
 
 
 def test_a_source_that_is_not_evaluated_has_no_curve(recwarn):
-    maze, corner = cr.GridWorld("S..T"), cr.GridWorld("S.T")
-    plan = cr.Curriculum(
-        tasks={"corner": corner, "maze": maze},
-        transfers=[cr.Transfer("corner", "maze", cr.same_position(maze, corner))],
-        budget=200,
-        evaluation={"corner": cr.GreedyEvaluation("off")},
-    )
+    plan = replace(maze_plan(2), evaluation={"corner": cr.GreedyEvaluation("off")})
     (graph,) = graphs_of({"transfer": plan.train(2)})
     source, target = graph["cards"]
     assert source["curves"] == []
@@ -252,11 +237,9 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
         for other in graph["cards"][:i]:
             below = card["top"] >= other["top"] + other["height"] or other["top"] >= bottom
             assert below or abs(card["left"] - other["left"]) >= CARD
-    (skipping,) = [
-        edge for edge in graph["edges"] if (edge["source"], edge["target"]) == ("a", "d")
-    ]
-    (card,) = [card for card in graph["cards"] if card["name"] == "c"]
-    assert not card["left"] <= skipping["place"][0] <= card["left"] + CARD
+    place = {(e["source"], e["target"]): e["place"][0] for e in graph["edges"]}["a", "d"]
+    (left,) = [card["left"] for card in graph["cards"] if card["name"] == "c"]
+    assert not left <= place <= left + CARD
 
 
 # -- forecasts and certificates next to what was measured ------------------------------------------

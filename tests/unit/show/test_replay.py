@@ -96,12 +96,9 @@ def test_moments_are_thinned_and_a_page_holds_a_number_of_cells(maze, monkeypatc
 
 def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
     found, left_out = replays(*shown(pursuit.results))
-    assert [(replay.task, replay.arms) for replay in found] == [
-        ("hunt", ("scratch",)),
-        ("hunt", ("min",)),
-        ("hunt", ("mean",)),
-        ("chase", ("min", "mean")),
-    ]
+    assert [replay.task for replay in found] == ["hunt"] * 3 + ["chase"]
+    arms = [replay.arms for replay in found]
+    assert arms == [("scratch",), ("min",), ("mean",), ("min", "mean")]
     assert left_out == ()
     found, _ = replays(*shown(maze.results))
     assert [replay.arms for replay in found if replay.task == "corner"] == [("3x3",), ("2x2",)]
