@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 
 COLOURS = {
     "black": "#000000",

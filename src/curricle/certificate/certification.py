@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray
+from curricle.arrays import BoolArray, FloatArray, frozen
 from curricle.certificate.diagnosis import (
     Origin,
     nonzero_ends,
@@ -25,7 +25,6 @@ from curricle.certificate.shaped_task import (
 from curricle.certificate.verdict import Certificate, Counterexample, SampledCertificate
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
-from curricle.frozen_arrays import frozen
 from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.progress import Progress, check_progress, shown

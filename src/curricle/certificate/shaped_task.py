@@ -11,10 +11,9 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.checks import number, one_of
 from curricle.errors import PotentialError, SettingError
-from curricle.frozen_arrays import frozen
 from curricle.learning.potential import LARGEST_POTENTIAL, PairPotential, StatePotential
 from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve

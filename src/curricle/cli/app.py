@@ -141,7 +141,7 @@ def new(
     from curricle.cli.tables import line_width
     from curricle.errors import StoreError
     from curricle.study import templates
-    from curricle.text_tables import text_table
+    from curricle.text import text_table
 
     if kind is None:
         environments = (
@@ -261,7 +261,7 @@ def merge(
 ) -> None:
     """Merge the parts of a study that several machines ran with --shard."""
     from curricle.study import merge as merged
-    from curricle.text_tables import counted
+    from curricle.text import counted
 
     results = merged(out, parts)
     echo(f"{counted(len(results.seeds), 'seed')} of {counted(len(parts), 'folder')} in {out}")

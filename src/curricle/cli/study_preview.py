@@ -27,7 +27,7 @@ from curricle.study.units import numbered_seeds, units_of
 from curricle.study.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer.rollouts import OBSERVATION_ROLLOUTS
 from curricle.transfer.transfer import transfer_names
 

@@ -6,12 +6,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, IntArray
 from curricle.checks import instance, number
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
 from curricle.deep.miniature import Miniatures
-from curricle.display import brief_repr
 from curricle.errors import CurriculumError, SettingError
 from curricle.files import Place
 from curricle.learning.learners import Learner
@@ -34,6 +33,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluat
 from curricle.progress import Progress
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
+from curricle.text import brief_repr
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.rollouts import target_of

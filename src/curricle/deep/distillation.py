@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.miniature import Knowledge, Miniatures, rows_of
 from curricle.deep.models import isolated, model_for

@@ -12,16 +12,15 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import instance, number, whole_number
 from curricle.deep.policy import actor_of
-from curricle.display import brief_repr
 from curricle.errors import PotentialError, TaskError
-from curricle.frozen_arrays import Frozen, adopted
 from curricle.interop.tabulated_task import TabulatedTask, action_probabilities, assembled, parts_of
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.observation_task import ObservationTask, made_by
+from curricle.text import brief_repr
 
 RESETS = 200
 """Resets of each miniature that levels are taken from."""

@@ -8,12 +8,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from curricle.archives import read_saved
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.learner import DeepLearner
 from curricle.errors import CurricleError, SettingError, StoreError, reason
-from curricle.files import local_file, write_whole
+from curricle.files import local_file, read_saved, write_whole
 from curricle.interop.tabulated_task import check_sight
 from curricle.learning.result import LearningResult
 from curricle.learning.shaping import QInitialisation, Shaping

@@ -6,14 +6,13 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, Frozen, IntArray
 from curricle.checks import fit_name, text
 from curricle.errors import CurriculumError, TaskError
-from curricle.frozen_arrays import Frozen
 from curricle.tasks.family import FamilyMember
 from curricle.tasks.mdp import FiniteMDP, generative_model, has_tables, tables
 from curricle.tasks.start_states import goal_states
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer.by_components import member_mappings
 from curricle.transfer.mapping import (
     ENDED,

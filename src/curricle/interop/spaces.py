@@ -19,10 +19,9 @@ from gymnasium.envs.toy_text.taxi import TaxiEnv
 from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray, frozen
 from curricle.checks import text
 from curricle.errors import SettingError, TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.spaces import MISSING, Component, Space
 
 Flatten = Callable[[Any], tuple[Any, ...]]

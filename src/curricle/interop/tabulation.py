@@ -21,10 +21,10 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.wrappers import FrameStackObservation
 
-from curricle.archives import digest_of, read_saved, saved_path, write_saved
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, StoreError, TaskError
+from curricle.files import digest_of, read_saved, saved_path, write_saved
 from curricle.interop.exploration import (
     Listed,
     ListedOutcomes,

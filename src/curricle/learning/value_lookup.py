@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
-from curricle.frozen_arrays import frozen
+from curricle.arrays import FloatArray, IntArray, frozen
 from curricle.tasks.kernel import inlined, quotient
 
 # Aggregates: how the sources' potentials become one.

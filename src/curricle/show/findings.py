@@ -16,7 +16,7 @@ from curricle.statistics.intervals import Interval
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.tuning import Effects, TuningRecord, short
 from curricle.study.vary import value_text
-from curricle.text_tables import counted
+from curricle.text import counted
 
 Row = Mapping[str, Any]
 """Of :meth:`Comparison.rows`."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.learning.result import LearningResult
 from curricle.show.plots import places
 from curricle.show.style import rounded

@@ -12,7 +12,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import numbers, one_of
 from curricle.curriculum.result import CurriculumResult
 from curricle.errors import CurriculumError, SettingError

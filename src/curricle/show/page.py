@@ -26,7 +26,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.scale import SymmetricalLogTransform
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import listed
 from curricle.comparison.comparison import Comparison
 from curricle.errors import SettingError, StoreError, in_words
@@ -57,7 +57,7 @@ from curricle.statistics.intervals import mean_interval
 from curricle.study.record import Analysis, CurriculaRecord
 from curricle.study.tuning import Effects, TuningRecord
 from curricle.study.units import numbered_seeds
-from curricle.text_tables import counted
+from curricle.text import counted
 
 # -- templates -------------------------------------------------------------------------------------
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import brief, numbers
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.forecasts import Forecast

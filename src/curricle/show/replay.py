@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatTable, IntArray
+from curricle.arrays import BoolArray, FloatTable, IntArray
 from curricle.learning.record import Snapshots
 from curricle.show.graph import Learnt
 from curricle.show.style import (
@@ -29,7 +29,7 @@ from curricle.show.style import (
 from curricle.show.views import GridView
 from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord, TaskRecord
 from curricle.tasks.grid_layout import LETTERS
-from curricle.text_tables import counted
+from curricle.text import counted
 
 MOST_MOMENTS = 48
 """Moments of one training at most."""

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
+from curricle.arrays import frozen
 from curricle.display import COLOURS
-from curricle.frozen_arrays import frozen
 from curricle.show.views import GridView, stacked
 from curricle.tasks.domain import MOVES
 from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of

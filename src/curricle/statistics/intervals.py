@@ -20,12 +20,11 @@ import numpy.typing as npt
 from scipy.special import stdtrit
 
 from curricle import frozen_arrays
-from curricle.array_types import BoolArray, FloatArray
+from curricle.arrays import BoolArray, FloatArray, Frozen
 from curricle.checks import number, numbers
-from curricle.display import Line, brief_repr, printed
+from curricle.display import Line, printed
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 
 CONFIDENCE = 0.95
 """Nominal coverage of an interval by default."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from curricle.arrays import frozen
 from curricle.certificate.certification import certify
 from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import one_of
@@ -15,13 +16,12 @@ from curricle.comparison.comparing import OF_OPTIMUM, STATED, threshold_of_optim
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
+from curricle.curriculum.node import OF_TARGETS, SETTINGS
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import calibrated
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import PolicyReuse
 from curricle.errors import CurricleError, StoreError
-from curricle.frozen_arrays import frozen
 from curricle.learning.potential import PairPotential
 from curricle.learning.record import Snapshots
 from curricle.planning.episode import OF_TASKS, Drawn, Episode
@@ -55,7 +55,7 @@ from curricle.study.results import ANALYSIS, StudyResults
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer.rollouts import target_of
 from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 

@@ -33,9 +33,9 @@ from curricle.comparison.comparing import (
 )
 from curricle.comparison.forecasting import forecast as forecast_curriculum
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import DEFAULT_STEPS
+from curricle.curriculum.node import DEFAULT_STEPS
 from curricle.deep.learner import DeepLearner
-from curricle.display import block, shortened, table as html_table
+from curricle.display import block, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
 from curricle.statistics.curves import SCRATCH
@@ -85,7 +85,7 @@ from curricle.study.vary import (
     wrong_tuning,
 )
 from curricle.tasks.family import FamilyMember
-from curricle.text_tables import counted
+from curricle.text import counted, shortened
 
 ONLY_ARM = "transfer"
 """The name of the arm of a study without arms."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import SETTINGS
+from curricle.curriculum.node import SETTINGS
 from curricle.study.own_code import code_of
 from curricle.study.schema import NameGraph
 from curricle.transfer.transfer import mappings_digest

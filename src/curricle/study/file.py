@@ -11,7 +11,7 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
-from curricle.curriculum.defaults import OF_TARGETS
+from curricle.curriculum.node import OF_TARGETS
 from curricle.errors import ConfigError, CurricleError
 from curricle.study.schema import DEEP, LEARNERS, SHOWN, KeyPath, NameGraph, Settings, shown, table
 from curricle.study.task_tables import text_of

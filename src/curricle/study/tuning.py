@@ -12,7 +12,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import Field, JsonValue, model_validator
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import most_source_steps
 from curricle.comparison.comparison import Comparison
@@ -27,7 +27,7 @@ from curricle.study.record import Count, CurriculaRecord, Plain
 from curricle.study.serialization import RUN, of_seeds
 from curricle.study.store import StoredUnit, StudyStore
 from curricle.study.vary import RangeTable, Tuning, value_text, with_values
-from curricle.text_tables import counted
+from curricle.text import counted
 
 # -- What a results folder says about a tuning: every trial, and the best of each arm --------------
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from curricle.checks import unfit_name
-from curricle.curriculum.defaults import OF_TARGETS
+from curricle.curriculum.node import OF_TARGETS
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.statistics.curves import SCRATCH
 from curricle.study.file import (
@@ -41,7 +41,7 @@ from curricle.study.schema import (
     wrong,
     wrong_at,
 )
-from curricle.text_tables import counted
+from curricle.text import counted
 
 Raw = Mapping[str, Any]
 Messages = Iterator[tuple[KeyPath, str]]

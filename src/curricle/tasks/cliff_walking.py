@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray
+from curricle.arrays import BoolArray
 from curricle.tasks.domain import (
     Cell,
     CellDomain,

@@ -23,10 +23,9 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray, frozen
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import Cell, Discount, GridDomain, TimeLimit, family_of
 from curricle.tasks.family import FamilyMember, Parameter, Rule
 from curricle.tasks.mdp import FiniteMDP

@@ -15,16 +15,15 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, Frozen, IntArray, frozen
 from curricle.checks import indices
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.family import Parameter, Rule, TaskFamily, complete_parameters, rules_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import LARGEST_REWARD, check_horizon
 from curricle.tasks.spaces import MISSING, Component, Space, whole
-from curricle.text_tables import counted
+from curricle.text import counted
 
 Discount = Annotated[float, Rule(0, 1)]
 TimeLimit = Annotated[int | None, Rule(1)]

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from gymnasium.envs.toy_text.frozen_lake import MAPS, generate_random_map
 
-from curricle.array_types import BoolArray
+from curricle.arrays import BoolArray
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.domain import (

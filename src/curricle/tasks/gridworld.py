@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import instance, number, one_of, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.domain import (

@@ -13,10 +13,9 @@ from typing import Any, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted, frozen
 from curricle.checks import brief, instance, numbers
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, adopted, frozen
 from curricle.tasks.models import (
     LARGEST_REWARD,
     REWARD_RULE,

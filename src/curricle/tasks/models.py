@@ -20,13 +20,12 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 from numba.extending import overload
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.kernel import INLINED, Overloaded, first_above, uniform
 from curricle.tasks.spaces import Space, action_name, state_name
-from curricle.text_tables import counted
+from curricle.text import counted
 
 LARGEST_REWARD = 1e100
 """Rewards of every task are at most this large, so that no return overflows."""

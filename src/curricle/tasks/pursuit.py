@@ -8,10 +8,9 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray, adopted, frozen
 from curricle.checks import check_memory, numbers
 from curricle.errors import TaskError
-from curricle.frozen_arrays import adopted, frozen
 from curricle.tasks.domain import Discount, Domain, TimeLimit, family_of, numbered_names
 from curricle.tasks.family import ComponentsByName, FamilyMember, Rule
 from curricle.tasks.kernel import inverse_of, quotient, splitmix64, uniform

@@ -20,8 +20,8 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
+from curricle.arrays import frozen
 from curricle.errors import TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import Discount, DomainWithStart, TimeLimit, family_of
 from curricle.tasks.family import FamilyMember, Rule
 from curricle.tasks.grid_layout import GridLayout

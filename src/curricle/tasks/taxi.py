@@ -14,8 +14,7 @@ from typing import Annotated
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.frozen_arrays import frozen
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.tasks.domain import Discount, Domain, TimeLimit, cell_space, family_of, landing
 from curricle.tasks.family import ComponentsByName, Rule
 from curricle.tasks.grid_layout import GridLayout

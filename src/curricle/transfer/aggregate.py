@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.errors import CurriculumError
 from curricle.learning.value_lookup import MAXIMUM, MEAN, MINIMUM, TOTAL
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.progress import SILENT, Bars
 from curricle.tasks.kernel import compiled_once
 

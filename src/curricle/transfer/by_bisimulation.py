@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from curricle.array_types import FloatArray, IntArray
-from curricle.display import brief_repr
+from curricle.arrays import FloatArray, Frozen, IntArray, frozen
 from curricle.errors import MappingError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.progress import SILENT, Bars, Progress, shown
 from curricle.tasks.mdp import Task, tables
+from curricle.text import brief_repr
 from curricle.transfer.bisimulation import (
     MOST_WORK,
     WIDEST,

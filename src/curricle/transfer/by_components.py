@@ -10,14 +10,14 @@ from typing import Any, overload
 import gymnasium as gym
 import numpy as np
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import brief, instance, one_of
-from curricle.display import brief_repr
 from curricle.errors import CurricleError, MappingError
 from curricle.tasks.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.mdp import FiniteMDP, Task, generative_model, tables
 from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.tasks.spaces import MISSING, Component, Space
+from curricle.text import brief_repr
 from curricle.transfer.mapping import (
     StateActionMapping,
     check_unmapped_value,

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray
-from curricle.display import brief_repr, printed
+from curricle.arrays import FloatArray
+from curricle.display import printed
 from curricle.errors import CalibrationError, PotentialError
 from curricle.learning.potential import PairPotential
 from curricle.learning.record import WarmUp
 from curricle.tasks.mdp import generative_model
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import GreedyRollouts, greedy_rollouts
 from curricle.transfer.transfer import CALIBRATION_EPISODES, Calibrate

@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, whole_number
-from curricle.display import brief_repr
 from curricle.errors import SettingError, TaskError
 from curricle.planning.simulator import UniformPolicy, simulate
 from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
@@ -23,6 +22,7 @@ from curricle.tasks.mdp import (
     reachable_states,
     tables,
 )
+from curricle.text import brief_repr
 from curricle.transfer.bisimulation import Model, model_for_refinement, refined
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 

@@ -8,11 +8,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, FloatTable, IntArray
+from curricle.arrays import FloatArray, FloatTable, IntArray, frozen
 from curricle.checks import instance
-from curricle.display import brief_repr
 from curricle.errors import PotentialError
-from curricle.frozen_arrays import frozen
 from curricle.learning.potential import (
     LARGEST_POTENTIAL,
     PairPotential,
@@ -26,6 +24,7 @@ from curricle.tasks.kernel import compiled_once, inverse_of
 from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import ObservationTask
 from curricle.tasks.spaces import MISSING, Space
+from curricle.text import brief_repr
 from curricle.transfer.aggregate import (
     Aggregate,
     aggregate,

@@ -14,11 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import whole_number
-from curricle.display import brief_repr
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.potential import PairPotential
 from curricle.learning.value_lookup import ValueLookup, read_row
 from curricle.planning.greedy import (
@@ -37,6 +35,7 @@ from curricle.tasks.kernel import compiled, splitmix64, stream_start
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import Task, generative_model, reachable_states, tables
 from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
+from curricle.text import brief_repr
 from curricle.transfer.potential import ObservationPotential
 
 LARGEST_ARRAY = 1_000_000
