@@ -9,8 +9,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from curricle.archives import SEAL, as_json, sealed, sealed_archive, unsealed
 from curricle.errors import StoreError
+from curricle.files import SEAL, as_json, sealed, sealed_archive, unsealed
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, read_study, run_study
 

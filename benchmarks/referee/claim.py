@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 import curricle as cr
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 
 LASTING, PATIENCE = 18.0, 3
 """Mean discounted return, and the evaluations in a row that must reach it."""

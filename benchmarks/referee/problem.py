@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import curricle as cr
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, IntArray
 from curricle.comparison.controls import changed_potentials, learn_changed, value_controls
 from curricle.comparison.levels import VisitedPairs
 from curricle.curriculum.curriculum import Curriculum

@@ -25,7 +25,7 @@ from benchmarks.referee.recipes import (
     half_the_size,
     which_of,
 )
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.design.candidates import MAKERS
 from curricle.design.proposals import aims, design_target, spread

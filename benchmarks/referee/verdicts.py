@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.referee.lines import Record
 from benchmarks.referee.players import FIXED, SCRATCH
-from curricle.array_types import BoolArray, FloatArray
+from curricle.arrays import BoolArray, FloatArray
 from curricle.statistics import Interval, mean_interval
 
 MANY_TARGETS = 10

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.errors import CurricleError
 
 BEYOND_64_BITS = 2**63

@@ -29,7 +29,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from curricle.array_types import BoolArray
+from curricle.arrays import BoolArray
 from curricle.checks import brief
 from curricle.errors import SettingError
 

@@ -23,9 +23,9 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
-from curricle.archives import archive_content, opened_archive, sealed  # noqa: E402
 from curricle.cli.tables import decision_lines, print_results  # noqa: E402
 from curricle.errors import LONGEST, CurricleError  # noqa: E402
+from curricle.files import archive_content, opened_archive, sealed  # noqa: E402
 from curricle.report.study_report import write_report  # noqa: E402
 from curricle.study import StudyResults, read_study, run_study  # noqa: E402
 from curricle.study.store import in_use  # noqa: E402

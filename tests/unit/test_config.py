@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 import curricle as cr
 from curricle.checks import number
-from curricle.curriculum.defaults import SETTINGS
+from curricle.curriculum.node import SETTINGS
 from curricle.errors import SettingError
 from curricle.learning import (
     Learner,

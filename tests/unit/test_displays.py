@@ -13,7 +13,7 @@ from PIL import Image
 
 import curricle as cr
 from curricle.display import Line, block, curves, table
-from curricle.text_tables import GAP, or_dash, text_table
+from curricle.text import GAP, or_dash, text_table
 
 EVIL = "<b>&\"'"
 LONGEST, LARGEST = 1_000, 60_000

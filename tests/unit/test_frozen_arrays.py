@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.frozen_arrays import adopted, frozen
+from curricle.arrays import adopted, frozen
 from curricle.tasks.spaces import Component, Space
 from tests.tasks import random_mdp
 

@@ -15,8 +15,8 @@ import pyarrow as pa
 import pytest
 
 import curricle as cr
-from curricle.archives import SEAL, sealed_archive
 from curricle.errors import StoreError
+from curricle.files import SEAL, sealed_archive
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, StudyStore, merge
 from curricle.study.serialization import DECISION_SCHEMA, as_parquet

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.archives import write_saved
 from curricle.curriculum import CurriculumResult
 from curricle.curriculum.result import to_file
 from curricle.errors import CurriculumError, SettingError, StoreError
+from curricle.files import write_saved
 from curricle.learning import LearningResult, TabularPolicy
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])

@@ -2,8 +2,8 @@
 
 import pytest
 
-from curricle.archives import sealed
 from curricle.errors import StoreError
+from curricle.files import sealed
 from curricle.study import StudyStore
 from curricle.study.store import SCHEMA_VERSION
 

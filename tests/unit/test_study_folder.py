@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from curricle.archives import sealed
 from curricle.errors import StoreError
+from curricle.files import sealed
 from curricle.study import StudyResults, StudyStore, read_study, run_study
 from curricle.study.store import StoredUnit, without_folders
 
@@ -195,7 +195,7 @@ def test_no_flipped_bit_of_a_unit_goes_unnoticed(copied):
 
 
 def test_no_flipped_bit_of_what_is_read_of_a_large_unit_goes_unnoticed(copied, monkeypatch):
-    monkeypatch.setattr("curricle.archives.READ_AT_ONCE", 0)
+    monkeypatch.setattr("curricle.files.READ_AT_ONCE", 0)
     store = StudyStore(copied)
     unit = store.units()[0]
     whole, draws = unit.path.read_bytes(), np.random.default_rng(0)

@@ -167,7 +167,7 @@ def test_what_is_read_of_a_large_unit_is_what_is_read_of_all(finished, monkeypat
     unit = StudyStore(url_of(finished)).units()[0]
     store = StudyStore(finished)
     wanted = store.arrays(StoredUnit.at(finished / str(unit.path).split(f"{finished}/")[1]), "run")
-    monkeypatch.setattr("curricle.archives.READ_AT_ONCE", 0)
+    monkeypatch.setattr("curricle.files.READ_AT_ONCE", 0)
     found = StudyStore(url_of(finished)).arrays(unit, "run")
     assert found.keys() == wanted.keys()
     assert all(np.array_equal(found[name], wanted[name], equal_nan=True) for name in found)

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.archives import sealed
 from curricle.errors import ConfigError, LostStoreError, SettingError, StoreError, StudyError
-from curricle.files import RemotePath
+from curricle.files import RemotePath, sealed
 from curricle.study import (
     StudyResults,
     StudyStore,

@@ -9,9 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from curricle.archives import opened_archive, read_npy
 from curricle.errors import LONGEST, ConfigError, LostStoreError, StoreError, TaskError
-from curricle.files import RemotePath
+from curricle.files import RemotePath, opened_archive, read_npy
 from curricle.study import StudyConfig, read_study, run_study
 from curricle.study.config.tables import ALLOW, load, parsed
 from curricle.study.serialization import DECISION_SCHEMA, read_parquet

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.certificate import shaped_task
 from curricle.certificate.checked_shaping import CheckedShaping, Ends, ShapingReward, check_shaping
 from curricle.certificate.diagnosis import (
@@ -20,7 +20,6 @@ from curricle.certificate.shaped_task import Reachable, ShapedValues
 from curricle.certificate.verdict import Certificate, Counterexample, SampledCertificate
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
-from curricle.frozen_arrays import frozen
 from curricle.learning.shaping import Claim, Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.progress import Progress, check_progress, shown

@@ -6,10 +6,9 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray, frozen
 from curricle.checks import number, one_of
 from curricle.errors import SettingError
-from curricle.frozen_arrays import frozen
 from curricle.learning.potential import MappedPotential, Potential, StatePotential
 from curricle.learning.schedules import constant
 from curricle.learning.shaping import Claim, Shaping

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.certificate.shaped_task import Reachable
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.spaces import action_name, state_name
 
 RELATIVE_RESIDUAL = 1e-5

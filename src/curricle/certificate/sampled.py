@@ -6,7 +6,7 @@ made of a potential there is nothing to sample: a theorem decides.
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.certificate.checked_shaping import CheckedShaping
 from curricle.certificate.diagnosis import (
     RELATIVE_RESIDUAL,

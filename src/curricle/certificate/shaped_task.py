@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.certificate.checked_shaping import CheckedShaping, RewardFunction
 from curricle.errors import PotentialError
-from curricle.frozen_arrays import frozen
 from curricle.learning.potential import LARGEST_POTENTIAL
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.tasks.mdp import FiniteMDP, reachable_states

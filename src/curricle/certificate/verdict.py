@@ -6,10 +6,9 @@ from typing import ClassVar
 
 from markupsafe import Markup
 
-from curricle.array_types import FloatArray
-from curricle.display import block, brief_repr, printed, table
-from curricle.frozen_arrays import Frozen
-from curricle.text_tables import counted
+from curricle.arrays import FloatArray, Frozen
+from curricle.display import block, printed, table
+from curricle.text import brief_repr, counted
 
 UNKNOWN = float("nan")
 

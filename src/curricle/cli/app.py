@@ -168,7 +168,7 @@ def _what_new_writes() -> str:
     """Return the studies that can be written, as a table."""
     from curricle.cli.tables import line_width
     from curricle.study.config import templates
-    from curricle.text_tables import text_table
+    from curricle.text import text_table
 
     environments = (
         "or the id of an environment of Gymnasium's registry: FrozenLake-v1, CartPole-v1, "
@@ -304,7 +304,7 @@ def merge(
 ) -> None:
     """Merge the parts of a study that several machines ran with --shard."""
     from curricle.study import merge as merged
-    from curricle.text_tables import counted
+    from curricle.text import counted
 
     results = merged(out, parts)
     seeds, folders = counted(len(results.seeds), "seed"), counted(len(parts), "folder")

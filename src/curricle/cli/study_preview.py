@@ -27,7 +27,7 @@ from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
 from curricle.study.units import numbered_seeds, units_of
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model, has_tables
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer.edges import countable, mapping_words, transfer_names
 from curricle.transfer.observation_rollouts import OBSERVATION_ROLLOUTS
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.checks import one_of
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
@@ -21,7 +21,7 @@ from curricle.study.effects import TUNING, Effects, effects_of
 from curricle.study.results import StudyResults
 from curricle.study.tuning import TuningRecord, read_tuning, tuning_words
 from curricle.study.units import numbered_seeds
-from curricle.text_tables import UNBOUNDED, counted, text_table
+from curricle.text import UNBOUNDED, counted, text_table
 
 # -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----
 

@@ -6,13 +6,13 @@ from typing import Self
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.comparison.levels import Level, concatenated_levels
 from curricle.comparison.verdicts import difference
-from curricle.display import brief_repr
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
 from curricle.statistics.curves import SCRATCH, Curve, charge_source, mean_return
+from curricle.text import brief_repr
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import SETTINGS
+from curricle.curriculum.node import SETTINGS
 from curricle.curriculum.sources import Learnt, calibrated
 from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
 from curricle.transfer.calibration import AnyPotential

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import fit_name, instance, number, whole_number
 from curricle.comparison.arms import Arm, best_from_scratch, concatenated
 from curricle.comparison.comparison import Comparison
@@ -33,8 +33,7 @@ from curricle.comparison.levels import VisitedPairs
 from curricle.comparison.task_differences import differences
 from curricle.comparison.verdicts import ONE_LOOK
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
-from curricle.curriculum.node import Node
+from curricle.curriculum.node import OF_TARGETS, SETTINGS, Node
 from curricle.curriculum.result import CurriculumResult
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.result import LearningResult

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
 from curricle.comparison.verdicts import ONE_LOOK, Reason, Verdict, not_asked, verdicts_of
-from curricle.display import COLOURS, OWN_COLOURS, block, brief_repr, curves, shortened, table
+from curricle.display import COLOURS, OWN_COLOURS, block, curves, table
 from curricle.errors import CurriculumError, in_words
 from curricle.statistics.curves import (
     ROUNDING,
@@ -32,7 +32,7 @@ from curricle.statistics.intervals import (
 )
 from curricle.statistics.sequential import Looks
 from curricle.statistics.thresholds import Times, steps_saved, time_to_threshold
-from curricle.text_tables import UNBOUNDED, counted, folded, or_dash, text_table
+from curricle.text import UNBOUNDED, brief_repr, counted, folded, or_dash, shortened, text_table
 
 UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
 

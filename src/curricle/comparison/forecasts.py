@@ -14,12 +14,12 @@ from curricle.checks import one_of
 from curricle.comparison.learnt_sources import DistilledSource, SourceLearning
 from curricle.comparison.trial import Trial
 from curricle.curriculum.sources import SourceValues
-from curricle.display import block, brief_repr, shortened, table
+from curricle.display import block, table
 from curricle.errors import CurriculumError
 from curricle.planning.target import Target
 from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.spaces import state_name
-from curricle.text_tables import counted, folded, or_dash, text_table
+from curricle.text import brief_repr, counted, folded, or_dash, shortened, text_table
 from curricle.transfer.calibration import Calibration
 from curricle.transfer.mapping import Coverage, coverage_table
 from curricle.transfer.observation_mapping import ObservationCoverage

@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray, Frozen, frozen
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.curriculum.sources import SourceValues
 from curricle.deep.miniature import Miniatures
-from curricle.display import brief_repr, printed
-from curricle.frozen_arrays import Frozen, frozen
+from curricle.display import printed
 from curricle.planning.greedy import EqualValues, Values
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
@@ -27,7 +26,7 @@ from curricle.progress import Bars, Progress, shown
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task, made_by
 from curricle.tasks.task import generative_model
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 
 LEARNT = 0.9
 """Share of the way from random to the reference from which a source learnt its own task."""

@@ -14,9 +14,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.curriculum.curriculum import Curriculum
-from curricle.display import brief_repr
 from curricle.learning.learners import Learner
 from curricle.learning.shaping import LookAheadAdvice, QInitialisation, StateShaping
 from curricle.planning.policy_evaluation import GreedyEvaluation
@@ -24,6 +23,7 @@ from curricle.planning.rollouts import random_rollouts
 from curricle.tasks.mdp import reachable_states
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model, has_tables, tables
+from curricle.text import brief_repr
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.observation_rollouts import ObservationTarget
 from curricle.transfer.potentials import ObservationPotential

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.spaces import Space, state_name

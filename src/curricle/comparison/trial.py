@@ -23,7 +23,7 @@ from curricle.comparison.comparing import (
 from curricle.comparison.comparison import Comparison
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
-from curricle.display import block, brief_repr
+from curricle.display import block
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
@@ -33,7 +33,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 
 STREAM = "/trial"
 """What the names of a trial's random streams end with."""

@@ -24,14 +24,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtr
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.checks import whole_number
-from curricle.display import brief_repr, printed
+from curricle.display import printed
 from curricle.errors import SettingError
 from curricle.statistics.curves import ROUNDING
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test, smallest_p
 from curricle.statistics.intervals import Interval, mean_interval, vector
 from curricle.statistics.sequential import Looks
+from curricle.text import brief_repr
 
 ONE_LOOK = Looks((1,))
 """No interim analyses."""

@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import fit_name, instance, one_of
-from curricle.curriculum.defaults import (
+from curricle.curriculum.node import (
     DEFAULT_STEPS,
     SETTINGS,
     SOURCES_SHARE,
+    Node,
     capped,
     default_shaping,
 )
-from curricle.curriculum.node import Node
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import (
     Learnt,
@@ -28,7 +28,7 @@ from curricle.curriculum.sources import (
     warn_of_refusals,
 )
 from curricle.deep.miniature import Miniatures
-from curricle.display import block, brief_value, shortened, table
+from curricle.display import block, table
 from curricle.errors import CurriculumError
 from curricle.files import Place, file_name, place_at
 from curricle.learning.learners import Learner
@@ -41,7 +41,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, generative_model, same_task
-from curricle.text_tables import counted
+from curricle.text import brief_value, counted, shortened
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.edges import Calibrate, Transfer

@@ -10,14 +10,13 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.archives import SavedFile, read_saved, write_saved
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, IntArray, frozen
 from curricle.checks import one_of
 from curricle.curriculum.sources import Learnt, SourceValues, StoredValues, source_values
 from curricle.deep.result import DeepResult
-from curricle.display import beside, block, shortened
+from curricle.display import beside, block
 from curricle.errors import CurricleError, CurriculumError, SettingError
-from curricle.frozen_arrays import frozen
+from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.record import WarmUp
 from curricle.learning.result import (
     LearningResult,
@@ -37,7 +36,7 @@ from curricle.learning.saved_result import (
 )
 from curricle.learning.stopping import Decisions
 from curricle.planning.episode import Episode
-from curricle.text_tables import counted
+from curricle.text import counted, shortened
 from curricle.transfer.calibration import AnyPotential, Calibration
 
 MOST_CURVES = 4

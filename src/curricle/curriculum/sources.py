@@ -8,14 +8,13 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.curriculum.node import Node
-from curricle.display import brief_repr
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
 from curricle.learning.stopping import limits
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 from curricle.transfer.aggregation import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.edges import Calibrate, Transfer

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.deep.checkpoint import isolated
 from curricle.deep.knowledge import Knowledge, rows_of
 from curricle.deep.learner import DeepLearner, check_spaces

@@ -7,12 +7,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.display import brief_repr
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.errors import PotentialError
-from curricle.frozen_arrays import Frozen, adopted
 from curricle.interop.tabulation.tabulated_task import action_probabilities, assembled, parts_of
 from curricle.planning.solution import greedy_policy
+from curricle.text import brief_repr
 
 COLUMNS = ("values", "action_values", "policy", "states")
 """What is known, by row."""

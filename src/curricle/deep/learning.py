@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import instance
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.miniature import Miniatures

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, whole_number
 from curricle.deep.knowledge import Knowledge
 from curricle.deep.learner import DeepLearner

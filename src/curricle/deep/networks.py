@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.spaces import Box, Space
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.checks import whole_number
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.tabulation.tabulated_task import needs_of

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.knowledge import actor_of
 from curricle.deep.learner import DeepLearner

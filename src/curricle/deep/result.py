@@ -6,11 +6,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from curricle.archives import read_saved
 from curricle.checks import instance
 from curricle.deep.learner import DeepLearner
 from curricle.deep.policy import TrainedPolicy, policies_of
 from curricle.errors import SettingError
+from curricle.files import read_saved
 from curricle.learning.result import LearningResult
 from curricle.learning.shaping import Shaping
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector.utils import batch_space
 
-from curricle.array_types import BoolArray, FloatArray
+from curricle.arrays import BoolArray, FloatArray
 from curricle.errors import SettingError
 from curricle.interop.potential_shaping import (
     Episodes,

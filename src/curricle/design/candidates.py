@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray
+from curricle.arrays import BoolArray, FloatArray
 from curricle.checks import one_of, whole_number
 from curricle.design.kinds import (
     bottlenecks,
@@ -28,12 +28,13 @@ from curricle.design.proposals import (
     aims,
     design_target,
 )
-from curricle.display import block, brief_repr, table
+from curricle.display import block, table
 from curricle.errors import CurricleError, CurriculumError
 from curricle.planning.solution import evaluate, solve
 from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.start_states import goal_distance
 from curricle.tasks.task import generative_model, same_task, tables
+from curricle.text import brief_repr
 from curricle.transfer.partition_refinement import model_for_refinement, refined
 
 MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {

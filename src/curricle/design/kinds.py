@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray, frozen
 from curricle.design.proposals import (
     DesignTarget,
     Draft,
@@ -25,7 +25,6 @@ from curricle.design.proposals import (
     spread,
 )
 from curricle.errors import TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.cliff_walking import CliffWalking
 from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.four_rooms import FourRooms
@@ -38,7 +37,7 @@ from curricle.tasks.spaces import Component, Space
 from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
 from curricle.tasks.task import Task, tables
 from curricle.tasks.taxi import Taxi
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer.component_mapping import ComponentMapping, family_mappings, project
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping, same_position
 from curricle.transfer.partition_refinement import merged_outcomes

@@ -6,15 +6,14 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, Frozen, IntArray
 from curricle.checks import fit_name, text
 from curricle.errors import CurriculumError, TaskError
-from curricle.frozen_arrays import Frozen
 from curricle.tasks.families.family import FamilyMember
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.start_states import goal_states
 from curricle.tasks.task import generative_model, has_tables, tables
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer.component_mapping import member_mappings
 from curricle.transfer.mapping import (
     ENDED,

@@ -20,7 +20,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 from gymnasium.spaces.utils import flatten, flatten_space
 from gymnasium.wrappers import FrameStackObservation
 
-from curricle.array_types import FloatTable, IntArray
+from curricle.arrays import FloatTable, IntArray
 from curricle.checks import instance, numbers, whole_number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulation.minigrid import is_minigrid

@@ -11,10 +11,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray, frozen
 from curricle.checks import text
 from curricle.errors import SettingError, TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.spaces import MISSING, Component, Space
 
 Flatten = Callable[[Any], tuple[Any, ...]]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curricle.array_types import FloatArray, FloatTable, IntArray
+from curricle.arrays import FloatArray, FloatTable, IntArray
 from curricle.learning.exploration import choose, expected_value
 from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of

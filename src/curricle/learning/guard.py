@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import FloatArray, FloatTable
+from curricle.arrays import FloatArray, FloatTable
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError
 from curricle.learning.exploration import choose

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning import general_loop

@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, Frozen, IntArray, frozen
 from curricle.checks import BEYOND_64_BITS, indices, number, numbers, whole_number
-from curricle.display import brief_repr
 from curricle.errors import PotentialError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.schedules import schedule
 from curricle.learning.value_lookup import ValueLookup, fits_task, read_rows, read_table
 from curricle.tasks.task import Task, generative_model
+from curricle.text import brief_repr
 
 LARGEST_POTENTIAL = 1e15
 """The largest size of a potential.

@@ -8,11 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import whole_number
-from curricle.display import brief_repr
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.value_lookup import ValueLookup, read_row
 from curricle.planning.greedy import (
@@ -29,6 +27,7 @@ from curricle.tasks.draws import stream_start
 from curricle.tasks.live import open_model
 from curricle.tasks.overloads import compiled
 from curricle.tasks.task import generative_model
+from curricle.text import brief_repr
 
 PairPotential = StateActionPotential | MappedPotential
 LARGEST_ARRAY = 1_000_000

@@ -6,13 +6,12 @@ from typing import NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.display import brief_repr
-from curricle.frozen_arrays import Frozen
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
 from curricle.learning.stopping import StoppingKernel
 from curricle.planning.policy_evaluation import SLICE
 from curricle.progress import HALTED
 from curricle.tasks.overloads import inlined
+from curricle.text import brief_repr
 
 MAX_SNAPSHOT_BYTES = 128_000_000
 """Bytes that the snapshots of a run may take; a large task has fewer than asked for, or none."""

@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from curricle.archives import SavedFile, read_saved, write_saved
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.display import block, curves, table
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen, frozen
+from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.learners import Learner
 from curricle.learning.record import Snapshots
 from curricle.learning.run import Outcome
@@ -37,7 +36,7 @@ from curricle.learning.tabular_policy import TabularPolicy
 from curricle.planning.episode import Episode
 from curricle.statistics.intervals import mean_interval, seed_line
 from curricle.tasks.task import Task
-from curricle.text_tables import counted
+from curricle.text import counted
 
 
 @dataclass(frozen=True, eq=False)

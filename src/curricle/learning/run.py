@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import FloatTable, IntArray
-from curricle.frozen_arrays import frozen
+from curricle.arrays import FloatTable, IntArray, frozen
 from curricle.learning import general_loop
 from curricle.learning.guard import (
     SCRATCH,

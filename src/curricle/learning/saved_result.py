@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.archives import SavedFile
+from curricle.arrays import frozen
 from curricle.errors import CurricleError, SettingError, StoreError
-from curricle.frozen_arrays import frozen
+from curricle.files import SavedFile
 from curricle.learning.learners import (
     SARSA,
     DoubleQLearning,

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.tasks.overloads import Overloaded

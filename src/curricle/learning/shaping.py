@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
+from curricle.arrays import frozen
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.frozen_arrays import frozen
 from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
 from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner

@@ -17,7 +17,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import BATCHES, Target
 from curricle.tasks.mdp import NO_LIMIT
 from curricle.tasks.overloads import INLINED
-from curricle.text_tables import counted
+from curricle.text import counted
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatTable, IntArray
+from curricle.arrays import FloatTable, Frozen, IntArray
 from curricle.checks import instance, one_of, physical_memory, whole_number
-from curricle.display import brief_repr
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen
 from curricle.tasks.task import GenerativeModel
+from curricle.text import brief_repr
 
 UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 UNITS |= {"KiB": 2**10, "MiB": 2**20, "GiB": 2**30}

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from curricle.array_types import FloatArray, FloatTable, IntArray
+from curricle.arrays import FloatArray, FloatTable, IntArray
 from curricle.learning.value_lookup import ValueLookup, read_row
 from curricle.planning.greedy import TIED, acting_rows, best_of, greedy_actions
 from curricle.tasks.draws import splitmix64

@@ -8,12 +8,10 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.archives import read_saved, write_saved
-from curricle.array_types import FloatTable
+from curricle.arrays import FloatTable, Frozen, adopted
 from curricle.checks import brief, numbers, whole_number
-from curricle.display import brief_value
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen, adopted
+from curricle.files import read_saved, write_saved
 from curricle.learning.saved_result import (
     all_values_of,
     arrays_of_values,
@@ -28,6 +26,7 @@ from curricle.planning.greedy import Values, VisitedValues
 from curricle.planning.rollouts import greedy_rollout
 from curricle.tasks.live import LiveMDP, is_live, numbering
 from curricle.tasks.task import Task, generative_model
+from curricle.text import brief_value
 
 
 @dataclass(frozen=True, eq=False)

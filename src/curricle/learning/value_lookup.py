@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
-from curricle.frozen_arrays import frozen
+from curricle.arrays import FloatArray, IntArray, frozen
 from curricle.tasks.loop_cache import compiled_once
 from curricle.tasks.overloads import inlined
 from curricle.tasks.simd import inverse_of, quotient

@@ -24,7 +24,7 @@ from curricle import (
     solve,
     total,
 )
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.learning import Learner, LearningResult
 from curricle.paper.settings import (
     DISCOUNT,
@@ -45,7 +45,7 @@ from curricle.paper.settings import (
 from curricle.planning import greedy_policy
 from curricle.plotting import draw_curve, new_figure
 from curricle.statistics import Curve, Interval, paired_difference
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer import UNMAPPED, StateActionMapping, find_projections
 
 Arms = Mapping[str, LearningResult]

@@ -19,7 +19,7 @@ from curricle import (
     same_position,
     solve,
 )
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.learning import LearningResult, RewardBonus, StateShaping
 from curricle.paper.settings import (
     EPSILON,
@@ -40,7 +40,7 @@ from curricle.paper.settings import (
 from curricle.planning import greedy_policy, rollout
 from curricle.plotting import COLOURS, draw_curve, draw_maze, draw_potential, new_figure
 from curricle.statistics import Curve, Times, midpoint, time_to_threshold
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer import relative_objects
 
 SOURCE_BUDGET, TARGET_BUDGET = Episodes(250), Episodes(800)

@@ -7,10 +7,9 @@ from typing import Any
 
 import matplotlib
 
-from curricle.archives import as_json
 from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError, StoreError, reason
-from curricle.files import write_whole
+from curricle.files import as_json, write_whole
 from curricle.paper.figure4 import figure4
 from curricle.paper.mazes import figure1, figure2, figure3, hacking
 from curricle.paper.settings import Progress
@@ -18,7 +17,7 @@ from curricle.paper.trust_figure import trust
 from curricle.plotting import STYLE
 from curricle.progress import Bars, shown
 from curricle.report import render
-from curricle.text_tables import counted
+from curricle.text import counted
 
 INTENDED_SEEDS = 30
 """Seeds that the verdicts are meant for."""

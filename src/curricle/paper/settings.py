@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from curricle import GreedyEvaluation, GridWorld, QLearning, Rewards
-from curricle.archives import as_json
+from curricle.files import as_json
 from curricle.plotting import COLOURS, content_of
 from curricle.statistics import Interval, mean_interval
 

@@ -29,7 +29,7 @@ from curricle import (
     project,
     solve,
 )
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.comparison import Comparison, Forecast
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult
@@ -49,7 +49,7 @@ from curricle.paper.settings import (
 )
 from curricle.plotting import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
 from curricle.statistics import Curve, Interval, paired_difference
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer import Calibrate
 
 AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}

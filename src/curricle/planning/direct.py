@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.errors import SettingError
 from curricle.planning.models import TabularPlanningModel
 from curricle.tasks.mdp import FiniteMDP, steps_to

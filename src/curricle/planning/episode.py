@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray, frozen
 from curricle.checks import number
 from curricle.errors import SettingError, StoreError, reason
 from curricle.files import local_file, write_whole
-from curricle.frozen_arrays import frozen
 from curricle.planning.rollouts import Trajectory
 from curricle.tasks.spaces import Space, action_name, values_of
 from curricle.tasks.task import Task, generative_model
-from curricle.text_tables import counted
+from curricle.text import counted
 
 FASTEST = 50.0
 """Pictures a second that browsers show of a GIF, at most."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray
+from curricle.arrays import BoolArray, FloatArray
 from curricle.planning.backups import MixedPolicy, back_ups, largest_of, mixed_policy_backup
 from curricle.tasks.loop_cache import compiled_once
 

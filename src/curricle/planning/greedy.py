@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curricle.array_types import FloatTable, IntArray
+from curricle.arrays import FloatTable, IntArray
 from curricle.tasks.draws import integers
 from curricle.tasks.overloads import Overloaded, inlined
 from curricle.tasks.simd import (

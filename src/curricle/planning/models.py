@@ -9,8 +9,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.frozen_arrays import Frozen
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
 from curricle.planning import backups, factored_backups
 from curricle.planning.backups import MixedPolicy
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey

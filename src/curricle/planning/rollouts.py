@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import whole_number
-from curricle.display import block, brief_repr, table
+from curricle.display import block, table
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.simulator import (
     GreedyPolicy,
     StepRecord,
@@ -24,7 +23,7 @@ from curricle.planning.solution import checked_policy
 from curricle.tasks.draws import stream_start
 from curricle.tasks.live import is_live, open_model
 from curricle.tasks.task import GenerativeModel, Task, generative_model
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 
 CHUNK = 65_536
 """Steps of one long episode that are simulated at a time."""

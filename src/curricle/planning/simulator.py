@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.frozen_arrays import frozen
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.planning.greedy import ACTION, Values, greedy_action
 from curricle.planning.models import Policy
 from curricle.tasks.draws import draw, integers, splitmix64, uniform

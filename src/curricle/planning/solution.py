@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, FloatTable
+from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, frozen
 from curricle.checks import number, numbers
-from curricle.display import block, brief_repr, table
+from curricle.display import block, table
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.planning.backups import (
     CONVERGED,
     ExtrapolatedBackup,
@@ -32,6 +31,7 @@ from curricle.progress import Bars, Progress, shown
 from curricle.tasks.mdp import improper_states
 from curricle.tasks.outcomes import PROBABILITY_TOLERANCE, normalised
 from curricle.tasks.task import Task, tables
+from curricle.text import brief_repr
 
 EPSILON = float(np.finfo(np.float64).eps)
 RELATIVE_TOLERANCE = 1e-10

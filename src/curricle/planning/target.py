@@ -6,13 +6,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from curricle.display import brief_repr
 from curricle.errors import SettingError
 from curricle.planning.greedy import EqualValues, Values
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.solution import Solution, solve
 from curricle.statistics.thresholds import fraction_of_optimum
 from curricle.tasks.task import Task, generative_model, has_tables, tables
+from curricle.text import brief_repr
 
 LARGEST_SOLVED = 5_000_000
 """Pairs (S x A) up to which a target is solved."""

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.curriculum.result import MOST_CURVES

@@ -9,7 +9,7 @@ from textwrap import wrap
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.learning.result import LearningResult
 from curricle.plotting.learning_curves import places
 from curricle.plotting.scales import rounded

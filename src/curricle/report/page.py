@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.scale import SymmetricalLogTransform
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.comparison.comparison import Comparison
 from curricle.errors import SettingError, in_words
 from curricle.plotting.learning_curves import (

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, FloatTable, IntArray
+from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray
 from curricle.learning.record import Snapshots
 from curricle.plotting.grids import MOST_NUMBERS
 from curricle.plotting.scales import minus, rounded
@@ -27,7 +27,7 @@ from curricle.study.record import (
     TaskRecord,
 )
 from curricle.tasks.grid_view import GridView
-from curricle.text_tables import counted
+from curricle.text import counted
 
 CellTexts = tuple[tuple[int, int, str], ...]
 """Column, row and text of cells."""

@@ -18,7 +18,7 @@ from curricle.study.effects import Effects, short
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.tuning import TuningRecord
 from curricle.study.units import numbered_seeds
-from curricle.text_tables import counted
+from curricle.text import counted
 
 # -- The findings of a comparison in words: sentences for each arm, and a table of all measures ----
 

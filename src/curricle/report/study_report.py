@@ -25,7 +25,7 @@ from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import STUDY, in_use
 from curricle.study.tuning import read_tuning
 from curricle.study.units import seed_ranges
-from curricle.text_tables import counted
+from curricle.text import counted
 
 BETWEEN, BETWEEN_AT_URL = 2.0, 10.0
 """Seconds between two interim reports at least."""

@@ -11,7 +11,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.plotting.grids import TINTS
 from curricle.plotting.styles import COLOURS, STYLE
 from curricle.tasks.grid_layout import LETTERS

@@ -16,7 +16,7 @@ from curricle.errors import StoreError
 from curricle.files import write_whole
 from curricle.plotting.scales import rounded
 from curricle.plotting.styles import shades_of
-from curricle.text_tables import counted
+from curricle.text import counted
 
 WHITE = "\n\t\u00a0\u202f"
 """Characters that are not printable and stay: breaks of lines, tabs and narrow spaces."""

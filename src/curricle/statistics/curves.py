@@ -19,12 +19,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
-from curricle.display import block, brief_repr, curves
+from curricle.arrays import FloatArray, Frozen, IntArray, frozen
+from curricle.display import block, curves
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.statistics.intervals import seed_line
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 
 SCRATCH = "scratch"
 """Name of the arm that learns the target from scratch, with which all others are compared."""

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.statistics.intervals import (

@@ -19,13 +19,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 
-from curricle import frozen_arrays
-from curricle.array_types import BoolArray, FloatArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, frozen as frozen_array
 from curricle.checks import number, numbers
-from curricle.display import Line, brief_repr, printed
+from curricle.display import Line, printed
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 
 CONFIDENCE = 0.95
 """Nominal coverage of an interval by default."""
@@ -227,7 +225,7 @@ def frozen(array: FloatArray) -> float | FloatArray:
     """Return a read-only copy of `array`, or a float if it holds a single number."""
     if array.ndim == 0:
         return float(array)
-    return frozen_arrays.frozen(array.copy())
+    return frozen_array(array.copy())
 
 
 def _seeds(values: npt.ArrayLike) -> FloatArray:

@@ -23,14 +23,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray, Frozen, frozen
 from curricle.checks import number, numbers, whole_number
-from curricle.display import brief_repr, printed
+from curricle.display import printed
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.statistics.hypothesis_tests import sign_flip_test
 from curricle.statistics.intervals import CONFIDENCE, Interval, check_confidence, mean_interval
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 
 Measure = Callable[[Sequence[int]], npt.ArrayLike]
 

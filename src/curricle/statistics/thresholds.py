@@ -16,11 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, frozen
 from curricle.checks import number
-from curricle.display import brief_repr, printed
+from curricle.display import printed
 from curricle.errors import SettingError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.statistics.curves import Curve, require_pair, smooth
 from curricle.statistics.intervals import (
     CONFIDENCE,
@@ -29,6 +28,7 @@ from curricle.statistics.intervals import (
     check_each,
     mean_interval,
 )
+from curricle.text import brief_repr
 
 ROUNDING = 1e-9
 """Difference of a product of shares from the fraction that it stands for, at most."""

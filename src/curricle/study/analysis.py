@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from curricle.arrays import frozen
 from curricle.certificate.certification import certify
 from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import one_of
@@ -16,7 +17,6 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import calibrated
 from curricle.errors import CurricleError, StoreError
-from curricle.frozen_arrays import frozen
 from curricle.learning.potential_rollouts import PairPotential
 from curricle.learning.record import Snapshots
 from curricle.planning.episode import OF_TASKS, Drawn, Episode

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from curricle.arrays import frozen
 from curricle.curriculum.node import Node
-from curricle.frozen_arrays import frozen
 from curricle.planning.greedy import Values
 from curricle.planning.simulator import GreedyPolicy, UniformPolicy, simulate
 from curricle.planning.target import LARGEST_SOLVED
@@ -19,7 +19,7 @@ from curricle.study.units import units_of
 from curricle.tasks.live import open_model
 from curricle.tasks.observation_task import ObservationTask, is_observation_task
 from curricle.tasks.task import generative_model, has_tables, tables
-from curricle.text_tables import counted
+from curricle.text import counted
 
 ROLLOUTS, LENGTH = 100, 200
 """Random rollouts that a task's speed is measured by."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import SETTINGS
+from curricle.curriculum.node import SETTINGS
 from curricle.study.config.tables import NameGraph
 from curricle.transfer.edges import mappings_digest
 

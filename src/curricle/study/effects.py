@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.comparison.comparison import Comparison
 from curricle.statistics.intervals import mean_interval
 from curricle.study.config.sweeps import value_text

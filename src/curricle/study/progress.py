@@ -8,10 +8,9 @@ from datetime import timedelta
 from time import monotonic
 from typing import Any
 
-from curricle.display import brief_repr
 from curricle.progress import shown
 from curricle.study.units import Unit
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 
 WINDOW = 60.0
 """Seconds that the rate is measured over."""

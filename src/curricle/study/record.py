@@ -15,7 +15,7 @@ from pydantic import (
     model_validator,
 )
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.comparison.task_differences import TaskSummary
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.grid_view import MOST_CELLS, GridView, Marker

@@ -7,7 +7,7 @@ from typing import Any
 from curricle.comparison.comparing import OF_OPTIMUM, STATED, threshold_of_optimum
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import OF_TARGETS, SETTINGS
+from curricle.curriculum.node import OF_TARGETS, SETTINGS
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import PolicyReuse
 from curricle.statistics.curves import SCRATCH
@@ -27,7 +27,7 @@ from curricle.study.record import (
 from curricle.tasks.grid_view import GridView
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model, same_task
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer.edges import Transfer, same_transfer, transfer_words
 from curricle.transfer.observation_rollouts import target_of
 

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import one_of
 from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import MIDPOINT
@@ -18,7 +18,7 @@ from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues, source_values, sources_read
 from curricle.deep.policy import policies_of
-from curricle.display import block, shortened
+from curricle.display import block
 from curricle.errors import CurricleError, CurriculumError, StoreError, StudyError
 from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
@@ -37,7 +37,7 @@ from curricle.study.store import (
     read_failures,
     stored_values,
 )
-from curricle.text_tables import counted
+from curricle.text import counted, shortened
 
 # -- Whether studies that are compared have one target ---------------------------------------------
 

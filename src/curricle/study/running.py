@@ -55,7 +55,7 @@ from curricle.study.tuning import (
     with_trials,
 )
 from curricle.study.units import Unit, given_to_all, numbered_seeds, seeds_of, units_of
-from curricle.text_tables import counted
+from curricle.text import counted
 
 # -- What a run finds in its folder: the units that it uses, and why it does not use others --------
 

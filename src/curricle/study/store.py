@@ -17,17 +17,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from filelock import FileLock, Timeout
 
-from curricle.archives import (
-    ArrayArchive,
-    Damaged,
-    archive_content,
-    as_json,
-    digest_of,
-    opened_archive,
-    parsed_json,
-    sealed,
-    unsealed,
-)
 from curricle.curriculum.sources import StoredValues
 from curricle.errors import (
     CurricleError,
@@ -40,11 +29,20 @@ from curricle.errors import (
 )
 from curricle.files import (
     PART,
+    ArrayArchive,
+    Damaged,
     Place,
     RemotePath,
+    archive_content,
+    as_json,
+    digest_of,
+    opened_archive,
+    parsed_json,
     place_at,
     read_bounded,
     remove_folder,
+    sealed,
+    unsealed,
     write_whole,
 )
 from curricle.learning.saved_result import checkpoints_of, values_of
@@ -64,7 +62,7 @@ from curricle.study.serialization import (
     read_parquet,
 )
 from curricle.study.units import Unit, seed_ranges, seeds_in
-from curricle.text_tables import counted
+from curricle.text import counted
 
 # -- Folders of results: what they are called, which ones may be written to, and errors of writing
 

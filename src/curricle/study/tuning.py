@@ -23,7 +23,7 @@ from curricle.study.dependencies import Dependencies, key_of, settings_key_of
 from curricle.study.record import Count, Plain
 from curricle.study.serialization import RUN, of_seeds
 from curricle.study.store import StoredUnit, StudyStore
-from curricle.text_tables import counted
+from curricle.text import counted
 
 # -- What a results folder says about a tuning: every trial, and the best of each arm --------------
 

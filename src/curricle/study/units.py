@@ -11,7 +11,6 @@ import pyarrow as pa
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import StoredValues, source_values
-from curricle.display import brief_repr
 from curricle.files import Place
 from curricle.learning.saved_result import arrays_of
 from curricle.learning.stopping import ended_by
@@ -21,6 +20,7 @@ from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.tables import seeds_in_ranges
 from curricle.study.dependencies import Dependencies
 from curricle.study.serialization import DECISION_SCHEMA, UnitResult
+from curricle.text import brief_repr
 
 
 @dataclass(frozen=True)

@@ -26,10 +26,9 @@ from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray, frozen
 from curricle.checks import one_of
 from curricle.errors import TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import (
     Cell,
     Domain,

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, IntArray, frozen
 from curricle.checks import instance
 from curricle.errors import TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import (
     Cell,
     CellDomain,

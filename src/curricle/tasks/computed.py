@@ -17,7 +17,7 @@ from curricle.tasks.generative_models import FAILURE, STEP, Functions
 from curricle.tasks.mdp import check_parts
 from curricle.tasks.outcomes import REWARD_RULE
 from curricle.tasks.spaces import Space, action_name, state_name
-from curricle.text_tables import counted
+from curricle.text import counted
 
 REAL = (types.Integer, types.Float, types.Boolean)
 LARGEST = 2**62

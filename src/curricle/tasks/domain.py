@@ -8,13 +8,12 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, Frozen, IntArray, frozen
 from curricle.checks import indices, number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Space, whole
-from curricle.text_tables import counted
+from curricle.text import counted
 
 # -- maps drawn in text ----------------------------------------------------------------------------
 

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray
-from curricle.frozen_arrays import frozen
+from curricle.arrays import BoolArray, FloatArray, frozen
 
 CellArray = npt.NDArray[np.int32]
 

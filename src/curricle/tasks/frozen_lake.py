@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, IntArray
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.domain import (

@@ -12,8 +12,7 @@ import numpy.typing as npt
 from numba import types
 from numba.extending import overload
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.frozen_arrays import frozen
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.tasks.draws import first_above, uniform
 from curricle.tasks.outcomes import LARGEST_REWARD
 from curricle.tasks.overloads import INLINED, Overloaded

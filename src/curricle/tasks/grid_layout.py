@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import one_of
 from curricle.errors import TaskError
 from curricle.tasks.task import generative_model

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of

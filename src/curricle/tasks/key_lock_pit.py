@@ -21,10 +21,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, IntArray, frozen
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import (
     MOVES,
     Cell,

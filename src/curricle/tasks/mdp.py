@@ -13,10 +13,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted, frozen
 from curricle.checks import instance, number, numbers, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, adopted, frozen
 from curricle.tasks.generative_models import (
     DeterministicTables,
     Tables,
@@ -32,7 +31,7 @@ from curricle.tasks.outcomes import (
     terminal_states,
 )
 from curricle.tasks.spaces import Component, Space, whole_by_type
-from curricle.text_tables import counted
+from curricle.text import counted
 
 
 def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntArray]:

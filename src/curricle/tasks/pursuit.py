@@ -8,10 +8,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted, frozen
 from curricle.checks import check_memory, instance, numbers, one_of
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, adopted, frozen
 from curricle.tasks.domain import check_sizes, numbered_names
 from curricle.tasks.draws import splitmix64, uniform
 from curricle.tasks.factored import FactoredModel, joint_landing, predators_on_prey

@@ -20,9 +20,9 @@ from typing import Any, Self
 
 import numpy as np
 
+from curricle.arrays import frozen
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import Domain, check_sizes, tables_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon

@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray, frozen
 from curricle.errors import SettingError
-from curricle.frozen_arrays import frozen
 from curricle.tasks.domain import MOVES
 from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
 from curricle.tasks.grid_view import GridView, stacked

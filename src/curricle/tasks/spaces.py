@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import IntArray
+from curricle.arrays import Frozen, IntArray, adopted
 from curricle.checks import BEYOND_64_BITS, check_memory, text, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, adopted
-from curricle.text_tables import counted
+from curricle.text import counted
 
 Decoded = dict[str, IntArray]
 """Component name -> integer values, one per point (what :meth:`Space.decode` returns)."""

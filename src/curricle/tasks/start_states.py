@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, adopted
 from curricle.tasks.mdp import FiniteMDP, edges_of, reachable_states
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import tables
-from curricle.text_tables import counted
+from curricle.text import counted
 
 Goal = npt.ArrayLike | Mapping[str, Any] | None
 WORDS = ("uniform", "reachable")

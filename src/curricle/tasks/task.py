@@ -2,7 +2,7 @@
 
 from typing import Any, Protocol
 
-from curricle.array_types import BoolArray
+from curricle.arrays import BoolArray
 from curricle.errors import TaskError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Space

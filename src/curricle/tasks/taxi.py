@@ -13,10 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import instance
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.domain import cell_space, check_sizes, landing_or_staying, tables_of
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, check_horizon

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, FloatTable, IntArray
+from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray
 from curricle.tasks.draws import uniform
 from curricle.tasks.generative_models import (
     Tables,

@@ -9,11 +9,11 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import number, whole_number
-from curricle.display import brief_repr
 from curricle.errors import SettingError
 from curricle.tasks.draws import ALL, STRIDE, splitmix64, uniform
+from curricle.text import brief_repr
 
 SUM_TOLERANCE = 1e-9
 """Difference of a sum of probabilities from 1, at most; they are divided by their sum."""

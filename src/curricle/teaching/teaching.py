@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, Frozen, IntArray, frozen
 from curricle.checks import text
-from curricle.display import block, brief_value, table
+from curricle.display import block, table
 from curricle.errors import SettingError, TaskError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.result import (
@@ -37,7 +36,7 @@ from curricle.tasks.start_states import Goal, goal_states
 from curricle.tasks.task import Task, tables
 from curricle.teaching.taught_model import EpisodeRecord, SharedTables, TaughtModel
 from curricle.teaching.teachers import Episode, TaskSampler, Teacher, Uniform, check_teacher
-from curricle.text_tables import counted
+from curricle.text import brief_value, counted
 
 
 @dataclass(frozen=True, eq=False)

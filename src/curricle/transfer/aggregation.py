@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.errors import CurriculumError
 
 Aggregate = Callable[[FloatArray], FloatArray]

@@ -16,13 +16,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
-from curricle.display import brief_repr
+from curricle.arrays import FloatArray, Frozen, IntArray, frozen
 from curricle.errors import MappingError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.progress import SILENT, Bars, Progress, shown
 from curricle.tasks.loop_cache import compiled_once
 from curricle.tasks.task import Task, tables
+from curricle.text import brief_repr
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.partition_refinement import Blocks, Model, merged_outcomes, refined
 from curricle.transfer.task_pair import Proposal, TaskPair, apart

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray
-from curricle.display import brief_repr, printed
+from curricle.arrays import FloatArray
+from curricle.display import printed
 from curricle.errors import CalibrationError, PotentialError
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.potential_rollouts import GreedyRollouts, greedy_rollouts
 from curricle.learning.record import WarmUp
 from curricle.tasks.task import generative_model
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 from curricle.transfer.edges import CALIBRATION_EPISODES, Calibrate
 from curricle.transfer.observation_rollouts import greedy_observation_rollouts
 from curricle.transfer.potentials import ObservationPotential

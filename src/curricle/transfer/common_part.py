@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from curricle.array_types import BoolArray, IntArray
+from curricle.arrays import BoolArray, IntArray
 from curricle.errors import MappingError
-from curricle.text_tables import counted
+from curricle.text import counted
 from curricle.transfer.mapping import UNMAPPED, pair_mapping
 from curricle.transfer.partition_refinement import levels
 from curricle.transfer.task_pair import Proposal, TaskPair

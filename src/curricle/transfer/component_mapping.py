@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import brief, instance, one_of
-from curricle.display import brief_repr
 from curricle.errors import CurricleError, MappingError
 from curricle.tasks.families.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.task import Task, generative_model, tables
+from curricle.text import brief_repr
 from curricle.transfer.mapping import (
     StateActionMapping,
     check_unmapped_value,

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.checks import number, whole_number
-from curricle.display import block, brief_repr
+from curricle.display import block
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.potential import LARGEST_POTENTIAL
+from curricle.text import brief_repr
 from curricle.transfer.component_mapping import ComponentMapping
 from curricle.transfer.mapping import StateActionMapping, few_pairs
 from curricle.transfer.observation_mapping import ObservationMapping

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from curricle.checks import brief, whole_number
-from curricle.display import block, brief_repr, printed, shortened, table
+from curricle.display import block, printed, table
 from curricle.errors import CurriculumError, MappingError, SettingError, TaskError
 from curricle.progress import SILENT, Bars, Progress, check_progress, shown
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import Task, has_tables, same_task
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.bisimulation import by_homomorphism, by_lax_bisimulation
 from curricle.transfer.common_part import by_common_part
 from curricle.transfer.component_mapping import ComponentMapping, by_alignment, by_name

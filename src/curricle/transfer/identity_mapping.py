@@ -5,7 +5,7 @@ from typing import Any, overload
 import gymnasium as gym
 import numpy as np
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.errors import MappingError
 from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.tasks.spaces import Component, Space

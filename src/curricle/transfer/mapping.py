@@ -9,15 +9,14 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import brief, number, numbers
 from curricle.display import block, table
 from curricle.errors import MappingError
-from curricle.frozen_arrays import Frozen, frozen
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.spaces import MISSING, Decoded
 from curricle.tasks.task import Task, generative_model, same_task
-from curricle.text_tables import counted
+from curricle.text import counted
 
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.display import brief_repr, printed
+from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.display import printed
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.tasks.mdp import steps_to
+from curricle.text import brief_repr
 from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
 from curricle.transfer.task_pair import TaskPair
 

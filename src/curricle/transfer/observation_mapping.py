@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector.utils import batch_space, iterate
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import instance, numbers
-from curricle.display import block, brief_repr
+from curricle.display import block
 from curricle.errors import MappingError, PotentialError
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.array_types import FloatArray
-from curricle.frozen_arrays import frozen
+from curricle.arrays import FloatArray, frozen
 from curricle.learning.potential_rollouts import GreedyRollouts, rollout_size
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target

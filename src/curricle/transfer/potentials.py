@@ -8,11 +8,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import FloatArray, IntArray
+from curricle.arrays import FloatArray, IntArray, frozen
 from curricle.checks import instance
-from curricle.display import brief_repr
 from curricle.errors import PotentialError
-from curricle.frozen_arrays import frozen
 from curricle.learning.potential import MappedPotential, StateActionPotential, finite_scale
 from curricle.learning.value_lookup import (
     MAXIMUM,
@@ -26,6 +24,7 @@ from curricle.tasks.observation_task import ObservationTask
 from curricle.tasks.simd import inverse_of
 from curricle.tasks.spaces import MISSING
 from curricle.tasks.task import Task, generative_model
+from curricle.text import brief_repr
 from curricle.transfer.aggregation import (
     UNCHANGED_ALONE,
     Aggregate,

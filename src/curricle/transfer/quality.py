@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from curricle.array_types import FloatArray
+from curricle.arrays import FloatArray
 from curricle.learning.potential_rollouts import (
     GreedyRollouts,
     PairPotential,

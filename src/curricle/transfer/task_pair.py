@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, whole_number
-from curricle.display import brief_repr
 from curricle.errors import SettingError, TaskError
 from curricle.planning.simulator import UniformPolicy, simulate
 from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
@@ -17,6 +16,7 @@ from curricle.tasks.draws import stream_start
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import FiniteMDP, reachable_states
 from curricle.tasks.task import Task, generative_model, has_tables, tables
+from curricle.text import brief_repr
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 from curricle.transfer.partition_refinement import Model, model_for_refinement, refined
 

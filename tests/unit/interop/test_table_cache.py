@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.archives import read_saved, write_saved
 from curricle.errors import StoreError, TaskError
+from curricle.files import read_saved, write_saved
 from curricle.interop import DeepCopy
 from curricle.interop.tabulation.tables import KIND
 from tests.worlds_to_tabulate import Corridor, Counting, Slippery

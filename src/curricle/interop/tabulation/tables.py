@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.archives import digest_of, read_saved, write_saved
-from curricle.array_types import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.errors import StoreError
+from curricle.files import digest_of, read_saved, write_saved
 from curricle.interop.tabulation.exploration import Explored
 from curricle.interop.tabulation.states import Environment, Words, fingerprint, layers_of
 from curricle.interop.tabulation.tabulated_task import (

@@ -10,10 +10,10 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.wrappers import FrameStackObservation
 
-from curricle.archives import saved_path
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, TaskError
+from curricle.files import saved_path
 from curricle.interop.gymnasium import (
     Environment,
     TimeLimit,

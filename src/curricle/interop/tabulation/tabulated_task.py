@@ -9,14 +9,12 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.array_types import BoolArray, FloatArray, IntArray
-from curricle.display import brief_repr
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.errors import SettingError, TaskError
-from curricle.frozen_arrays import Frozen, adopted
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import batch_size
 from curricle.tasks.spaces import Space
-from curricle.text_tables import counted
+from curricle.text import brief_repr, counted
 from curricle.transfer.mapping import UNMAPPED
 
 Leaf = npt.NDArray[Any]

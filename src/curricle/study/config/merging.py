@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from curricle.curriculum.defaults import OF_TARGETS
+from curricle.curriculum.node import OF_TARGETS
 from curricle.errors import ConfigError, CurricleError
 from curricle.study.config.settings import DEEP, LEARNERS, Settings
 from curricle.study.config.tables import SHOWN, KeyPath, NameGraph, parsed, shown, table

@@ -18,9 +18,9 @@ from pydantic import (
 from curricle.checks import listed
 from curricle.comparison.comparing import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.defaults import DEFAULT_STEPS
+from curricle.curriculum.node import DEFAULT_STEPS
 from curricle.deep.learner import DeepLearner
-from curricle.display import block, shortened, table as html_table
+from curricle.display import block, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
 from curricle.statistics.curves import SCRATCH
@@ -46,7 +46,7 @@ from curricle.study.config.tables import (
 from curricle.study.config.tasks import TASKS, AnyTask, FamilyTable, FamilyTask, started
 from curricle.study.record import VariantRecord
 from curricle.tasks.families.family import FamilyMember
-from curricle.text_tables import counted
+from curricle.text import counted, shortened
 
 # -- The tables of a study: as a file writes them, and as they are with all settings filled in -----
 

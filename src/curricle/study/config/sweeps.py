@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from curricle.checks import unfit_name
-from curricle.curriculum.defaults import OF_TARGETS
+from curricle.curriculum.node import OF_TARGETS
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config.merging import (
@@ -35,7 +35,7 @@ from curricle.study.config.tables import (
     wrong,
     wrong_at,
 )
-from curricle.text_tables import counted
+from curricle.text import counted
 
 # -- Settings of a study that vary: which they are, and where in the curriculum of an arm they stand
 #

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from curricle.array_types import IntArray
+from curricle.arrays import IntArray
 from curricle.errors import TaskError
 from curricle.tasks.block_dude import BlockDude
 from curricle.tasks.cliff_walking import LARGEST_SIDE, CliffWalking

@@ -11,6 +11,7 @@ from itertools import product, repeat
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from curricle.arrays import Frozen
 from curricle.checks import (
     BEYOND_64_BITS,
     fit_name,
@@ -21,7 +22,6 @@ from curricle.checks import (
     whole_number,
 )
 from curricle.errors import TaskError
-from curricle.frozen_arrays import Frozen
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model
 
