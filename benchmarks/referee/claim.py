@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from curricle.arrays import FloatArray
 
 import curricle as cr
+from curricle.arrays import FloatArray
 
 LASTING, PATIENCE = 18.0, 3
 """Mean discounted return, and the evaluations in a row that must reach it."""

@@ -9,9 +9,9 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from curricle.arrays import BoolArray, IntArray
 
 import curricle as cr
+from curricle.arrays import BoolArray, IntArray
 from curricle.comparison.controls import changed_potentials, learn_changed, value_controls
 from curricle.comparison.levels import VisitedPairs
 from curricle.curriculum.curriculum import Curriculum

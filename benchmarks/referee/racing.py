@@ -13,7 +13,6 @@ from itertools import count, islice, product
 from typing import Any
 
 import numpy as np
-from curricle.arrays import FloatArray, IntArray
 
 from benchmarks.referee.problem import CAP, TARGET, BudgetSpent, Problem, SearchBudget, timed
 from benchmarks.referee.recipes import (
@@ -26,6 +25,7 @@ from benchmarks.referee.recipes import (
     half_the_size,
     which_of,
 )
+from curricle.arrays import FloatArray, IntArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.design.candidates import MAKERS
 from curricle.design.proposals import aims, design_target, spread

@@ -8,10 +8,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from curricle.arrays import BoolArray, FloatArray
 
 from benchmarks.referee.lines import Record
 from benchmarks.referee.players import FIXED, SCRATCH
+from curricle.arrays import BoolArray, FloatArray
 from curricle.statistics import Interval, mean_interval
 
 MANY_TARGETS = 10

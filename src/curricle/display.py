@@ -1,11 +1,11 @@
-"""Results as HTML for a notebook, and as a short ``repr``: tables, sentences, curves.
+"""Results as HTML for a notebook: tables, sentences, curves.
 
 Names are a user's text and are escaped; parts made here are :class:`markupsafe.Markup`, which is
 not escaped again. The HTML loads nothing from outside the notebook.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,6 @@ OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
 """Of the curricula of a comparison, in order."""
 MOST_POINTS, MOST_ROWS = 60, 30
 """Points of a line and rows of a table that are shown, at most."""
-LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5
-"""Characters of a ``repr`` and of a value in it, and elements of an array that it shows."""
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 460, 190, 58, 8, 10, 30
 """Of the picture of curves, and the margins around them."""
 STYLE = Markup(
@@ -224,36 +222,3 @@ def _key(lines: Sequence[Line]) -> Markup:
         '<div class="key">{}</div>',
         [form.format(line.colour, line.dashed * dashes, line.name) for line in lines],
     )
-
-
-def brief_repr(result: Any) -> str:
-    """Return a short ``repr`` of a dataclass: arrays by their shape, long values by their type."""
-    names = [field.name for field in fields(result) if field.repr]
-    parts = [f"{name}={brief_value(getattr(result, name))}" for name in names]
-    return shortened(f"{type(result).__name__}({', '.join(parts)})")
-
-
-def brief_value(value: Any) -> str:
-    """Return a value in at most `LONGEST_VALUE` characters, about."""
-    if isinstance(value, np.ndarray):
-        small = value.size <= MOST_ELEMENTS
-        return " ".join(repr(value).split()) if small else f"{value.dtype} {value.shape}"
-    text = " ".join(repr(value).split())
-    if len(text) <= LONGEST_VALUE:
-        return text
-    printing: Any = type(value).__str__
-    if printing not in (object.__str__, str.__str__) and "\n" not in str(value):
-        text = str(value)
-        return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
-    if isinstance(value, Mapping):
-        names = ", ".join(map(str, value))
-        return f"{{{names}}}" if len(names) <= LONGEST_VALUE else f"dict of {len(value)}"
-    if isinstance(value, tuple | list | set | frozenset):
-        return f"{type(value).__name__} of {len(value)}"
-    is_text = isinstance(value, str)
-    return f"'{text[1:LONGEST_VALUE]}...'" if is_text else f"{type(value).__name__}(...)"
-
-
-def shortened(text: str) -> str:
-    """Return a text of at most `LONGEST` characters."""
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."

@@ -11,9 +11,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
-    *["errors", "array_types", "frozen_arrays", "checks", "text_tables"],
-    *["display", "progress", "files"],
-    "archives",
+    *["errors", "arrays", "checks", "text", "display", "progress", "files"],
     *["tasks", "show/views", "show/scenes"],
     *["statistics", "planning", "learning", "teaching", "transfer", "certificate"],
     *["interop", "deep", "curriculum", "comparison", "design", "study"],

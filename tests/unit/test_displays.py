@@ -8,12 +8,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from curricle.text import GAP, or_dash, text_table
 from hypothesis import given, strategies as st
 from PIL import Image
 
 import curricle as cr
 from curricle.display import Line, block, curves, table
+from curricle.text import GAP, or_dash, text_table
 
 EVIL = "<b>&\"'"
 LONGEST, LARGEST = 1_000, 60_000

@@ -6,9 +6,9 @@ import pickle
 
 import numpy as np
 import pytest
-from curricle.arrays import adopted, frozen
 
 import curricle as cr
+from curricle.arrays import adopted, frozen
 from curricle.tasks.spaces import Component, Space
 from tests.tasks import random_mdp
 

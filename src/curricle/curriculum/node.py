@@ -1,4 +1,4 @@
-"""A node of a curriculum: a task and all settings of its training, without potentials."""
+"""A node of a curriculum, a task and all settings of its training, and the defaults of these."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,18 +11,24 @@ from curricle.checks import instance, number
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
 from curricle.deep.miniature import Miniatures
+from curricle.deep.shaping import WeightTransfer
 from curricle.errors import CurriculumError, SettingError
 from curricle.files import Place
-from curricle.learning.learners import Learner
+from curricle.learning.guard import Guard
+from curricle.learning.learners import Learner, QLearning
+from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
-from curricle.learning.shaping import Shaping
+from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import (
+    SETTLED,
     Budget,
     Decision,
     Decisions,
+    Episodes,
     StoppingRule,
     levels,
+    limits,
     longest_run,
     recent_return,
     spacing,
@@ -34,9 +40,36 @@ from curricle.progress import Progress
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr
-from curricle.transfer.aggregate import Aggregate
+from curricle.transfer.aggregate import Aggregate, mean
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.rollouts import target_of
+
+SETTINGS: dict[str, Any] = {
+    "aggregate": mean,
+    "unknown_value": 0.0,
+    "learner": QLearning(),
+    "budget": None,
+    "shaping": None,
+    "eval_freq": None,
+    "evaluation": GreedyEvaluation(),
+    "storage": Storage(),
+}
+"""Settings that are a value for all tasks or a dict from task to value, and their defaults."""
+OF_TARGETS = ("aggregate", "unknown_value", "shaping")
+"""Settings that do not apply to a task without sources."""
+DEFAULT_STEPS = 100_000
+"""The budget of a task that no other builds on."""
+SOURCES_SHARE = 0.1
+"""Of the target's steps, for all sources without a budget. Fitted on the development families of
+benchmarks/pairs: more gains more on average, and loses more than a tenth more often."""
+PULL = 0.1
+"""Weight of the pull that keeps an actor-critic near a network distilled from miniatures. The
+strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
+among the development targets of benchmarks/deep_miniatures.py."""
+ACTOR_CRITICS = ("PPO", "A2C")
+"""Algorithms that a pull is known to fit."""
+MOST_GUARDED = 10_000_000
+"""State-action pairs up to which a task is guarded: its tables take some 300 MB a seed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,3 +209,37 @@ class Node:
             *rest, last = judge(result.steps, greedy, level=level, floor=floor, used=used)
             of_seeds.append([*rest, replace(last, evaluation_steps=spent)])
         return Decisions(of_seeds, result.seeds)
+
+
+# -- defaults --------------------------------------------------------------------------------------
+
+
+def capped(budget: Budget) -> Budget:
+    """Return the budget of a source: a number of steps is a cap, the rest is as it is."""
+    if isinstance(budget, Episodes | StoppingRule):
+        return budget
+    return StoppingRule(limits(budget)[0], settled=SETTLED)
+
+
+def default_shaping(
+    task: Any,
+    learner: Any,
+    storage: Storage,
+    *,
+    distilled: bool = False,
+    budget: Budget | None = None,
+) -> Shaping:
+    """Return the start of Q as the way of potentials, guarded where that is possible.
+
+    An actor-critic whose only source is `distilled` from miniatures starts as that network and is
+    kept near it, unless its budget is in episodes, of which no half is known.
+    """
+    if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
+        return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)
+    # A guard needs a learner without a bonus, and dense tables, whatever the machine's memory.
+    possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
+    if possible and storage.kind != "sparse":
+        generative = generative_model(task)
+        if generative.states.size * generative.actions.size <= MOST_GUARDED:
+            return QInitialisation(guard=Guard())
+    return QInitialisation()

@@ -19,8 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 
-from curricle import frozen_arrays
-from curricle.arrays import BoolArray, FloatArray, Frozen
+from curricle.arrays import BoolArray, FloatArray, Frozen, frozen as frozen_array
 from curricle.checks import number, numbers
 from curricle.display import Line, printed
 from curricle.errors import SettingError
@@ -226,7 +225,7 @@ def frozen(array: FloatArray) -> float | FloatArray:
     """Return a read-only copy of `array`, or a float if it holds a single number."""
     if array.ndim == 0:
         return float(array)
-    return frozen_arrays.frozen(array.copy())
+    return frozen_array(array.copy())
 
 
 def _seeds(values: npt.ArrayLike) -> FloatArray:

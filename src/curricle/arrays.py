@@ -1,4 +1,4 @@
-"""Arrays that nobody can write to, and values whose copies keep them so.
+"""Types of arrays by what they hold, and arrays that nobody can write to.
 
 Compiled loops read successors and strides without looking whether they lie in the table: an array
 that could be changed after it was checked would let them read and write anywhere.
@@ -10,6 +10,11 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+FloatTable = npt.NDArray[np.floating[Any]]
+"""float32 or float64, as a :class:`Storage` says."""
 Array = TypeVar("Array", bound=npt.NDArray[Any])
 
 

@@ -1,9 +1,13 @@
-"""Tables and numbers as text: columns stay apart at any width of a terminal."""
+"""Numbers, tables and values as text: columns stay apart at any width of a terminal."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from itertools import zip_longest
 from textwrap import fill, wrap
+from typing import Any
+
+import numpy as np
 
 GAP = 2
 """Spaces between two columns, at least."""
@@ -11,6 +15,8 @@ NARROWEST_NAME, NARROWEST_WORDS = 12, 20
 """Characters to which a column of names, and a column of words, may narrow before cells fold."""
 UNBOUNDED = 10_000
 """A width in which nothing folds."""
+LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5
+"""Characters of a ``repr`` and of a value in it, and elements of an array that it shows."""
 
 
 def counted(n: int, noun: str) -> str:
@@ -78,3 +84,36 @@ def _stacked(heads: Sequence[str], row: Sequence[str], width: int) -> list[str]:
             text = f"{head}: {cell.strip()}" if head else cell.strip()
             lines += wrap(text, width, initial_indent="  ", subsequent_indent="    ")
     return lines
+
+
+def brief_repr(result: Any) -> str:
+    """Return a short ``repr`` of a dataclass: arrays by their shape, long values by their type."""
+    names = [field.name for field in fields(result) if field.repr]
+    parts = [f"{name}={brief_value(getattr(result, name))}" for name in names]
+    return shortened(f"{type(result).__name__}({', '.join(parts)})")
+
+
+def brief_value(value: Any) -> str:
+    """Return a value in at most `LONGEST_VALUE` characters, about."""
+    if isinstance(value, np.ndarray):
+        small = value.size <= MOST_ELEMENTS
+        return " ".join(repr(value).split()) if small else f"{value.dtype} {value.shape}"
+    text = " ".join(repr(value).split())
+    if len(text) <= LONGEST_VALUE:
+        return text
+    printing: Any = type(value).__str__
+    if printing not in (object.__str__, str.__str__) and "\n" not in str(value):
+        text = str(value)
+        return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
+    if isinstance(value, Mapping):
+        names = ", ".join(map(str, value))
+        return f"{{{names}}}" if len(names) <= LONGEST_VALUE else f"dict of {len(value)}"
+    if isinstance(value, tuple | list | set | frozenset):
+        return f"{type(value).__name__} of {len(value)}"
+    is_text = isinstance(value, str)
+    return f"'{text[1:LONGEST_VALUE]}...'" if is_text else f"{type(value).__name__}(...)"
+
+
+def shortened(text: str) -> str:
+    """Return a text of at most `LONGEST` characters."""
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."
