@@ -330,7 +330,7 @@ MUTATIONS = [
     ),
     Mutation(
         "a forecast of another aggregate",
-        "comparison/candidates.py",
+        "comparison/trial.py",
         "aggregate=function)",
         "aggregate=own)",
         (
@@ -573,7 +573,7 @@ MUTATIONS = [
     ),
     Mutation(
         "a curve read from its end",
-        "comparison/arms.py",
+        "comparison/comparison.py",
         "if spent.max() > total:",
         "if spent.min() < 0:",
         (

@@ -7,6 +7,7 @@ import pytest
 
 from curricle.cli import progress_bars
 from curricle.cli.progress_bars import run_with_bars
+from curricle.comparison import running as scheduling
 from curricle.errors import (
     ConfigError,
     EngineError,
@@ -17,7 +18,7 @@ from curricle.errors import (
 )
 from curricle.files import RemotePath
 from curricle.interop.trackers import Tracker
-from curricle.study import packing, read_study, run_study, running, scheduling
+from curricle.study import read_study, run_study, running, store
 from curricle.study.arms import Arms
 from curricle.study.engines import engine
 from curricle.study.engines.engine import (
@@ -266,7 +267,7 @@ def through(value):
 def test_workers_read_and_write_large_units_at_a_url(
     study_file, finished, tmp_path, monkeypatch, contents
 ):
-    monkeypatch.setattr(packing, "FULL", 1)
+    monkeypatch.setattr(store, "FULL", 1)
     returned, received = [], []
 
     def noted(sent):
@@ -301,7 +302,7 @@ def names_in(folder):
 
 
 def test_a_worker_that_writes_elsewhere_is_told(study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr(packing, "FULL", 1)
+    monkeypatch.setattr(store, "FULL", 1)
 
     def elsewhere(sent):
         found = train_sent(sent)
@@ -318,7 +319,7 @@ def test_a_worker_that_writes_elsewhere_is_told(study_file, tmp_path, monkeypatc
 def test_a_place_that_a_worker_cannot_write_to_any_more_ends_the_run(
     study_file, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(packing, "FULL", 1)
+    monkeypatch.setattr(store, "FULL", 1)
     write = RemotePath.write
 
     def failing(path, content):

@@ -5,10 +5,10 @@ import shutil
 import numpy as np
 import pytest
 
-from curricle.study import StudyResults, StudyStore, packing, read_study, run_study
+from curricle.study import StudyResults, StudyStore, read_study, run_study, store
 from curricle.study.arms import Arms
-from curricle.study.packing import files_of, merged_files, pack
 from curricle.study.recording import study_record
+from curricle.study.store import files_of, merged_files, pack
 from tests.studies import OBSERVED_HUNT
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -19,8 +19,8 @@ pytestmark = pytest.mark.usefixtures("quick_disk")
 def test_when_units_are_written_changes_nothing(
     study_file, finished, tmp_path, contents, monkeypatch, between, workers
 ):
-    monkeypatch.setattr(packing, "BETWEEN", between)
-    monkeypatch.setattr(packing, "MOST_FILES", 1)  # merged during the run, too
+    monkeypatch.setattr(store, "BETWEEN", between)
+    monkeypatch.setattr(store, "MOST_FILES", 1)  # merged during the run, too
     study = read_study(study_file, set=["seeds_per_unit=1"])
     run_study(study, tmp_path / "out", workers=workers)
     assert contents(tmp_path / "out" / "units") == contents(finished / "units")
@@ -33,7 +33,7 @@ def test_each_task_has_one_file_for_its_seeds(finished):
 
 
 def test_files_hold_blocks_of_seeds(study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr(packing, "FULL", 1)  # one seed a file
+    monkeypatch.setattr(store, "FULL", 1)  # one seed a file
     study = read_study(study_file, set=["seeds_per_unit=1"])
     run_study(study, tmp_path / "out")
     files = StudyStore(tmp_path / "out").units()
@@ -44,8 +44,8 @@ def test_files_hold_blocks_of_seeds(study_file, tmp_path, monkeypatch):
 
 
 def test_units_of_large_tables_are_not_held(study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr(packing, "FULL", 1)
-    monkeypatch.setattr(packing, "BETWEEN", 1e9)
+    monkeypatch.setattr(store, "FULL", 1)
+    monkeypatch.setattr(store, "BETWEEN", 1e9)
     study, files = read_study(study_file), []
 
     def count(progress):

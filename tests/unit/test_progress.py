@@ -7,9 +7,9 @@ from rich.console import Console
 
 from curricle.cli import progress_bars
 from curricle.cli.progress_bars import Lines
+from curricle.comparison.plan import Unit
 from curricle.progress import Bars, Screen
 from curricle.study.progress import Pace, Progress
-from curricle.study.units import Unit
 
 
 def units(number):

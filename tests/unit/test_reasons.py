@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from curricle.comparison import Comparison
-from curricle.comparison.levels import Level
+from curricle.comparison.controls import Level
 from curricle.comparison.verdicts import ASKING
 from tests.comparisons import flat
 

@@ -12,7 +12,7 @@ from curricle.errors import StoreError, StudyError
 from curricle.report.study_report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.engines.engine import SentUnit, train_sent, versions_here
-from curricle.study.store import FAILURES
+from curricle.study.results import FAILURES
 from curricle.study.workers import WorkerProcesses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

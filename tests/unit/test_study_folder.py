@@ -13,7 +13,8 @@ import pytest
 from curricle.archives import sealed
 from curricle.errors import StoreError
 from curricle.study import StudyResults, StudyStore, read_study, run_study
-from curricle.study.store import StoredUnit, without_folders
+from curricle.study.results import without_folders
+from curricle.study.store import StoredUnit
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.comparison import running
 from curricle.curriculum.sources import StoredValues
 from curricle.errors import SettingError, StoreError, StudyError
-from curricle.study import StudyResults, read_study, run_study, scheduling
-from curricle.study.arms import Arms
+from curricle.study import StudyResults, read_study, run_study
+from curricle.study.arms import Arms, UnitInput, train_unit, units_of
 from curricle.study.results import DECISIONS, RESULTS
 from curricle.study.serialization import RUN
-from curricle.study.units import UnitInput, train_unit, units_of
 from tests.refusals import check_values
 from tests.studies import NUMBERED_HUNT, reader
 
@@ -102,7 +102,7 @@ def test_block_and_workers_change_nothing(study_file, finished, tmp_path, seeds_
 
 def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
     pool, ended = LastFirst(), []
-    monkeypatch.setattr(scheduling, "wait", pool.wait)
+    monkeypatch.setattr(running, "wait", pool.wait)
     run_study(
         read_study(study_file),
         tmp_path / "out",

@@ -11,6 +11,7 @@ from scipy import stats
 from curricle import compare
 from curricle.cli.app import main
 from curricle.comparison import Comparison, seeds_needed, verdicts_of
+from curricle.comparison.controls import CHANGES
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.errors import CurriculumError, SettingError
 from curricle.statistics import Looks, mean_interval, sign_flip_test
@@ -257,7 +258,7 @@ def test_a_control_that_fails_is_left_out(monkeypatch):
     def broken(*_):
         raise BROKEN
 
-    monkeypatch.setattr("curricle.comparison.comparing.learn_changed", broken)
+    monkeypatch.setitem(CHANGES, "placebo", broken)
     found = compare(corner(), seeds=2, controls=["placebo", "pretraining"])
     assert list(found.arms) == ["scratch", "transfer", "transfer, pretraining"]
     assert found.failed == {"transfer, placebo": BROKEN}

@@ -8,6 +8,7 @@ import pytest
 
 from curricle import GridWorld, Pursuit
 from curricle.comparison.comparison import short as with_dash
+from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.comparison.task_differences import plain_text
 from curricle.comparison.trial import in_brief, verdict_words
 from curricle.plotting.scales import rounded, without_seeds
@@ -19,8 +20,7 @@ from curricle.study.config.tables import unknown
 from curricle.study.cost import duration, total_words
 from curricle.study.effects import short
 from curricle.study.results import parquet_of
-from curricle.study.store import place_of
-from curricle.study.units import numbered_seeds, seed_ranges, seeds_in
+from curricle.study.store import place_of, seeds_in
 from curricle.tasks.observation_task import made_by
 from curricle.tasks.spaces import action_name, state_name
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from curricle.array_types import FloatArray
 from curricle.checks import one_of
+from curricle.comparison.plan import numbered_seeds
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.config.sweeps import value_text
@@ -20,7 +21,6 @@ from curricle.study.cost import total_words
 from curricle.study.effects import TUNING, Effects, effects_of
 from curricle.study.results import StudyResults
 from curricle.study.tuning import TuningRecord, read_tuning, tuning_words
-from curricle.study.units import numbered_seeds
 from curricle.text_tables import UNBOUNDED, counted, text_table
 
 # -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----

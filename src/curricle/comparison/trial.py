@@ -8,21 +8,25 @@ experiment.
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-from curricle.comparison.candidates import Candidate, part_of
 from curricle.comparison.comparing import (
     STATED,
-    ComparisonPlan,
-    LearntAlone,
-    check_any_left,
+    checkpoints,
+    comparison_plan,
     default_threshold,
-    most_source_steps,
+    solved_target,
+    trained_arms,
 )
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.plan import most_source_steps
+from curricle.comparison.running import Memory
 from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.defaults import SETTINGS
 from curricle.curriculum.node import Node
+from curricle.curriculum.sources import Learnt, calibrated
 from curricle.display import block, brief_repr
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
@@ -34,6 +38,107 @@ from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text_tables import counted
+from curricle.transfer.aggregation import Aggregate, maximum, mean, minimum, total
+from curricle.transfer.calibration import AnyPotential
+from curricle.transfer.edges import Transfer, numbered, transfer_names
+
+# -- Candidates: the ways of using a curriculum's sources, each a curriculum of its own -----------
+#
+# A forecast compares them: every aggregate of all transfers into the target, and each transfer
+# alone.
+
+AGGREGATES = (minimum, mean, maximum, total)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One way of using the sources of a target."""
+
+    name: str  # the aggregate's, or the transfer's as "source -> target [n]"
+    # The target, its transfers as this candidate uses them, and what these build on; no more.
+    curriculum: Curriculum
+    aggregate: bool  # whether it is an aggregate of all transfers
+    used: bool  # whether it is what the curriculum would do
+
+    def potentials(
+        self, sources: Mapping[str, Learnt], seeds: Sequence[int]
+    ) -> Sequence[AnyPotential]:
+        """Return the potential of each of K seeds, calibrated where the candidate calibrates."""
+        target = self.curriculum.target
+        found = self.curriculum.potentials(target, sources)
+        settings = self.curriculum.calibration(target)
+        if settings is None:
+            return found
+        fitted = calibrated(self.curriculum.node(target), found, settings, seeds)
+        return [one.potential for one in fitted]
+
+
+def candidates_of(
+    curriculum: Curriculum, target: str, aggregates: Sequence[Aggregate] = ()
+) -> list[Candidate]:
+    """Return the candidates for a target: aggregates first, then each transfer alone.
+
+    The aggregates are the library's four, the curriculum's own and the given ones, each once; those
+    that are not the curriculum's own are not calibrated.
+    """
+    edges = curriculum.in_edges(target)
+    own, settings = curriculum.setting("aggregate", target), curriculum.calibration(target)
+    # The minimum, the mean and the maximum of a single potential are the same.
+    several = AGGREGATES if len(edges) > 1 else ()
+    functions = list[Aggregate]()
+    for function in (*several, own, *aggregates):
+        if not any(function is known for known in functions):
+            functions.append(function)
+    raw = [replace(edge, calibrate=False) for edge in edges]
+    names = numbered([getattr(function, "__name__", str(function)) for function in functions])
+    found = []
+    for label, function in zip(names, functions, strict=True):
+        plan = part_of(curriculum, target, raw).replace(target, aggregate=function)
+        used = function is own and settings is None
+        found.append(Candidate(label, plan, aggregate=True, used=used))
+        if function is own and settings is not None:
+            plan = part_of(curriculum, target, edges)
+            found.append(Candidate(f"{label}, calibrated", plan, aggregate=True, used=True))
+    for label, edge in zip(transfer_names(edges), raw, strict=True) if len(edges) > 1 else ():
+        found.append(Candidate(label, part_of(curriculum, target, [edge]), False, False))
+    return found
+
+
+def part_of(
+    curriculum: Curriculum,
+    target: str,
+    transfers: Sequence[Transfer],
+    rename: Callable[[str], str] = str,
+) -> Curriculum:
+    """Return the part of a curriculum that a target is learnt by, its tasks renamed.
+
+    `transfers` are those into the target, in place of the curriculum's own. Random streams are
+    named after tasks, so that a renamed curriculum draws other numbers for the same seeds.
+    """
+    before = {edge.source for edge in transfers}
+    kept = before.union(*(curriculum.ancestors(name) for name in before), {target})
+    edges = [edge for edge in curriculum.transfers if edge.target in kept - {target}]
+    settings = {which: _of_tasks(getattr(curriculum, which), kept, rename) for which in SETTINGS}
+    # A budget that is not stated depends on how many sources there are in the whole.
+    settings["budget"] = {rename(name): curriculum.setting("budget", name) for name in kept}
+    return Curriculum(
+        tasks={rename(name): task for name, task in curriculum.tasks.items() if name in kept},
+        transfers=[
+            replace(edge, source=rename(edge.source), target=rename(edge.target))
+            for edge in (*edges, *transfers)
+        ],
+        **settings,
+    )
+
+
+def _of_tasks(setting: Any, kept: set[str], rename: Callable[[str], str]) -> Any:
+    """Return a setting, one value or a dict from task to value, for the tasks that are kept."""
+    if not isinstance(setting, Mapping):
+        return setting
+    return {rename(name): value for name, value in setting.items() if name in kept}
+
+
+# -- A trial -----------------------------------------------------------------------------------
 
 STREAM = "/trial"
 """What the names of a trial's random streams end with."""
@@ -154,13 +259,13 @@ def run_trial(
     *,
     seeds: int = SEEDS,
     threshold: float | None = None,
-    alone: LearntAlone | None = None,
+    memory: Memory | None = None,
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
     """Return a trial of candidates for one target."""
     arms = {one.name: apart(one.curriculum) for one in candidates}
-    comparison = _compared(arms, alone, seeds, threshold, workers, progress)
+    comparison = _compared(arms, memory, seeds, threshold, workers, progress)
     assumes = (
         f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of an "
         "experiment; assumes the tasks, budgets and settings of the curriculum, its sources "
@@ -174,12 +279,14 @@ def rehearse(
     candidate: Candidate,
     *,
     seeds: int = SEEDS,
-    alone: LearntAlone | None = None,
+    memory: Memory | None = None,
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
     """Return a trial of a smaller relative of a curriculum, which stands for a candidate."""
-    comparison = _compared({candidate.name: apart(relative)}, alone, seeds, None, workers, progress)
+    comparison = _compared(
+        {candidate.name: apart(relative)}, memory, seeds, None, workers, progress
+    )
     assumes = (
         f"a rehearsal on the smaller relative {relative.target!r}, {counted(seeds, 'seed')}; its "
         f"steps and returns are the relative's own; assumes that what pays there pays in "
@@ -190,26 +297,25 @@ def rehearse(
 
 def _compared(
     arms: Mapping[str, Curriculum],
-    alone: LearntAlone | None,
+    memory: Memory | None,
     seeds: int,
     threshold: float | None,
     workers: int | None,
     progress: Progress,
 ) -> Comparison:
     """Return the comparison of arms; the window is cut where there are fewer checkpoints."""
-    plan, failed = ComparisonPlan.of(arms, workers=workers), dict[str, Exception]()
+    memory = Memory() if memory is None else memory
+    plan, failed = comparison_plan(arms, memory), dict[str, Exception]()
     with warnings.catch_warnings(), shown(progress) as bars:
         # A calibration that is refused here will be refused in the experiment too, and said there.
         warnings.simplefilter("ignore", UserWarning)
-        plan = replace(plan, bars=bars, alone=LearntAlone() if alone is None else alone)
-        found = plan.run(seed_tuple(seeds), failed)
-    check_any_left(found, failed)
+        trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
     level = STATED
     if threshold is None:
-        threshold, level = default_threshold(plan.solved_target(), found[SCRATCH])
-    window = min(WINDOW, plan.checkpoints)
-    spans = plan.budget, plan.total, threshold, window
-    return Comparison(plan.target, found, *spans, failed, threshold_from=level)
+        threshold, level = default_threshold(solved_target(plan), trained[SCRATCH])
+    window = min(WINDOW, checkpoints(plan))
+    spans = *plan.steps, threshold, window
+    return Comparison(plan.target, trained, *spans, failed, threshold_from=level)
 
 
 def apart(curriculum: Curriculum) -> Curriculum:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -123,24 +123,36 @@ def _setting(value: Any) -> Any:
 # -- arrays ----------------------------------------------------------------------------------------
 
 
-HELD = ("greedy_return", "guard_share", "episodes")
-"""Curves whose last value is repeated after a seed's end."""
-CURVES = ("training_return", *HELD)
-"""What there is one of for each seed and checkpoint."""
-TOTALS = ("steps_used", "episodes_used", "evaluation_steps", "out_of_memory", "own_rewards")
-"""What there is one of for each seed."""
-PLAIN = (
-    *("steps", "training_return", "greedy_return", "episodes", "steps_used", "episodes_used"),
-    *("evaluation_steps", "out_of_memory", "guard_share", "own_rewards"),
-)
-"""The arrays of a result by seed, and ``steps``, as they are stored."""
-DTYPES = {
-    **dict.fromkeys(("steps", "seeds", "episodes", "snapshot_steps"), "int64"),
-    **dict.fromkeys(("steps_used", "episodes_used", "evaluation_steps"), "int64"),
-    **dict.fromkeys(("out_of_memory", "own_rewards"), "bool"),
-    "snapshot_values": "float32",
+class ResultField(NamedTuple):
+    """An array of a result, as it is joined, checked, saved and shown."""
+
+    axes: str  # K a seed, T a checkpoint
+    dtype: str
+    unit: str = ""  # of its column in a table
+    held: bool = False  # whether a curve keeps its last value after a seed's end; else it is NaN
+
+
+FIELDS = {
+    "steps": ResultField("T", "int64", "steps in the task"),
+    "training_return": ResultField("KT", "float64", "mean undiscounted return of an episode"),
+    "greedy_return": ResultField("KT", "float64", "return of the greedy policy", held=True),
+    "episodes": ResultField("KT", "int64", "episodes ended", held=True),
+    "steps_used": ResultField("K", "int64"),
+    "episodes_used": ResultField("K", "int64"),
+    "evaluation_steps": ResultField("K", "int64"),
+    "out_of_memory": ResultField("K", "bool"),
+    "guard_share": ResultField("KT", "float64", "share of steps", held=True),
+    "own_rewards": ResultField("K", "bool"),
 }
-"""Of the arrays that are not of float64."""
+"""The arrays of a :class:`LearningResult`, in the order in which files hold them."""
+CURVES = tuple(
+    sorted(
+        (name for name, field in FIELDS.items() if field.axes == "KT"),
+        key=lambda name: FIELDS[name].dtype == "int64",
+    )
+)
+"""In the order of a table's columns: counts come last."""
+TOTALS = tuple(name for name, field in FIELDS.items() if field.axes == "K")
 FLOATS = "float64", "float32"
 """Of values that were learnt."""
 MOST_STEPS = 2**53
@@ -154,7 +166,7 @@ def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
     its sparse table, or the parameters of its network, ``values_k/name``;
     ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
     """
-    found = {name: getattr(result, name) for name in PLAIN}
+    found = {name: getattr(result, name) for name in FIELDS}
     found["seeds"] = np.array(result.seeds, dtype=np.int64)
     found |= arrays_of_values(result.values)
     if result.snapshots is not None:
@@ -190,7 +202,7 @@ def fields_of(arrays: Arrays) -> dict[str, Any]:
         "seeds": seeds,
         "values": all_values_of(arrays, len(seeds)),
         "snapshots": snapshots,
-        **{name: frozen(arrays[name]) for name in PLAIN},
+        **{name: frozen(arrays[name]) for name in FIELDS},
     }
 
 
@@ -230,20 +242,20 @@ def check_result_arrays(
     counts: Sequence[str] = ("steps_used",),
 ) -> None:
     """Raise ValueError unless arrays are those of a result."""
-    n, n_seeds = checkpoints_of(arrays), len(seeds)
-    shapes: dict[str, tuple[int, ...]] = {"steps": (n,)}
-    shapes |= dict.fromkeys(CURVES, (n_seeds, n))
-    shapes |= dict.fromkeys(("seeds", *TOTALS, *counts), (n_seeds,))
+    n, of_seeds = checkpoints_of(arrays), (len(seeds),)
+    shapes: dict[str, tuple[int, ...]] = {"T": (n,), "K": of_seeds, "KT": (*of_seeds, n)}
+    expected = {name: (shapes[field.axes], field.dtype) for name, field in FIELDS.items()}
+    expected |= dict.fromkeys(("seeds", *counts), (of_seeds, "int64"))
     if "snapshot_steps" in arrays:
         moments = arrays["snapshot_steps"].size
-        shapes |= {"snapshot_steps": (moments,), "snapshot_values": (moments, *pairs)}
-    for name, shape in shapes.items():
-        found = arrays.get(name)
-        if found is None or found.shape != shape or not n:
+        expected["snapshot_steps"] = (moments,), "int64"
+        expected["snapshot_values"] = (moments, *pairs), "float32"
+    for name, (shape, dtype) in expected.items():
+        array = arrays.get(name)
+        if array is None or array.shape != shape or not n:
             raise ValueError(f"{name} must be an array of shape {shape}")
-        kind = "int64" if name in counts else DTYPES.get(name, "float64")
-        if found.dtype != kind:
-            raise ValueError(f"{name} must be an array of {kind}: got {found.dtype}")
+        if array.dtype != dtype:
+            raise ValueError(f"{name} must be an array of {dtype}: got {array.dtype}")
     if (np.diff(arrays["steps"], prepend=-1) <= 0).any():
         raise ValueError("steps must ascend from 0")
     if arrays["seeds"].tolist() != list(seeds):
@@ -251,7 +263,7 @@ def check_result_arrays(
     for name in counts:
         if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_STEPS:
             raise ValueError(f"{name} must be from 0 to {MOST_STEPS:,}")
-    for name in shapes.keys() & {*CURVES, "snapshot_values"}:
+    for name in expected.keys() & {*CURVES, "snapshot_values"}:
         if np.isinf(arrays[name]).any():
             raise ValueError(f"{name} must have finite numbers")
 

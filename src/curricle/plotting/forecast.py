@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from curricle.comparison.forecasts import Forecast
+from curricle.comparison.forecasting import Forecast
 from curricle.plotting.scales import minus, rounded
 from curricle.plotting.styles import COLOURS, STYLE, caption, new_figure, write_columns
 

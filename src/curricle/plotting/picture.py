@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from curricle.checks import brief, numbers
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.forecasts import Forecast
+from curricle.comparison.forecasting import Forecast
 from curricle.curriculum.result import CurriculumResult
 from curricle.errors import SettingError
 from curricle.files import write_whole

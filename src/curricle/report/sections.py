@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.plan import numbered_seeds
 from curricle.comparison.verdicts import not_asked
 from curricle.learning.result import LearningResult
 from curricle.plotting.scales import minus, rounded, without_seeds
@@ -17,7 +18,6 @@ from curricle.study.config.sweeps import value_text
 from curricle.study.effects import Effects, short
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.tuning import TuningRecord
-from curricle.study.units import numbered_seeds
 from curricle.text_tables import counted
 
 # -- The findings of a comparison in words: sentences for each arm, and a table of all measures ----

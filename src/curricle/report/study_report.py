@@ -14,6 +14,7 @@ from time import monotonic, sleep
 from typing import Any
 
 from curricle.checks import listed
+from curricle.comparison.plan import seed_ranges
 from curricle.errors import StudyError, in_words
 from curricle.files import Place, RemotePath, place_at
 from curricle.report.page import ShownStudy, page_of
@@ -24,7 +25,6 @@ from curricle.study.record import Analysis, CurriculaRecord, SectionRecord, Stud
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import STUDY, in_use
 from curricle.study.tuning import read_tuning
-from curricle.study.units import seed_ranges
 from curricle.text_tables import counted
 
 BETWEEN, BETWEEN_AT_URL = 2.0, 10.0

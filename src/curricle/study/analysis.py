@@ -10,8 +10,7 @@ import numpy as np
 from curricle.certificate.certification import certify
 from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import one_of
-from curricle.comparison.forecasting import forecast
-from curricle.comparison.forecasts import Forecast
+from curricle.comparison.forecasting import Forecast, forecast
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import calibrated
@@ -65,7 +64,11 @@ def analyse(study: StudyResults, arms: Arms) -> None:
 
     It is of the first seeds that every arm has finished.
     """
-    curricula = {arm: one for arm, one in arms.curricula.items() if arm not in study.failed}
+    curricula = {
+        arm: one
+        for arm, one in arms.curricula.items()
+        if not (arm in study.failed or arms.arms[arm].control)
+    }
     if not study.seeds or arms.total is None or SCRATCH not in curricula:
         return
     seeds = study.seeds[:MOST_SEEDS]

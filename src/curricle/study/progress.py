@@ -8,9 +8,9 @@ from datetime import timedelta
 from time import monotonic
 from typing import Any
 
+from curricle.comparison.plan import Unit
 from curricle.display import brief_repr
 from curricle.progress import shown
-from curricle.study.units import Unit
 from curricle.text_tables import counted
 
 WINDOW = 60.0

@@ -13,7 +13,6 @@ from curricle.deep.shaping import PolicyReuse
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config.study_config import StudyConfig
-from curricle.study.packing import seeds_per_file
 from curricle.study.record import (
     ArmRecord,
     CurriculaRecord,
@@ -24,6 +23,7 @@ from curricle.study.record import (
     VariantRecord,
     ViewRecord,
 )
+from curricle.study.store import seeds_per_file
 from curricle.tasks.grid_view import GridView
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.task import generative_model, same_task
@@ -36,7 +36,10 @@ Keys = Mapping[tuple[str, str], str]
 
 def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     """Return the record of a study, before it is run."""
-    curricula = curricula_record(arms.curricula, arms.keys, arms.scratches, study.variants or {})
+    controls = {name: arm.of for name, arm in arms.arms.items()}
+    curricula = curricula_record(
+        arms.curricula, arms.keys, arms.scratches, study.variants or {}, controls
+    )
     first = next(iter(arms.curricula.values()))
     threshold, level = study.threshold, STATED
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
@@ -54,11 +57,12 @@ def curricula_record(
     keys: Keys,
     scratches: Collection[str] = (),
     variants: Mapping[str, VariantRecord] = MappingProxyType({}),
+    controls: Mapping[str, str] = MappingProxyType({}),
 ) -> CurriculaRecord:
     """Return the record of curricula by arm; `keys` are those of the stored results, if any.
 
     `scratches` are the arms that learn the target from scratch, `variants` the settings that a
-    sweep or a tuning gave to arms.
+    sweep or a tuning gave to arms, `controls` the arm that each control is of.
     """
     tasks, edges, arms = list[Any](), list[Transfer](), {}
     for arm, curriculum in curricula.items():
@@ -88,6 +92,7 @@ def curricula_record(
             scratch=arm in scratches,
             depends_on_total=_depends_on_total(curriculum),
             variant=variants.get(arm),
+            control_of=controls.get(arm, ""),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
 

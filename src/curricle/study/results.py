@@ -1,8 +1,9 @@
 """The results of a study, read from its folder."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,23 @@ import pyarrow.parquet as pq
 
 from curricle.array_types import IntArray
 from curricle.checks import one_of
-from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import MIDPOINT
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.controls import PLACEBO, Level, concatenated_levels
+from curricle.comparison.running import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues, source_values, sources_read
 from curricle.deep.policy import policies_of
 from curricle.display import block, shortened
-from curricle.errors import CurricleError, CurriculumError, StoreError, StudyError
+from curricle.errors import (
+    CurricleError,
+    CurriculumError,
+    EngineError,
+    StoreError,
+    StudyError,
+    in_words,
+)
 from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, curve_columns, joined_results
@@ -33,9 +42,8 @@ from curricle.study.store import (
     STUDY,
     StoredUnit,
     StudyStore,
-    failed_arms,
-    read_failures,
     stored_values,
+    write_errors,
 )
 from curricle.text_tables import counted
 
@@ -80,6 +88,84 @@ def check_total(study: "StudyResults", total: int) -> None:
             f"{name!r} of {study.store.path} had {study.record.total:,} steps and the smallest "
             f"total is {total:,} ({why}); {SAME_TOTAL}"
         )
+
+
+# -- Units that failed: the arms that need them are left out, the others are compared --------------
+
+FAILURES = "failures.json"
+"""The units that failed in the last run, in its folder; there is no such file if none did."""
+
+
+def failure_rows(failures: Failures) -> list[dict[str, Any]]:
+    """Return what :func:`failed_arms` reads; it is no arm's fault that an executor failed."""
+    if failures.executor_failed:
+        return []
+    return [
+        {
+            "key": unit.key,
+            "seeds": list(unit.seeds),
+            "error": f"{unit.label}: {without_folders(in_words(error))}",
+        }
+        for unit, error in failures.each
+    ]
+
+
+def failure_error(failures: Failures) -> StudyError:
+    """Return one error for all; its cause is the first that is not the library's own."""
+    (unit, first), *others = failures.each
+    text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
+    for other, error in others:
+        if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
+            text += f"; {other.label} failed too: {in_words(error)}"
+    lost = any(isinstance(error, EngineError) for _, error in failures.each)
+    found = EngineError(text) if lost else StudyError(text)
+    foreign = [error for _, error in failures.each if not isinstance(error, CurricleError)]
+    found.__cause__ = foreign[0] if foreign else None
+    return found
+
+
+def without_folders(text: str) -> str:
+    """Return an error's text with the names of files only: folders are those of one machine."""
+    quoted = re.sub(r"""(['"])(?:[A-Za-z]:)?[/\\][^'"\n]*[/\\]([^'"\n/\\]+)\1""", r"\1\2\1", text)
+    return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
+
+
+def read_failures(store: StudyStore) -> list[dict[str, Any]]:
+    """Return the rows of :func:`failure_rows` that a folder holds; StoreError if damaged."""
+    found = store.read_json(FAILURES) if store.has(FAILURES) else []
+    try:
+        return [
+            {"key": str(row["key"]), "seeds": [*map(int, row["seeds"])], "error": str(row["error"])}
+            for row in found
+        ]
+    except (TypeError, KeyError, ValueError, OverflowError):
+        raise StoreError(
+            f"{store.path / FAILURES} must list units that failed, each with key, seeds and error: "
+            "delete it, and show leaves out no arm"
+        ) from None
+
+
+def failed_arms(
+    rows: Iterable[Mapping[str, Any]],
+    keys: Mapping[tuple[str, str], str],
+    stored: Mapping[str, Mapping[int, Any]],
+) -> dict[str, str]:
+    """Return the first error of each arm that needs a unit that failed and is not stored since."""
+    found: dict[str, str] = {}
+    for row in rows:
+        if not set(row["seeds"]) <= set(stored.get(row["key"], ())):
+            for arm in sorted(arms_of(keys, [row["key"]])):
+                found.setdefault(arm, row["error"])
+    return found
+
+
+def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
+    """Write the failures of a run in the place of those of an earlier one."""
+    if rows:
+        store.write_json(FAILURES, rows)
+    else:
+        with write_errors(store.path):
+            (store.path / FAILURES).unlink(missing_ok=True)
 
 
 # -- Tables of many units, written in parts: all of one at once may not fit in memory --------------
@@ -188,7 +274,12 @@ class StudyResults:
     @cached_property
     def failed(self) -> dict[str, str]:
         """The error of each arm that failed in the last run and has not been trained since."""
-        return failed_arms(read_failures(self.store), self.record.keys, self.stored)
+        needs = self.record.keys | {
+            (name, f"/{arm.control_of}"): self.record.keys[arm.control_of, self.record.target]
+            for name, arm in self.record.arms.items()
+            if arm.control_of
+        }
+        return failed_arms(read_failures(self.store), needs, self.stored)
 
     @cached_property
     def seeds(self) -> tuple[int, ...]:
@@ -364,6 +455,19 @@ class StudyResults:
         """Each run so far."""
         return self.store.runs()
 
+    def level(self, arm: str) -> Level | None:
+        """Return what a control that knows nothing adds to every value; None of other arms."""
+        if not self.record.arms[arm].control_of:
+            return None
+        levels, seeds = list[Level](), list[int]()
+        for unit in self._units(arm, self.record.target):
+            arrays = self._arrays(arm, self.record.target, unit, RUN)
+            if "level" in arrays:
+                read = partial(Level.of_arrays, arrays, not arm.endswith(f", {PLACEBO}"))
+                levels.append(self.store.checked(unit.path, read))
+                seeds += unit.seeds
+        return concatenated_levels(levels).take(np.argsort(seeds)) if levels else None
+
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps each seed of an arm spent before a task, (K,), seeds ascending.
 
@@ -473,8 +577,10 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     found = {SCRATCH: _arm(studies[0], SCRATCH, total, seeds)}
     failed: dict[str, Exception] = {}
     for study, prefix in zip(studies, _prefixes(studies), strict=True):
-        for name in study.record.arms:
+        for name, arm in study.record.arms.items():
             label = f"{prefix}{name}"
+            if arm.control_of in study.failed:
+                continue
             if name in study.failed:
                 failed[label] = StudyError(study.failed[name])
             elif name != SCRATCH:
@@ -521,11 +627,13 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
             f"an arm must have steps left for its target: {place} took {most:,} of its "
             f"{record.total:,} in its sources, and the smallest total is {total:,}; {SAME_TOTAL}"
         )
-    arm = Arm.of(result, spent, total, record.eval_freq, scratch=record.arms[name].scratch)
+    scratch, control = record.arms[name].scratch, bool(record.arms[name].control_of)
+    kind: Any = {"scratch": scratch, "control": control, "level": study.level(name)}
+    arm = Arm.of(result, spent, total, record.eval_freq, **kind)
     unlearnt = {
         task: np.array([ended[seed] == UNLEARNT for seed in result.seeds])
         for task in record.arms[name].nodes
-        if task != record.target and (ended := study.ended_by(name, task))
+        if not control and task != record.target and (ended := study.ended_by(name, task))
     }
     arm = replace(arm, unlearnt=unlearnt)
     return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))

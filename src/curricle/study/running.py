@@ -1,44 +1,58 @@
 """Running a study: its units on any executor, each stored as soon as it is trained."""
 
+import json
 import os
 import platform
 import subprocess
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import metadata
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from curricle.checks import whole_number
-from curricle.errors import SettingError
+from curricle.checks import BEYOND_64_BITS, whole_number
+from curricle.comparison.plan import Unit, numbered_seeds
+from curricle.comparison.running import Failures, Scheduler
+from curricle.curriculum.sources import StoredValues, sources_read
+from curricle.errors import SettingError, StoreError
 from curricle.files import Place, place_at
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
 from curricle.progress import check_progress, interruptible
 from curricle.study.analysis import analyse
-from curricle.study.arms import Arms
+from curricle.study.arms import Arms, UnitInput, seeds_of, units_of
 from curricle.study.config.study_config import StudyConfig
 from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of
 from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
-from curricle.study.packing import Packing, Taken, files_of, pack
 from curricle.study.progress import Progress, shown_units
 from curricle.study.record import RunRecord, StudyRecord, plain
 from curricle.study.recording import curricula_record, study_record
-from curricle.study.results import StudyResults
-from curricle.study.scheduling import Scheduler
-from curricle.study.serialization import UnitResult
+from curricle.study.results import (
+    ANALYSIS,
+    StudyResults,
+    failure_error,
+    failure_rows,
+    read_failures,
+    write_failures,
+)
+from curricle.study.serialization import SNAPSHOTS, UnitResult, group_of
 from curricle.study.store import (
-    Failures,
+    Packing,
+    StoredSource,
     StoredUnit,
     StudyStore,
+    Taken,
+    files_of,
     holds_study,
     lost_errors,
+    pack,
+    stored_values,
     write_errors,
-    write_failures,
 )
 from curricle.study.study_arguments import Study, study_of
 from curricle.study.tuning import (
@@ -54,7 +68,6 @@ from curricle.study.tuning import (
     tuned_study,
     with_trials,
 )
-from curricle.study.units import Unit, given_to_all, numbered_seeds, seeds_of, units_of
 from curricle.text_tables import counted
 
 # -- What a run finds in its folder: the units that it uses, and why it does not use others --------
@@ -261,11 +274,11 @@ def run_study(
         done = _begun(store, study, arms, report)
         tracking = _tracking(store, study, arms, trackers, report)
         ending.callback(tracking.close)
-        failures, per_file = Failures(arms.keys), files_of(record)
+        failures, per_file = Failures(arms.needs), files_of(record)
         for unit, result in training.results(study, arms, done, per_file, failures, shard):
             if trackers:
                 tracking.record(unit.arm, unit.task, _learnt(store, arms, unit, result))
-        write_failures(store, failures.rows())
+        write_failures(store, failure_rows(failures))
         if not failures:
             store.remove_checkpoints()
         pack(store, per_file)
@@ -273,7 +286,7 @@ def run_study(
         found.write_tables()
         analyse(found, arms)
     if failures:
-        raise failures.error()
+        raise failure_error(failures)
     return found
 
 
@@ -311,7 +324,12 @@ class Training:
         """Yield each unit of a study that is not done with its result, when it is stored."""
         units = tuple(units_of(study, arms, done, shard))
         packing, workers = Packing(self.store, done, per_file), self.workers
-        scheduler = Scheduler(given_to_all(study, arms), arms, packing, workers, failures)
+        data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
+
+        def send(unit: Unit) -> "Future[Any]":
+            return self._sent(unit, arms, packing, data)
+
+        scheduler = Scheduler(send, packing, workers, failures)
 
         def report(stored: Unit | None) -> None:
             now = scheduler.number(), workers.repeated, workers.link
@@ -321,6 +339,25 @@ class Training:
         for unit, result in scheduler.results(units):
             yield unit, result
             report(unit)
+
+    def _sent(
+        self, unit: Unit, arms: Arms, packing: Packing, data: tuple[str, str, str]
+    ) -> "Future[Any]":
+        """Send a unit; workers that see the study's files read and write large ones themselves."""
+        workers, store, curriculum = self.workers, self.store, arms.curricula[unit.arm]
+        values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
+        read, seen = sources_read(curriculum, unit.task), workers.see(store.path)
+        for name, key in unit.sources.items():
+            units = {seed: packing.done[key][seed] for seed in unit.seeds}
+            if seen and packing.is_large(key, unit.seeds):
+                stored[name] = StoredSource(units, name in read)
+            else:
+                values[name] = stored_values(packing.arrays, units, unit.seeds, read=name in read)
+        kept = curriculum.node(unit.task).deep and (seen or workers.share_folders)
+        checkpoints = store.checkpoints(unit) if kept else None
+        written = seen and packing.is_large(unit.key, unit.seeds)
+        sent = UnitInput(*data, unit, values, checkpoints)
+        return workers.train(sent, stored, store.path if written else None)
 
 
 def _tuned(
@@ -339,14 +376,14 @@ def _tuned(
             begun.extend(of_trials.keys[one, of_trials.target] for one in of_trials.curricula)
             now = BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun))
             store.write_record(BEGUN, now)
-            failures = Failures(of_trials.keys)
+            failures = Failures(of_trials.needs)
             per_file = files_of(curricula_record(of_trials.curricula, of_trials.keys))
             done = store.finished()
             given = config, of_trials, done, per_file, failures
             deque(trials.results(*given, tuning=words), maxlen=0)
             pack(store, per_file)
             if failures:
-                raise failures.error()
+                raise failure_error(failures)
             return store
 
         found = tune(study, train, choose)
@@ -464,3 +501,82 @@ def _commit(folder: Path) -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return found.stdout.strip() or None
+
+
+# -- Merging the parts of a study that were run in several folders ---------------------------------
+
+
+def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
+    """Merge the parts of a study, run in several folders, into one folder; return its results.
+
+    The parts do not change. A unit that several have is taken once, since equal units have equal
+    results.
+
+    Parameters
+    ----------
+    path : path
+        Made if need be; or a folder of the same study, whose units stay.
+    parts : sequence of path
+
+    Raises
+    ------
+    StoreError
+        When folders hold different studies, or one is damaged or in use; what was merged before is
+        whole then.
+    """
+    if isinstance(parts, str | Place):
+        raise StoreError(f"folders to merge must be a list: got {str(parts)!r} alone")
+    if not parts:
+        raise StoreError("there must be at least one folder to merge: got none")
+    studies = [StudyResults(part) for part in parts]
+    stores = [study.store for study in studies]
+    found = [store.units() for store in stores]
+    for study, units in zip(studies, found, strict=True):
+        stores[0].check(study.store.description)
+        if study.record.keys != studies[0].record.keys:
+            raise StoreError(
+                f"{study.store.path} holds units of other code, kept with --keep-stale: parts that "
+                "are merged must be of the same"
+            )
+        for unit in units:  # damage is found before anything is written
+            study.store.result(unit, unit.seeds, study.most_bytes)
+    # That of the first seeds, which a part has finished, is that of all.
+    by_seed = sorted(studies, key=lambda study: min(study.seeds, default=BEYOND_64_BITS))
+    analysis = next((one.analysis for one in by_seed if one.analysis), None)
+    with StudyStore.opened(path, stores[0].description, resume=True) as target:
+        failures, before = read_failures(target), target.runs()
+        done = target.finished()
+        stored = [*done.values(), *(unit.seeds for units in found for unit in units)]
+        first = min(chain.from_iterable(stored), default=0)
+        for store, units in zip(stores, found, strict=True):
+            target = target.redescribed(store.description)
+            for run in store.runs():
+                if run not in before:  # it is there where this part was merged before
+                    target.add_run(run)
+            _take(target, done, store, units, first)
+            failures += [row for row in read_failures(store) if row not in failures]
+        target = target.redescribed(stores[0].description)  # with the seeds of all parts
+        pack(target, files_of(studies[0].record))
+        merged = StudyResults(path)
+        merged.write_tables()
+        if analysis is not None:
+            target.write_record(ANALYSIS, analysis)
+        if (tuning := read_tuning(stores[0])) is not None:
+            target.write_record(TUNING, tuning)
+        write_failures(target, failures)
+    return StudyResults(path)
+
+
+def _take(
+    target: StudyStore, done: Done, store: StudyStore, units: Sequence[StoredUnit], first: int
+) -> None:
+    """Copy the seeds of a part's units that a folder lacks; `first` is the first seed of all."""
+    for unit in units:
+        there = done.setdefault(unit.key, {})
+        new = tuple(seed for seed in unit.seeds if seed not in there)
+        if new:
+            result = store.result(unit, new)
+            if first not in new:  # a study keeps the snapshots of its first seed alone
+                learnt = {k: v for k, v in result.arrays.items() if group_of(k) != SNAPSHOTS}
+                result = result._replace(arrays=learnt)
+            there |= dict.fromkeys(new, target.write_unit(unit.about, result))

@@ -4,11 +4,11 @@ import errno
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
+from time import monotonic
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -28,16 +28,10 @@ from curricle.archives import (
     sealed,
     unsealed,
 )
+from curricle.comparison.plan import Unit, seed_ranges
+from curricle.curriculum.node import Node
 from curricle.curriculum.sources import StoredValues
-from curricle.errors import (
-    CurricleError,
-    EngineError,
-    LostStoreError,
-    StoreError,
-    StudyError,
-    in_words,
-    reason,
-)
+from curricle.errors import LostStoreError, StoreError, reason
 from curricle.files import (
     PART,
     Place,
@@ -48,9 +42,16 @@ from curricle.files import (
     write_whole,
 )
 from curricle.learning.saved_result import checkpoints_of, values_of
-from curricle.statistics.curves import SCRATCH
+from curricle.study.config.tables import seeds_in_ranges
 from curricle.study.dependencies import differences, shown
-from curricle.study.record import Plain, RunRecord, UnitRecord, plain, read_record
+from curricle.study.record import (
+    CurriculaRecord,
+    Plain,
+    RunRecord,
+    UnitRecord,
+    plain,
+    read_record,
+)
 from curricle.study.serialization import (
     DECISION_SCHEMA,
     GROUPS,
@@ -60,10 +61,11 @@ from curricle.study.serialization import (
     UnitResult,
     as_parquet,
     group_of,
+    joined_units,
     of_seeds,
     read_parquet,
 )
-from curricle.study.units import Unit, seed_ranges, seeds_in
+from curricle.tasks.task import generative_model
 from curricle.text_tables import counted
 
 # -- Folders of results: what they are called, which ones may be written to, and errors of writing
@@ -229,6 +231,11 @@ def decisions_in(archive: ArrayArchive, seeds: int) -> pa.Table:
     member = archive.members.get(DECISIONS)
     size = 0 if member is None else member.file_size
     return read_parquet(archive.content(DECISIONS, size), DECISION_SCHEMA, most)
+
+
+def seeds_in(ranges: str) -> tuple[int, ...] | None:
+    """Return the seeds of :func:`seed_ranges`; None if a text is none, or of too many."""
+    return tuple(seeds_in_ranges(ranges.replace("+", ","))) or None
 
 
 def place_of(key: str, task: str, seeds: str) -> str:
@@ -636,113 +643,154 @@ def stored_values(
     return StoredValues(values, steps, scales)
 
 
-# -- Units that failed: the arms that need them are left out, the others are trained and compared --
+# -- Small units of a task in one file -------------------------------------------------------------
+#
+# A unit of some kilobytes costs more to store and to read than to train. So those that end within a
+# second are written together, and a file holds a block of seeds in the end. What the folder holds
+# after a run does not depend on when its units ended: each block is one file then.
 
-FAILURES = "failures.json"
-"""The units that failed in the last run, in its folder; there is no such file if none did."""
-Keys = Mapping[tuple[str, str], str]
-"""The key of each arm's tasks, as in :class:`Arms`."""
+FULL = 2**22
+"""Bytes of a file of several units, about: it is read in some milliseconds."""
+NUMBER, TABLES, CURVES = 8, 2, 5
+"""Bytes of a number, and how many a seed has for each pair (S x A) and for each checkpoint."""
+BETWEEN = 1.0
+"""Seconds between two writes, while small units end faster: as much as a killed run repeats."""
+MOST_FILES = 32
+"""Of a block of seeds until they are merged during a run."""
+REMEMBERED = 8
+"""Files of several units whose arrays are kept: more of their seeds are asked for next."""
+
+Block = tuple[str, int]
+"""A unit's key, and the number of its block of seeds."""
+Taken = tuple[Unit, UnitResult | StoredUnit]
+"""A unit, and its result or the file to which its worker has written it."""
 
 
-@dataclass
-class Failures:
-    """The units that failed in a run."""
+def seeds_per_file(node: Node) -> int:
+    """Return how many seeds of a task a file holds; 1 for networks and large tables.
 
-    keys: Keys
-    each: list[tuple[Unit, BaseException]] = field(default_factory=list)
-    """In the order in which they failed."""
-    executor_failed: bool = False
-    """Whether one of them was never trained, as the executor failed."""
-    _kept: set[str] = field(default_factory=set, init=False)
-    """The keys that arms without a failure need, once there is one."""
+    It depends on the study alone: on the pairs (S x A) of the task and its checkpoints.
+    """
+    return 1 if node.deep else max(1, FULL // bytes_a_seed(node))
+
+
+def bytes_a_seed(node: Node) -> int:
+    """Return the bytes of what a seed learns in tables, and of its curves, at most."""
+    model = generative_model(node.task)
+    tables = TABLES * model.states.size * model.actions.size
+    checkpoints = node.most_steps // node.eval_freq + 1
+    return NUMBER * (tables + CURVES * checkpoints)
+
+
+def files_of(record: CurriculaRecord) -> dict[str, int]:
+    """Return how many seeds a file of each key of a study holds."""
+    nodes = (node for arm in record.arms.values() for node in arm.nodes.values())
+    return {node.key: node.seeds_per_file for node in nodes}
+
+
+class Packing:
+    """The units of a run on their way into files.
+
+    `done`, key -> seed -> unit, gets those that are stored; `per_file` is as :func:`files_of`.
+    """
+
+    def __init__(
+        self,
+        store: StudyStore,
+        done: dict[str, dict[int, StoredUnit]],
+        per_file: Mapping[str, int],
+    ):
+        self.store, self.done, self.per_file = store, done, per_file
+        self._waiting = dict[Block, list[tuple[Unit, UnitResult]]]()
+        self._receipts = list[tuple[Unit, StoredUnit]]()
+        self._files = dict[Block, list[StoredUnit]]()
+        """Those that this run has written."""
+        self._large = False
+        self._written = -BETWEEN
+        self._remembered = lru_cache(REMEMBERED)(store.arrays)
+
+    def arrays(self, stored: StoredUnit, *groups: str) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays of some groups of a file, as :meth:`StudyStore.arrays`."""
+        large = self.is_large(stored.key, stored.seeds)
+        return (self.store.arrays if large else self._remembered)(stored, *groups)
+
+    def is_large(self, key: str, seeds: Sequence[int]) -> bool:
+        """Return whether so many seeds have a file for themselves."""
+        return self.per_file[key] <= len(seeds)
+
+    def add(self, unit: Unit, result: UnitResult | StoredUnit) -> None:
+        """Take a unit that was trained; StoreError if its worker wrote it to another place."""
+        if isinstance(result, UnitResult):
+            self._waiting.setdefault(_block(unit, self.per_file), []).append((unit, result))
+        else:
+            with read_errors(result.path):
+                if not result.path.exists():
+                    raise StoreError(
+                        f"workers must write to the place of the run: {result.path} is not there"
+                    )
+            self._receipts.append((unit, result))
+        self._large |= self.is_large(unit.key, unit.seeds)
+
+    @property
+    def seconds(self) -> float:
+        """How long the units that were taken may still wait; 0 for those of large tables."""
+        left = 0.0 if self._large else self._written + BETWEEN - monotonic()
+        return max(0.0, left)
+
+    def write(self) -> list[Taken]:
+        """Write what was taken, and return it."""
+        if not self:
+            return []
+        waiting, self._waiting, self._large = self._waiting, {}, False
+        receipts, self._receipts = self._receipts, []
+        for unit, stored in receipts:
+            self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
+        for block, taken in waiting.items():
+            unit = taken[0][0]
+            result = joined_units([result for _, result in taken])
+            self._store(block, unit, result)
+        self._written = monotonic()
+        return [*receipts, *(one for taken in waiting.values() for one in taken)]
 
     def __bool__(self) -> bool:
-        return bool(self.each)
+        return bool(self._waiting or self._receipts)
 
-    def add(self, unit: Unit, error: Exception) -> None:
-        """Note that a unit failed; a BrokenExecutor's cause is why."""
-        if isinstance(error, BrokenExecutor):
-            self.executor_failed = True
-            self.each.append((unit, error.__cause__ or error))
-        else:
-            self.each.append((unit, error))
-        lost = arms_of(self.keys, {one.key for one, _ in self.each})
-        none = self.executor_failed or SCRATCH in lost
-        self._kept = {key for (arm, _), key in self.keys.items() if not none and arm not in lost}
-
-    def keeps(self, unit: Unit) -> bool:
-        """Return whether an arm without a failure needs a unit; without scratch nothing is kept."""
-        return not self.each or unit.key in self._kept
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return what :func:`failed_arms` reads; it is no arm's fault that an executor failed."""
-        if self.executor_failed:
-            return []
-        return [
-            {
-                "key": unit.key,
-                "seeds": list(unit.seeds),
-                "error": f"{unit.label}: {without_folders(in_words(error))}",
-            }
-            for unit, error in self.each
-        ]
-
-    def error(self) -> StudyError:
-        """Return one error for all; its cause is the first that is not the library's own."""
-        (unit, first), *others = self.each
-        text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
-        for other, error in others:
-            if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
-                text += f"; {other.label} failed too: {in_words(error)}"
-        lost = any(isinstance(error, EngineError) for _, error in self.each)
-        found = EngineError(text) if lost else StudyError(text)
-        foreign = [error for _, error in self.each if not isinstance(error, CurricleError)]
-        found.__cause__ = foreign[0] if foreign else None
-        return found
+    def _store(self, block: Block, unit: Unit, result: UnitResult) -> None:
+        files = self._files.setdefault(block, [])
+        files.append(self.store.write_unit(unit, result))
+        if len(files) > MOST_FILES:
+            files[:] = [merged_files(self.store, files)]
+        self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))
 
 
-def without_folders(text: str) -> str:
-    """Return an error's text with the names of files only: folders are those of one machine."""
-    quoted = re.sub(r"""(['"])(?:[A-Za-z]:)?[/\\][^'"\n]*[/\\]([^'"\n/\\]+)\1""", r"\1\2\1", text)
-    return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
+def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
+    """Merge the files of each block of seeds in a folder into one; `per_file` is as `files_of`."""
+    blocks = dict[Block, list[StoredUnit]]()
+    for file in store.units():
+        if file.key in per_file:
+            blocks.setdefault(_block(file, per_file), []).append(file)
+    for files in blocks.values():
+        if len(files) > 1:
+            merged_files(store, files)
 
 
-def arms_of(keys: Keys, some: Collection[str]) -> set[str]:
-    """Return the arms that need a unit with one of these keys."""
-    return {arm for (arm, _), key in keys.items() if key in some}
+def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
+    """Write the units of some files of a block as one, delete the others and return it.
 
-
-def read_failures(store: StudyStore) -> list[dict[str, Any]]:
-    """Return the rows of :meth:`Failures.rows` that a folder holds; StoreError if damaged."""
-    found = store.read_json(FAILURES) if store.has(FAILURES) else []
-    try:
-        return [
-            {"key": str(row["key"]), "seeds": [*map(int, row["seeds"])], "error": str(row["error"])}
-            for row in found
-        ]
-    except (TypeError, KeyError, ValueError, OverflowError):
-        raise StoreError(
-            f"{store.path / FAILURES} must list units that failed, each with key, seeds and error: "
-            "delete it, and show leaves out no arm"
-        ) from None
-
-
-def failed_arms(
-    rows: Iterable[Mapping[str, Any]], keys: Keys, stored: Mapping[str, Mapping[int, Any]]
-) -> dict[str, str]:
-    """Return the first error of each arm that needs a unit that failed and is not stored since."""
-    found: dict[str, str] = {}
-    for row in rows:
-        if not set(row["seeds"]) <= set(stored.get(row["key"], ())):
-            for arm in sorted(arms_of(keys, [row["key"]])):
-                found.setdefault(arm, row["error"])
+    A seed that several have, as after a run that was killed here, is taken once.
+    """
+    parts, taken = list[UnitResult](), set[int]()
+    for file in files:
+        if new := set(file.seeds) - taken:
+            parts.append(store.result(file, new))
+            taken |= new
+    found = store.write_unit(files[0].about, joined_units(parts))
+    with write_errors(store.path):
+        for file in files:
+            if file.path != found.path:
+                file.path.unlink()
     return found
 
 
-def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
-    """Write the failures of a run in the place of those of an earlier one."""
-    if rows:
-        store.write_json(FAILURES, rows)
-    else:
-        with write_errors(store.path):
-            (store.path / FAILURES).unlink(missing_ok=True)
+def _block(unit: Any, per_file: Mapping[str, int]) -> Block:
+    return unit.key, min(unit.seeds) // per_file[unit.key]

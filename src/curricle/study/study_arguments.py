@@ -61,7 +61,7 @@ def _of_studies(
 def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     scratch = {name: built(one, study.folder) for name, one in study.scratch_learners.items()}
     settings = {"seeds": study.seeds, "threshold": study.threshold, "window": study.window}
-    return study.curricula, {**settings, "scratch": scratch}
+    return study.curricula, {**settings, "scratch": scratch, "controls": study.controls or ()}
 
 
 def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:

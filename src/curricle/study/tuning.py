@@ -11,8 +11,8 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, JsonValue, model_validator
 
-from curricle.comparison.arms import Arm
-from curricle.comparison.comparing import most_source_steps
+from curricle.comparison.comparison import Arm
+from curricle.comparison.plan import most_source_steps
 from curricle.errors import SettingError
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH
@@ -232,7 +232,7 @@ def trial_study(study: StudyConfig, chosen: Chosen, total: int | None = None) ->
         name: with_values(tables[arm], tune.placed(arm, values))
         for name, (arm, values) in chosen.items()
     }
-    of_study = ("scratches", "variants", "tune")
+    of_study = ("scratches", "variants", "tune", "controls")
     own = {"scratch": False, "scratch_learners": {}, "snapshots": 0, "own_learners": True}
     return study.varied(
         arms=arms, seeds=list(tune.seeds), total=total, **own, **dict.fromkeys(of_study)

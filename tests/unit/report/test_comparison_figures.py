@@ -8,8 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import curricle as cr
-from curricle.comparison.arms import Arm
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import Arm, Comparison
 from curricle.errors import SettingError
 from curricle.plotting.forecast import draw_forecast
 from curricle.plotting.learning_curves import draw_comparison, draw_learning_curves

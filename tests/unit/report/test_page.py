@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison.arms import Arm
+from curricle.comparison.comparison import Arm
 from curricle.errors import SettingError
 from curricle.plotting.learning_curves import draw_learning_curves
 from curricle.statistics.curves import Curve

@@ -16,7 +16,8 @@ from pydantic import (
 )
 
 from curricle.checks import listed
-from curricle.comparison.comparing import from_scratch, scratch_curricula
+from curricle.comparison.controls import Control
+from curricle.comparison.plan import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import DEFAULT_STEPS
 from curricle.deep.learner import DeepLearner
@@ -77,6 +78,10 @@ class RunTable(Table):
     scratch_learners: dict[Name, AnyLearner] = Field(
         default={},
         description="Further learners from scratch by name, each what it changes in the target's.",
+    )
+    controls: tuple[Control, ...] | None = Field(
+        default=None,
+        description="Controls of every arm: arms that equal it except for what should help.",
     )
 
 
@@ -300,7 +305,7 @@ class StudyConfig(RunTable):
 
     Parameters
     ----------
-    name, seeds, seeds_per_unit, threshold, window, snapshots, scratch, scratch_learners
+    name, seeds, seeds_per_unit, threshold, window, snapshots, scratch, scratch_learners, controls
         The keys of a study file.
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from curricle.errors import CurricleError, EngineError, ForeignError, SettingError, in_words
 from curricle.files import Place, RemotePath, remove_folder
-from curricle.study.arms import Arms
+from curricle.study.arms import Arms, UnitInput, train_unit
 from curricle.study.config.tables import PACKAGES
 from curricle.study.dependencies import own_files
 from curricle.study.serialization import UnitResult
@@ -34,7 +34,6 @@ from curricle.study.store import (
     stored_values,
     written_unit,
 )
-from curricle.study.units import UnitInput, train_unit
 
 # -- What a worker on another machine does: take the study's own modules, and train a unit ---------
 
