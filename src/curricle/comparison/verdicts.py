@@ -263,7 +263,7 @@ def _smallest_gain(differences: FloatArray, looks: Looks) -> Interval:
 SHARE = 0.1
 """Up to this share of a gain is nothing beside the rest."""
 ASKING = 'cr.compare(..., controls=["constant", "placebo"])'
-"""How the question is asked; a study file has no such key."""
+"""How the question is asked; in a study file by ``controls = ["constant", "placebo"]``."""
 
 Why = Literal["", "not asked", "knowledge", "mostly level", "level", "not shown"]
 

@@ -242,11 +242,12 @@ class StudyResults:
         Whether it is compared without arms that are still to be trained.
     """
 
-    def __init__(self, path: str | Place):
-        self.store, self.lacks_arms = StudyStore(path), False
+    def __init__(self, path: str | Place | StudyStore):
+        self.store = path if isinstance(path, StudyStore) else StudyStore(path)
+        self.lacks_arms = False
         study = self.store.description
         if "record" not in study:
-            raise StoreError(f"{path} holds results that are not those of a study")
+            raise StoreError(f"{self.store.path} holds results that are not those of a study")
         self.record = self.store.checked(STUDY, lambda: read_record(StudyRecord, study["record"]))
 
     def __repr__(self) -> str:

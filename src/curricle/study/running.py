@@ -282,7 +282,7 @@ def run_study(
         if not failures:
             store.remove_checkpoints()
         pack(store, per_file)
-        found = StudyResults(path)
+        found = StudyResults(store)
         found.write_tables()
         analyse(found, arms)
     if failures:
@@ -452,9 +452,10 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
     """Note a run in its folder, and return the units there that it uses."""
     done, remarks = usable_units(store, arms, remove_damaged=True)
     run = _provenance(study)
-    for sentence in (*remarks, *different_versions(store.runs(), run)):
+    runs = store.runs()
+    for sentence in (*remarks, *different_versions(runs, run)):
         report(sentence)
-    store.add_run(run)
+    store.write_runs([*runs, run])
     return done
 
 
@@ -545,26 +546,27 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     analysis = next((one.analysis for one in by_seed if one.analysis), None)
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
         failures, before = read_failures(target), target.runs()
+        runs = [*before]
         done = target.finished()
         stored = [*done.values(), *(unit.seeds for units in found for unit in units)]
         first = min(chain.from_iterable(stored), default=0)
         for store, units in zip(stores, found, strict=True):
             target = target.redescribed(store.description)
-            for run in store.runs():
-                if run not in before:  # it is there where this part was merged before
-                    target.add_run(run)
+            # Those that are there belong to a part that was merged before.
+            runs += [run for run in store.runs() if run not in before]
+            target.write_runs(runs)
             _take(target, done, store, units, first)
             failures += [row for row in read_failures(store) if row not in failures]
         target = target.redescribed(stores[0].description)  # with the seeds of all parts
         pack(target, files_of(studies[0].record))
-        merged = StudyResults(path)
+        merged = StudyResults(target)
         merged.write_tables()
         if analysis is not None:
             target.write_record(ANALYSIS, analysis)
         if (tuning := read_tuning(stores[0])) is not None:
             target.write_record(TUNING, tuning)
         write_failures(target, failures)
-    return StudyResults(path)
+    return merged
 
 
 def _take(

@@ -4,7 +4,7 @@ import errno
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -248,6 +248,9 @@ def place_of(key: str, task: str, seeds: str) -> str:
 
 # -- The results store: a folder with a description of what its results depend on, and whole files
 
+MOST_KEPT = 2**28
+"""Bytes of curves and decisions that are kept of files that were read as a whole: so a run of a
+finished study reads each once."""
 SCHEMA_VERSION = 3
 """Of the folder's layout; a folder of another version is refused."""
 LARGEST_JSON = 2**24
@@ -277,23 +280,12 @@ class StoredUnit:
     def about(self) -> UnitRecord:
         """What its file says of it; StoreError where that is damaged or of another unit."""
         found: UnitRecord = read_unit(self.path, about_in)
-        if not self._is_place_of(found):
+        if not self.is_place_of(found):
             raise damage(self.path)
         return found
 
-    @property
-    def whole(self) -> bool:
-        """Whether it is as it was stored, all of it read; StoreError where it cannot be read.
-
-        A file system that does not answer damages nothing: what is damaged is deleted.
-        """
-        try:
-            with read_errors(self.path), opened_archive(self.path, whole=True) as archive:
-                return self._is_place_of(about_in(archive))
-        except (Damaged, ValueError):
-            return False
-
-    def _is_place_of(self, about: UnitRecord) -> bool:
+    def is_place_of(self, about: UnitRecord) -> bool:
+        """Return whether its place is that of a unit."""
         place = place_of(about.key, about.task, seed_ranges(about.seeds))
         return place == f"{self.path.parent.name}/{self.path.name}"
 
@@ -382,8 +374,12 @@ class StudyStore:
     DIR holds results of other settings: seeds is 30 there and 5 here; choose another folder
     """
 
-    def __init__(self, path: str | Place):
+    def __init__(self, path: str | Place, description: dict[str, Any] | None = None):
         self.path = place_at(path)
+        self._kept, self._room = dict[Place, tuple[NamedArrays, pa.Table]](), MOST_KEPT
+        if description is not None:  # it has just been written
+            self.description = description
+            return
         with read_errors(self.path):
             if not (self.path / STUDY).exists():
                 lacks = f"{self.path} has none"
@@ -467,7 +463,7 @@ class StudyStore:
                 for part in [*path.rglob(f".*{PART}")]:  # a killed run left it, incomplete
                     part.unlink(missing_ok=True)
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
-        return cls(path)
+        return cls(path, description)
 
     def redescribed(self, description: Mapping[str, Any]) -> "StudyStore":
         """Return the folder, which must be open, with another description of the same study."""
@@ -524,9 +520,9 @@ class StudyStore:
         """Write a tidy table, a dict of column name to values of one length, as Parquet."""
         self.write(name, as_parquet(pa.table(dict(columns))))
 
-    def add_run(self, run: RunRecord) -> None:
-        """Add a run to the list of runs."""
-        self.write_json(RUNS, [plain(one) for one in (*self.runs(), run)])
+    def write_runs(self, runs: Iterable[RunRecord]) -> None:
+        """Write the list of runs."""
+        self.write_json(RUNS, [plain(run) for run in runs])
 
     def runs(self) -> list[RunRecord]:
         """Return the runs so far."""
@@ -562,12 +558,33 @@ class StudyStore:
         return found
 
     def damaged_units(self) -> list[Place]:
-        """Return the files of units that are damaged; all are read."""
-        return [stored.path for stored in self.units() if not stored.whole]
+        """Return the files of units that are damaged; all are read, and curves are kept."""
+        return [stored.path for stored in self.units() if not self.is_whole(stored)]
+
+    def is_whole(self, stored: StoredUnit) -> bool:
+        """Return whether a unit is as it was stored; StoreError where it cannot be read.
+
+        A file system that does not answer damages nothing: what is damaged is deleted.
+        """
+        try:
+            with read_errors(stored.path), opened_archive(stored.path, whole=True) as archive:
+                if not stored.is_place_of(about_in(archive)):
+                    return False
+                with suppress(ValueError):  # whoever needs what is wrong there says so
+                    run = groups_in(archive, (RUN,), None)
+                    kept = run, decisions_in(archive, len(stored.seeds))
+                    size = sum(array.nbytes for array in run.values()) + kept[1].nbytes
+                    if size <= self._room:
+                        self._room -= size
+                        self._kept[stored.path] = kept
+                return True
+        except (Damaged, ValueError):
+            return False
 
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return where it is."""
         stored = written_unit(self.path, unit, result)
+        self._kept.pop(stored.path, None)
         remove_folder(self.checkpoints(unit))
         return stored
 
@@ -583,10 +600,14 @@ class StudyStore:
 
     def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
         """Return the arrays of some groups, such as ``run``, of a unit, without pickles."""
+        if groups == (RUN,) and stored.path in self._kept:
+            return self._kept[stored.path][0]
         return arrays_in(stored, *groups, most=most)
 
     def decisions(self, stored: StoredUnit) -> pa.Table:
         """Return the table of a unit's decisions."""
+        if stored.path in self._kept:
+            return self._kept[stored.path][1]
         return read_unit(stored.path, lambda archive: decisions_in(archive, len(stored.seeds)))
 
     def result(
@@ -596,7 +617,7 @@ class StudyStore:
 
         `most` is as in :meth:`arrays`.
         """
-        if not stored.whole:
+        if not self.is_whole(stored):
             raise damage(stored.path)
 
         def read(archive: ArrayArchive) -> tuple[NamedArrays, pa.Table]:
