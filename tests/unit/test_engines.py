@@ -19,11 +19,10 @@ from curricle.errors import (
 from curricle.files import RemotePath
 from curricle.interop.trackers import Tracker
 from curricle.study import read_study, run_study, running, store
-from curricle.study.arms import Arms
+from curricle.study.arms import Arms, UnitInput
 from curricle.study.engines import engine
 from curricle.study.engines.engine import (
     Engine,
-    SentUnit,
     check_versions,
     opened_engine,
     parsed,
@@ -119,7 +118,7 @@ def test_other_versions_name_the_worker_and_what_differs():
 
 
 def test_a_worker_that_came_later_is_compared_too():
-    sent = SentUnit(None, {}, {**versions_here(), "numba": "0.1"}, False)
+    sent = UnitInput("", "", "", None, {}, versions={**versions_here(), "numba": "0.1"})
     with pytest.raises(EngineError, match=r"has numba .* and the run has 0\.1"):
         train_sent(sent)
 
@@ -157,7 +156,7 @@ def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
     whole.submit = lambda function, one: first.append(one) or submit(function, one)
     (tmp_path / "rules.py").rename(tmp_path / "gone.py")
     assert run_study_from(own, arms, tmp_path / "out", monkeypatch).seeds == (0, 1)
-    assert first[0].given.checkpoints is None
+    assert first[0].checkpoints is None
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
     with pytest.raises(ConfigError, match=r"rules\.py is not as it was when the run began"):
         train_sent(other)
@@ -283,7 +282,7 @@ def test_workers_read_and_write_large_units_at_a_url(
     )
     assert all(isinstance(one, StoredUnit) for one in returned)
     assert all(len(pickle.dumps(one)) < 500 for one in returned)
-    assert all(not sent.given.sources for sent in received)
+    assert all(not sent.sources for sent in received)
     assert any(sent.stored for sent in received)
     assert recorder.seeds == 16 * [2]
     local = tmp_path / "local"

@@ -30,6 +30,7 @@ from curricle.study.config.study_config import StudyConfig
 from curricle.study.config.sweeps import target_alone
 from curricle.study.dependencies import dependencies_of, key_of
 from curricle.study.serialization import DECISION_SCHEMA, UnitResult
+from curricle.study.store import StoredSource
 
 
 class Arms(Plan):
@@ -152,6 +153,16 @@ class UnitInput(NamedTuple):
     sources: Mapping[str, StoredValues]
     checkpoints: Place | None = None
     """Where checkpoints are, from which a killed unit goes on, to the same result."""
+    stored: Mapping[str, StoredSource] = {}
+    """The sources that the worker reads itself."""
+    place: Place | None = None
+    """The study's folder, where the worker writes the result itself."""
+    files: Mapping[str, bytes] = {}
+    """The study's own modules, by path in its folder, for a worker that has no such folder."""
+    versions: Mapping[str, str] = {}
+    """Of the run: a worker that came later is compared with them too."""
+    live: bool = False
+    """Whether units must not run side by side in one process."""
 
 
 def train_unit(given: UnitInput) -> UnitResult:

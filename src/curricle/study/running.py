@@ -40,7 +40,7 @@ from curricle.study.results import (
     read_failures,
     write_failures,
 )
-from curricle.study.serialization import SNAPSHOTS, UnitResult, group_of
+from curricle.study.serialization import SNAPSHOTS, group_of
 from curricle.study.store import (
     Packing,
     StoredSource,
@@ -259,8 +259,9 @@ def run_study(
         # first: where a cluster is refused, no folder is made
         places = _workers(study, arms, workers, executor, on, report, ending)
         record = study_record(study, arms)
-        described = _description(study, arms, record)
-        opened = StudyStore.opened(path, described, resume=resume, check=False)
+        opened = StudyStore.opened(
+            path, _description(study, arms, record), resume=resume, check=False
+        )
         store = ending.enter_context(opened)
         ending.enter_context(lost_errors())
         show = ending.enter_context(shown_units(progress))
@@ -272,12 +273,18 @@ def run_study(
             store = store.redescribed(_description(study, arms, record))
             training = Training(store, places, show)
         done = _begun(store, study, arms, report)
-        tracking = _tracking(store, study, arms, trackers, report)
+        tracking = Trackers(trackers, report)
+        beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
+        tracking.start(study.name, _settings(study, arms), beside)
         ending.callback(tracking.close)
         failures, per_file = Failures(arms.needs), files_of(record)
         for unit, result in training.results(study, arms, done, per_file, failures, shard):
             if trackers:
-                tracking.record(unit.arm, unit.task, _learnt(store, arms, unit, result))
+                if isinstance(result, StoredUnit):
+                    result = store.result(result, unit.seeds)
+                node = arms.curricula[unit.arm].node(unit.task)
+                learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
+                tracking.record(unit.arm, unit.task, learnt)
         write_failures(store, failure_rows(failures))
         if not failures:
             store.remove_checkpoints()
@@ -356,8 +363,8 @@ class Training:
         kept = curriculum.node(unit.task).deep and (seen or workers.share_folders)
         checkpoints = store.checkpoints(unit) if kept else None
         written = seen and packing.is_large(unit.key, unit.seeds)
-        sent = UnitInput(*data, unit, values, checkpoints)
-        return workers.train(sent, stored, store.path if written else None)
+        place = store.path if written else None
+        return workers.train(UnitInput(*data, unit, values, checkpoints, stored, place))
 
 
 def _tuned(
@@ -406,20 +413,6 @@ def _settings(study: StudyConfig, arms: Arms) -> dict[str, Any]:
     }
 
 
-def _tracking(
-    store: StudyStore,
-    study: StudyConfig,
-    arms: Arms,
-    trackers: Sequence[str | Tracker],
-    report: Callable[[str], Any],
-) -> Trackers:
-    """Return the trackers of a run, which write beside its folder."""
-    beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
-    opened = Trackers(trackers, report)
-    opened.start(study.name, _settings(study, arms), beside)
-    return opened
-
-
 def _workers(
     study: StudyConfig,
     arms: Arms,
@@ -457,15 +450,6 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
         report(sentence)
     store.write_runs([*runs, run])
     return done
-
-
-def _learnt(
-    store: StudyStore, arms: Arms, unit: Unit, result: UnitResult | StoredUnit
-) -> LearningResult:
-    if isinstance(result, StoredUnit):
-        result = store.result(result, unit.seeds)
-    node = arms.curricula[unit.arm].node(unit.task)
-    return LearningResult.of_arrays(result.arrays, node.task, node.learner)
 
 
 def _provenance(study: StudyConfig) -> RunRecord:

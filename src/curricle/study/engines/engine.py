@@ -18,7 +18,7 @@ from pathlib import Path
 from socket import create_connection
 from tempfile import mkdtemp
 from threading import Lock
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from curricle.errors import CurricleError, EngineError, ForeignError, SettingError, in_words
 from curricle.files import Place, RemotePath, remove_folder
@@ -27,7 +27,6 @@ from curricle.study.config.tables import PACKAGES
 from curricle.study.dependencies import own_files
 from curricle.study.serialization import UnitResult
 from curricle.study.store import (
-    StoredSource,
     StoredUnit,
     arrays_in,
     lost_errors,
@@ -41,22 +40,6 @@ FOLDERS = dict[str, Path]()
 """The folders of modules that this process has written, by a digest of their files."""
 WRITING, LIVE = Lock(), Lock()
 Result = TypeVar("Result")
-
-
-class SentUnit(NamedTuple):
-    """A unit with all that a worker needs which has no folder of the study."""
-
-    given: UnitInput
-    files: Mapping[str, bytes]
-    """The study's own modules, by path in its folder."""
-    versions: Mapping[str, str]
-    """Of the run: a worker that came later is compared with them too."""
-    live: bool
-    """Whether units must not run side by side in one process."""
-    stored: Mapping[str, StoredSource] = {}
-    """The sources that the worker reads itself."""
-    place: Place | None = None
-    """The study's folder, where the worker writes the result itself."""
 
 
 def called(function: Callable[[Any], Result], argument: Any) -> Result:
@@ -102,7 +85,7 @@ def train_apart(given: UnitInput) -> UnitResult:
     return called(train_unit, given)
 
 
-def train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
+def train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
     """Return what a unit's seeds learn, or the file that it is written to.
 
     EngineError where versions differ from those of the run; LostStoreError where sources cannot be
@@ -111,25 +94,21 @@ def train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
     return called(_train_sent, sent)
 
 
-def _train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
+def _train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
     if differ := difference(sent.versions, versions_here()):
         raise EngineError(f"worker {platform.node()} has {differ}")
-    folder = written(sent.files)
-    unit = sent.given.unit
+    unit, sources = sent.unit, dict(sent.sources)
     with lost_errors():
-        read = {
-            name: stored_values(arrays_in, one.units, unit.seeds, read=one.read)
-            for name, one in sent.stored.items()
-        }
-    given = sent.given._replace(folder=str(folder), sources={**sent.given.sources, **read})
+        for name, source in sent.stored.items():
+            sources[name] = stored_values(arrays_in, source.units, unit.seeds, read=source.read)
     with LIVE if sent.live else nullcontext():
-        result = train_unit(given)
+        result = train_unit(sent._replace(folder=str(written(sent.files)), sources=sources))
     if sent.place is None:
         return result
     with lost_errors():
         stored = written_unit(sent.place, unit, result)
-    if given.checkpoints is not None:
-        remove_folder(given.checkpoints)
+    if sent.checkpoints is not None:
+        remove_folder(sent.checkpoints)
     return stored
 
 
@@ -189,12 +168,12 @@ class ExecutorWorkers:
         """Return False: the process that runs the study reads and writes for them."""
         return False
 
-    def train(self, given: UnitInput, stored: Any = None, place: Any = None) -> "Future[Any]":
+    def train(self, sent: UnitInput) -> "Future[Any]":
         """Return the future result of a unit."""
         # Threads hand on what is raised as it is.
         train = train_unit if isinstance(self.executor, ThreadPoolExecutor) else train_apart
         try:
-            return self.executor.submit(train, given)
+            return self.executor.submit(train, sent)
         except Exception as error:
             broken = BrokenExecutor("the executor took no unit")
             broken.__cause__ = error
@@ -264,17 +243,9 @@ class Engine(ABC):
         """Return whether workers read and write the study's files themselves: those at a URL."""
         return isinstance(place, RemotePath)
 
-    def train(
-        self,
-        given: UnitInput,
-        stored: Mapping[str, StoredSource] | None = None,
-        place: Place | None = None,
-    ) -> "Future[Any]":
-        """Return the future result of a unit, or the file that it was written to.
-
-        Workers that see the study's files read the sources that are `stored`, and write at `place`.
-        """
-        sent = SentUnit(given, self.files, self.versions, self.live, stored or {}, place)
+    def train(self, sent: UnitInput) -> "Future[Any]":
+        """Return the future result of a unit, or the file that it was written to."""
+        sent = sent._replace(files=self.files, versions=self.versions, live=self.live)
         try:
             return self.submit(train_sent, sent)
         except Exception as error:
