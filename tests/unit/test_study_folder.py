@@ -328,7 +328,7 @@ import sys
 from curricle.study import read_study, run_study
 opened = []
 def note(event, arguments):
-    if event == "open" and arguments[1] == "rb":  # an opener tells of each file a second time
+    if event == "open" and arguments[1] is None:  # by what the library opens files with
         opened.append(str(arguments[0]))
 study = read_study({str(study_file)!r})
 sys.addaudithook(note)
