@@ -31,7 +31,7 @@ from curricle.array_types import FloatArray, IntArray
 from curricle.checks import one_of
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.sources import SourceValues, calibrated
+from curricle.curriculum.sources import Learnt, SourceValues, calibrated
 from curricle.deep.miniature import Miniatures
 from curricle.display import brief_repr
 from curricle.errors import CurriculumError, SettingError
@@ -221,15 +221,30 @@ def train_control(
         return _train_with_source(label, curriculum, seeds, spent, **how), spent, None
     node = curriculum.node(name)
     if not potentials:
-        potentials = curriculum.potentials(name, sources)
-        if (settings := curriculum.calibration(name)) is not None:
-            calibrations = calibrated(node, potentials, settings, seeds, spent)
-            potentials = [calibration.potential for calibration in calibrations]
+        potentials, calibrations = entering(curriculum, name, sources, seeds, spent)
     pairs = VisitedPairs.of(curriculum)
     changed = [CHANGES[label](phi, k, pairs) for phi, k in zip(potentials, seeds, strict=True)]
     warm_ups = [calibration.warm_up for calibration in calibrations]
     result = node.train(seeds, changed, warm_ups=warm_ups, charged=spent, **how)
     return result, spent, level_of(label, changed, pairs, curriculum)
+
+
+def entering(
+    curriculum: Curriculum,
+    name: str,
+    sources: Mapping[str, Learnt],
+    seeds: Sequence[int],
+    spent: IntArray | None = None,
+) -> tuple[Sequence[Any], list[Calibration]]:
+    """Return the potentials that seeds begin a task with, and their calibrations if they have any.
+
+    `spent` are the steps that the task's budget pays for its sources.
+    """
+    potentials = curriculum.potentials(name, sources)
+    if (settings := curriculum.calibration(name)) is None:
+        return potentials, []
+    calibrations = calibrated(curriculum.node(name), potentials, settings, seeds, spent)
+    return [calibration.potential for calibration in calibrations], calibrations
 
 
 def _train_with_source(

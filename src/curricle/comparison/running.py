@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from math import inf
 from time import monotonic
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -121,44 +121,19 @@ class Queue:
                     heappush(self.ready, number)
 
 
-class Workers(Protocol):
-    """What trains units."""
-
-    def number(self) -> int:
-        """Return how many units are trained side by side."""
-
-    def lost(self) -> Exception:
-        """Return why a unit was cancelled that nobody here cancelled."""
-
-
-class Holder(Protocol):
-    """What takes the results of units: it may hold some for a while, to store them together."""
-
-    @property
-    def done(self) -> Mapping[Any, Collection[int]]:
-        """The seeds that are stored, by key."""
-
-    @property
-    def seconds(self) -> float:
-        """How long those that were taken may still wait."""
-
-    def add(self, unit: Unit, result: Any) -> None:
-        """Take a result."""
-
-    def write(self) -> list[tuple[Unit, Any]]:
-        """Store what was taken, and return it."""
-
-    def __bool__(self) -> bool: ...
-
-
 @dataclass
 class Scheduler:
-    """Sends units to workers, each after its sources, and has their results stored."""
+    """Sends units to workers, each after its sources, and has their results stored.
+
+    `holder` takes results by ``add`` and stores them by ``write``, which it may put off for some
+    ``seconds`` while it holds any (``bool``); ``done`` has the seeds that are stored, by key.
+    `workers` tell their ``number``, and why a unit is ``lost`` that nobody here cancelled.
+    """
 
     send: Callable[[Unit], "Future[Any]"]
     """Returns the future result of a unit whose sources are stored."""
-    holder: Holder
-    workers: Workers
+    holder: Any
+    workers: Any
     failures: "Failures"
     ahead: int = AHEAD
     _number: int = field(default=0, init=False)
@@ -215,9 +190,7 @@ class Scheduler:
 
     def _error_of(self, future: "Future[Any]") -> Exception | None:
         """Return why a unit failed, if it did; an interrupt and a lost store are raised."""
-        if future.cancelled():
-            return self.workers.lost()
-        error = future.exception()
+        error = self.workers.lost() if future.cancelled() else future.exception()
         if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
             raise error
         return error

@@ -21,12 +21,13 @@ from curricle.comparison.comparing import (
     trained_arms,
 )
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.controls import entering
 from curricle.comparison.plan import most_source_steps
 from curricle.comparison.running import Memory
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.defaults import SETTINGS
 from curricle.curriculum.node import Node
-from curricle.curriculum.sources import Learnt, calibrated
+from curricle.curriculum.sources import Learnt
 from curricle.display import block, brief_repr
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
@@ -64,13 +65,7 @@ class Candidate:
         self, sources: Mapping[str, Learnt], seeds: Sequence[int]
     ) -> Sequence[AnyPotential]:
         """Return the potential of each of K seeds, calibrated where the candidate calibrates."""
-        target = self.curriculum.target
-        found = self.curriculum.potentials(target, sources)
-        settings = self.curriculum.calibration(target)
-        if settings is None:
-            return found
-        fitted = calibrated(self.curriculum.node(target), found, settings, seeds)
-        return [one.potential for one in fitted]
+        return entering(self.curriculum, self.curriculum.target, sources, seeds)[0]
 
 
 def candidates_of(

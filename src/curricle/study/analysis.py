@@ -10,10 +10,10 @@ import numpy as np
 from curricle.certificate.certification import certify
 from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import one_of
+from curricle.comparison.controls import entering
 from curricle.comparison.forecasting import Forecast, forecast
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.sources import calibrated
 from curricle.errors import CurricleError, StoreError
 from curricle.frozen_arrays import frozen
 from curricle.learning.potential_rollouts import PairPotential
@@ -267,10 +267,7 @@ def _entering(result: CurriculumResult, target: str) -> PairPotential:
         phi = kept[0]
         return phi
     sources = {name: one.first(1) for name, one in result.sources.items()}
-    phi, *_ = found = curriculum.potentials(target, sources)
-    if (settings := curriculum.calibration(target)) is not None:
-        node = curriculum.node(target)
-        phi = calibrated(node, found, settings, result[target].seeds[:1])[0].potential
+    (phi,), _ = entering(curriculum, target, sources, result[target].seeds[:1])
     return phi
 
 
