@@ -155,15 +155,6 @@ def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):
 # -- what is trained ---------------------------------------------------------------------------
 
 
-def test_every_arm_spends_the_same_steps_seed_by_seed(finished):
-    study = StudyResults(finished)
-    gated = study.results["chain"]["corner"].steps_used
-    assert len(set(gated.tolist())) > 1  # or it would say nothing
-    for arm, result in study.results.items():
-        spent = study.source_steps(arm) + result["maze"].steps_used
-        assert spent.tolist() == [study.record.total] * 4, arm
-
-
 def test_what_arms_share_is_trained_once(study_file, tmp_path):
     begun = []
     run_study(
@@ -180,18 +171,6 @@ def test_what_arms_share_is_trained_once(study_file, tmp_path):
         ("state", "easy"),
         ("state", "maze"),
     ]
-
-
-def test_direct_is_the_target_learnt_by_itself(study_file, finished):
-    study = StudyResults(finished)
-    found = study.result("scratch", "maze", values=True)
-    task = read_study(study_file).curriculum("chain").tasks["maze"]
-    snapshots = study.record.snapshots
-    learnt = cr.learn(
-        task, budget=study.record.total, seeds=4, eval_freq=50, stream="maze", snapshots=snapshots
-    )
-    assert_equal(found, learnt)
-    np.testing.assert_array_equal(found.snapshots.values, learnt.snapshots.values)
 
 
 @pytest.mark.parametrize("arm", ["chain", "state", "calibrated"])

@@ -74,8 +74,8 @@ def compare(
     ----------
     arms : Curriculum or dict of str to Curriculum
         All with the same target; the name "scratch" is reserved. ``curricle.compare`` also takes a
-        study or the path of its file: its arms, seeds, threshold, window and learners from scratch,
-        where others are not given.
+        study or the path of its file: its arms, seeds, threshold, window, controls and learners
+        from scratch, where others are not given.
     seeds : int or sequence of int
         With `precision` or `difference`, the number of seeds to begin with.
     controls : sequence of str

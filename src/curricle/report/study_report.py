@@ -319,9 +319,12 @@ def arms_so_far(study: StudyResults) -> list[str]:
         if common and (number + 1) * len(common) >= most:
             best, most = number, (number + 1) * len(common)
     chosen = {SCRATCH, *others[:best]}
-    if all(record.arms[name].scratch for name in chosen - {SCRATCH}):
+    # A control says nothing without the arm that it is of.
+    kept = {name: arm for name, arm in record.arms.items() if name in chosen}
+    kept = {name: arm for name, arm in kept.items() if arm.control_of in {"", *kept}}
+    if all(arm.scratch or arm.control_of for name, arm in kept.items() if name != SCRATCH):
         return []
-    return [name for name in record.arms if name in chosen]
+    return list(kept)
 
 
 def _only(study: StudyResults, arms: set[str]) -> StudyResults:

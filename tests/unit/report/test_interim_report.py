@@ -18,8 +18,10 @@ from curricle.report.study_report import (
     stored_page,
     watch_folder,
 )
+from curricle.study import run_study
 from curricle.study.results import StudyResults
 from curricle.study.store import in_use, locked
+from tests.studies import CORNER, reader
 
 
 class Followed:
@@ -290,3 +292,15 @@ def results(total=9, failed=(), learners=(), **seeds):
 )
 def test_the_arms_with_most_results_in_common_are_compared(study, arms):
     assert arms_so_far(study) == arms
+
+
+def test_a_control_waits_for_the_arm_that_it_is_of(tmp_path):
+    changes = ["seeds=2", "tasks.maze.budget=400", "window=1", 'controls=["placebo"]']
+    study = reader(tmp_path)(CORNER, set=changes)
+    results = run_study(study, tmp_path / "out", progress=False)
+    assert arms_so_far(results) == ["scratch", "transfer", "transfer, placebo"]
+    target = results.record.keys["transfer", "maze"]
+    for unit in results.store.units():
+        if unit.key == target:
+            unit.path.unlink()
+    assert arms_so_far(StudyResults(tmp_path / "out")) == []
