@@ -223,7 +223,7 @@ MUTATIONS = [
         "comparison/verdicts.py",
         "SHARE = 0.1",
         "SHARE = 0.2",
-        ("tests/unit/test_reasons.py",),
+        ("tests/unit/test_verdicts.py",),
     ),
     Mutation(
         "free steps saved are charged in the report",

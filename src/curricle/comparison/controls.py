@@ -375,8 +375,8 @@ class VisitedPairs:
             mdp = tables(self.task)
             return np.flatnonzero(reachable_states(mdp) & ~mdp.terminal)
         limit = min(generative_model(self.task).time_limit or LENGTH, LENGTH)
-        found = random_rollouts(self.task, episodes=EPISODES, length=limit)
-        return np.unique(found.states[:, :-1][found.taken])
+        rollouts = random_rollouts(self.task, episodes=EPISODES, length=limit)
+        return np.unique(rollouts.states[:, :-1][rollouts.taken])
 
     def values(self, phi: AnyPotential) -> FloatArray:
         """Return phi of these pairs, a float64 array with one value for each."""

@@ -61,8 +61,8 @@ def train(
     if arm.control and task == curriculum.target:
         before = uncontrolled
         known = ((), ()) if before is None else (before.potentials, before.calibrations)
-        given = arm.control, curriculum, unit.seeds, sources, *known
-        result, spent, level = train_control(*given, **how)
+        control = arm.control, curriculum, unit.seeds, sources, *known
+        result, spent, level = train_control(*control, **how)
         return Trained(result, spent, level=level)
     trained = curriculum.train(
         unit.seeds, only=task, trained=sources, charge=charge, snapshots=unit.snapshots, **how
@@ -253,8 +253,11 @@ class _Learning(NamedTuple):
             return False
         if len(self.transfers) != len(other.transfers):
             return False
-        settings = [one for one in SETTINGS if self.transfers or one not in OF_TARGETS]
-        same = (getattr(self.node, one) == getattr(other.node, one) for one in ("name", *settings))
+        settings = [setting for setting in SETTINGS if self.transfers or setting not in OF_TARGETS]
+        same = (
+            getattr(self.node, setting) == getattr(other.node, setting)
+            for setting in ("name", *settings)
+        )
         return all(same) and all(map(same_transfer, self.transfers, other.transfers))
 
 

@@ -58,7 +58,9 @@ class Arms(Plan):
             raise SettingError("controls are compared with scratch: leave out scratch = false")
         for name, curriculum in study.curricula.items():
             check_fit(controls, name, curriculum)
-        learners = [one.setting("learner", one.target) for one in scratches.values()]
+        learners = [
+            curriculum.setting("learner", curriculum.target) for curriculum in scratches.values()
+        ]
         check_comparable(study.curricula, None if study.own_learners else learners)
         plain = study.to_data()
         target = next(iter(study.curricula.values())).target
@@ -110,15 +112,15 @@ def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
 
     They are those of the study, or else follow from its first arm.
     """
-    given = study.get("scratches")
-    if given is None:
-        own = target_alone(next(iter(study["arms"].values())))
-        task = own["tasks"][target]
-        given = {SCRATCH: own}
+    scratches = study.get("scratches")
+    if scratches is None:
+        alone = target_alone(next(iter(study["arms"].values())))
+        task = alone["tasks"][target]
+        scratches = {SCRATCH: alone}
         for name, learner in study["scratch_learners"].items():
-            tasks = {**own["tasks"], target: {**task, "learner": learner}}
-            given[f"{SCRATCH}, {name}"] = {**own, "tasks": tasks}
-    return {name: target_alone(one) for name, one in given.items()}
+            tasks = {**alone["tasks"], target: {**task, "learner": learner}}
+            scratches[f"{SCRATCH}, {name}"] = {**alone, "tasks": tasks}
+    return {name: target_alone(arm) for name, arm in scratches.items()}
 
 
 @lru_cache(maxsize=4)
@@ -165,15 +167,15 @@ class UnitInput(NamedTuple):
     """Whether units must not run side by side in one process."""
 
 
-def train_unit(given: UnitInput) -> UnitResult:
+def train_unit(sent: UnitInput) -> UnitResult:
     """Return what a unit's seeds learn; it depends on `given` only, not on its `checkpoints`."""
-    arms = arms_from_json(given.config, given.folder, given.code)
-    unit = given.unit
+    arms = arms_from_json(sent.config, sent.folder, sent.code)
+    unit = sent.unit
     arm = arms.arms[unit.arm]
     arm = replace(arm, curriculum=_with_memory_for_all(arm.curriculum, unit))
-    sources = source_values(arm.curriculum, unit.seeds, given.sources)
+    sources = source_values(arm.curriculum, unit.seeds, sent.sources)
     charge = arms.total is not None
-    trained = train(arm, unit, sources, charge=charge, workers=1, saves=given.checkpoints)
+    trained = train(arm, unit, sources, charge=charge, workers=1, saves=sent.checkpoints)
     arrays = arrays_of(trained.result)
     arrays["source_steps"] = trained.source_steps
     if trained.calibrations:
@@ -206,16 +208,16 @@ def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[dic
         rows += [
             {
                 **row,
-                "steps": one.step,
-                "ends": one.spent or one.ends,
-                "criterion": one.criterion,
-                "lowest": one.lowest,
-                "level": one.kernel.level,
-                "rise": one.rise,
-                "plateau": one.kernel.plateau,
-                "reason": str(one),
+                "steps": decision.step,
+                "ends": decision.spent or decision.ends,
+                "criterion": decision.criterion,
+                "lowest": decision.lowest,
+                "level": decision.kernel.level,
+                "rise": decision.rise,
+                "plateau": decision.kernel.plateau,
+                "reason": str(decision),
             }
-            for one in decisions
+            for decision in decisions
         ]
         if not decisions:
             used, nan = int(result.steps_used[k]), float("nan")

@@ -149,7 +149,9 @@ def _stale(arms: Arms, done: Done) -> Iterator[str]:
 def different_versions(runs: Iterable[RunRecord], run: RunRecord) -> Iterator[str]:
     """Yield a sentence for each library that had another version in earlier runs into a folder."""
     for library, version in run.versions.items():
-        others = {one.versions[library] for one in runs if library in one.versions} - {version}
+        others = {earlier.versions[library] for earlier in runs if library in earlier.versions} - {
+            version
+        }
         if others and library != "curricle":
             yield (
                 f"{library} was {' and '.join(sorted(others))} in earlier runs and is {version}: "
@@ -289,12 +291,12 @@ def run_study(
         if not failures:
             store.remove_checkpoints()
         pack(store, per_file)
-        found = StudyResults(store)
-        found.write_tables()
-        analyse(found, arms)
+        results = StudyResults(store)
+        results.write_tables()
+        analyse(results, arms)
     if failures:
         raise failure_error(failures)
-    return found
+    return results
 
 
 def _check_settings(workers: Any, shard: Any, report: Any, resume: Any) -> None:
@@ -305,7 +307,7 @@ def _check_settings(workers: Any, shard: Any, report: Any, resume: Any) -> None:
         raise SettingError(f"report must be a function of a sentence: got {report!r}")
     if not isinstance(resume, bool):
         raise SettingError(f"resume must be True or False: got {resume!r}")
-    whole = isinstance(shard, tuple | list) and [type(one) for one in shard] == [int, int]
+    whole = isinstance(shard, tuple | list) and [type(part) for part in shard] == [int, int]
     if not (whole and 1 <= shard[0] <= shard[1]):
         raise SettingError(f"a shard is (i, n), whole numbers, i from 1 to n: got {shard!r}")
 
@@ -380,23 +382,23 @@ def _tuned(
         trials, begun = replace(training, store=store), list[str]()
 
         def train(config: StudyConfig, of_trials: Arms, words: str) -> StudyStore:
-            begun.extend(of_trials.keys[one, of_trials.target] for one in of_trials.curricula)
+            begun.extend(of_trials.keys[arm, of_trials.target] for arm in of_trials.curricula)
             now = BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun))
             store.write_record(BEGUN, now)
             failures = Failures(of_trials.needs)
             per_file = files_of(curricula_record(of_trials.curricula, of_trials.keys))
             done = store.finished()
-            given = config, of_trials, done, per_file, failures
-            deque(trials.results(*given, tuning=words), maxlen=0)
+            of_trial = config, of_trials, done, per_file, failures
+            deque(trials.results(*of_trial, tuning=words), maxlen=0)
             pack(store, per_file)
             if failures:
                 raise failure_error(failures)
             return store
 
-        found = tune(study, train, choose)
+        record = tune(study, train, choose)
         store.remove_checkpoints()
-    training.store.write_record(TUNING, found)
-    return tuned_study(study, found)
+    training.store.write_record(TUNING, record)
+    return tuned_study(study, record)
 
 
 def _description(study: StudyConfig, arms: Arms, record: StudyRecord) -> dict[str, Any]:
@@ -427,16 +429,16 @@ def _workers(
         raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise SettingError(f"executor must be a concurrent.futures.Executor: got {executor!r}")
-    each = with_trials(study, arms)
+    all_arms = with_trials(study, arms)
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))
         link = f", {engine.link}" if engine.link else ""
         report(f"{on}: {counted(engine.number(), 'worker')}{link}")
-        engine.carry(each, study.folder)
+        engine.carry(all_arms, study.folder)
         return engine
     number = workers or os.cpu_count() or 1
     if executor is None:  # do not wait for units whose results would be thrown away
-        threads = 1 if any(arms.live for arms in each) else number
+        threads = 1 if any(arms.live for arms in all_arms) else number
         executor = ending.enter_context(interruptible(threads))
     return ExecutorWorkers(executor, number)
 
@@ -475,7 +477,7 @@ def _provenance(study: StudyConfig) -> RunRecord:
 def _commit(folder: Path) -> str | None:
     """Return the Git commit a folder is at, marked if files differ; None if it is in none."""
     try:
-        found = subprocess.run(
+        described = subprocess.run(
             ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
             cwd=folder,
             capture_output=True,
@@ -485,7 +487,7 @@ def _commit(folder: Path) -> str | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return found.stdout.strip() or None
+    return described.stdout.strip() or None
 
 
 # -- Merging the parts of a study that were run in several folders ---------------------------------
@@ -515,8 +517,8 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         raise StoreError("there must be at least one folder to merge: got none")
     studies = [StudyResults(part) for part in parts]
     stores = [study.store for study in studies]
-    found = [store.units() for store in stores]
-    for study, units in zip(studies, found, strict=True):
+    units_of_parts = [store.units() for store in stores]
+    for study, units in zip(studies, units_of_parts, strict=True):
         stores[0].check(study.store.description)
         if study.record.keys != studies[0].record.keys:
             raise StoreError(
@@ -527,14 +529,14 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
             study.store.result(unit, unit.seeds, study.most_bytes)
     # That of the first seeds, which a part has finished, is that of all.
     by_seed = sorted(studies, key=lambda study: min(study.seeds, default=BEYOND_64_BITS))
-    analysis = next((one.analysis for one in by_seed if one.analysis), None)
+    analysis = next((study.analysis for study in by_seed if study.analysis), None)
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
         failures, before = read_failures(target), target.runs()
         runs = [*before]
         done = target.finished()
-        stored = [*done.values(), *(unit.seeds for units in found for unit in units)]
+        stored = [*done.values(), *(unit.seeds for units in units_of_parts for unit in units)]
         first = min(chain.from_iterable(stored), default=0)
-        for store, units in zip(stores, found, strict=True):
+        for store, units in zip(stores, units_of_parts, strict=True):
             target = target.redescribed(store.description)
             # Those that are there belong to a part that was merged before.
             runs += [run for run in store.runs() if run not in before]

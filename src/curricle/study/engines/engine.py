@@ -51,21 +51,21 @@ def called(function: Callable[[Any], Result], argument: Any) -> Result:
     try:
         return function(argument)
     except Exception as error:
-        found = _sendable(error)
-    raise found  # out here it has no context, which some engines send too
+        sendable = _sendable(error)
+    raise sendable  # out here it has no context, which some engines send too
 
 
 def _sendable(error: Exception) -> Exception:
     """Return an error, or one in the same words that can be sent, without the errors before it."""
-    told = "".join(traceback.format_exception(error))
+    text = "".join(traceback.format_exception(error))
     error.__cause__ = error.__context__ = error.__traceback__ = None
     if not _survives(error):
         kind: type[Exception] = ForeignError
         if isinstance(error, CurricleError):  # its class is the user's own, below one of ours
             ours = CurricleError.__module__
-            kind = next(each for each in type(error).__mro__ if each.__module__ == ours)
+            kind = next(parent for parent in type(error).__mro__ if parent.__module__ == ours)
         error = kind(in_words(error))
-    error.add_note(told)
+    error.add_note(text)
     return error
 
 
@@ -80,9 +80,9 @@ def _survives(error: Exception) -> bool:
     return same and PACKAGES.encode() not in content
 
 
-def train_apart(given: UnitInput) -> UnitResult:
+def train_apart(sent: UnitInput) -> UnitResult:
     """Return what a unit's seeds learn; what it raises can be sent from this process."""
-    return called(train_unit, given)
+    return called(train_unit, sent)
 
 
 def train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
@@ -117,16 +117,16 @@ def versions_here() -> dict[str, str]:
 
     Of Python these are the first two numbers: the third changes no result.
     """
-    found = {name: metadata.version(name) for name in ("curricle", "numba")}
-    return {**found, "Python": ".".join(platform.python_version_tuple()[:2])}
+    versions = {name: metadata.version(name) for name in ("curricle", "numba")}
+    return {**versions, "Python": ".".join(platform.python_version_tuple()[:2])}
 
 
 def difference(here: Mapping[str, str], there: Mapping[str, str]) -> str:
     """Return how versions differ, in words; nothing if they are equal."""
-    each = [
+    differences = [
         f"{k} {there.get(k)} and the run has {here[k]}" for k in here if there.get(k) != here[k]
     ]
-    return ", ".join(each)
+    return ", ".join(differences)
 
 
 def written(files: Mapping[str, bytes]) -> Path:
@@ -226,18 +226,18 @@ class Engine(ABC):
     def close(self, whole: bool) -> None:
         """Leave the engine; one that was started here ends. `whole`: nothing was interrupted."""
 
-    def carry(self, each: Sequence[Arms], folder: Path) -> None:
+    def carry(self, all_arms: Sequence[Arms], folder: Path) -> None:
         """Send the own modules of a study in a folder along with the units of all its arms.
 
         Modules elsewhere on Python's path are not sent: workers import their own, which must be the
         same (:func:`arms_from_json`).
         """
-        found = own_files([list(arms.dependencies.values()) for arms in each], folder)
+        files = own_files([list(arms.dependencies.values()) for arms in all_arms], folder)
         root = folder.resolve()
         self.files = {
-            name: file.read_bytes() for name, file in found.items() if root / name == file.resolve()
+            name: file.read_bytes() for name, file in files.items() if root / name == file.resolve()
         }
-        self.versions, self.live = versions_here(), any(arms.live for arms in each)
+        self.versions, self.live = versions_here(), any(arms.live for arms in all_arms)
 
     def see(self, place: Place) -> bool:
         """Return whether workers read and write the study's files themselves: those at a URL."""
@@ -280,9 +280,9 @@ def answers(host: str, port: int) -> bool:
 
 def failed(error: Exception) -> "Future[Any]":
     """Return a future that has failed."""
-    found = Future[Any]()
-    found.set_exception(error)
-    return found
+    future = Future[Any]()
+    future.set_exception(error)
+    return future
 
 
 # -- Opening the engine that a word names, and comparing its workers with this machine -------------
