@@ -83,14 +83,14 @@ class ForecastRow:
 
     def mean(self, measure: str) -> float:
         """Return the mean over seeds of a field of ``PotentialQuality``."""
-        return float(np.mean([getattr(one, measure) for one in self.seeds]))
+        return float(np.mean([getattr(quality, measure) for quality in self.seeds]))
 
     @property
     def scale(self) -> float:
         """The mean scale that calibration finds; NaN if it finds none for most seeds."""
-        found = [one.scale for one in self.calibrations if not one.refusal]
-        most = found and 2 * len(found) > len(self.calibrations)
-        return float(np.mean(found)) if most else float("nan")
+        scales = [calibration.scale for calibration in self.calibrations if not calibration.refusal]
+        most = scales and 2 * len(scales) > len(self.calibrations)
+        return float(np.mean(scales)) if most else float("nan")
 
     @property
     def score(self) -> float:
@@ -144,24 +144,24 @@ class Forecast:
     no_trial: str = ""
 
     def __getitem__(self, name: str) -> ForecastRow:
-        by_name = {one.name: one for one in self.rows}
+        by_name = {row.name: row for row in self.rows}
         one_of("a row of a forecast", name, by_name, CurriculumError)
         return by_name[name]
 
     @property
     def ranking(self) -> tuple[str, ...]:
         """The aggregates' names, the highest score first."""
-        return tuple(one.name for one in self.rows if one.aggregate)
+        return tuple(row.name for row in self.rows if row.aggregate)
 
     @property
     def used(self) -> ForecastRow:
         """The row of the potential that the curriculum would use."""
-        return next(one for one in self.rows if one.used)
+        return next(row for row in self.rows if row.used)
 
     @property
     def best(self) -> ForecastRow:
         """The row with the highest score, transfers alone included."""
-        return max(self.rows, key=lambda one: np.nan_to_num(one.score, nan=-np.inf))
+        return max(self.rows, key=lambda row: np.nan_to_num(row.score, nan=-np.inf))
 
     @property
     def computed_from(self) -> str:
@@ -169,7 +169,7 @@ class Forecast:
         if self.perfect:
             return f"if {_listed(self.trained)} were learnt perfectly"
         seeds = len(self.rows[0].seeds)
-        sources = [f"{name} ({_steps(one)})" for name, one in self.trained.items()]
+        sources = [f"{name} ({_steps(source)})" for name, source in self.trained.items()]
         return f"from {counted(seeds, 'seed')} of {_listed(sources)}"
 
     @property
@@ -192,7 +192,7 @@ class Forecast:
     def text(self, width: int = 80) -> str:
         """Return sentences and a table, in lines of so many characters at most."""
         above = [*self._head, *(f"{name}: {cover}" for name, cover in self.coverage.items())]
-        words = [f"{one.name}: {one.verdict}" for one in self.rows if one.aggregate]
+        words = [f"{row.name}: {row.verdict}" for row in self.rows if row.aggregate]
         return "\n".join(
             [
                 *(folded(line, width) for line in above),
@@ -202,12 +202,12 @@ class Forecast:
         )
 
     def __repr__(self) -> str:
-        names = ", ".join(one.name for one in self.rows)
+        names = ", ".join(row.name for row in self.rows)
         return shortened(f"Forecast({self.target!r}: {self.answer}; potentials: {names})")
 
     def _repr_html_(self) -> str:
         """Return the answer, what that rests on, the table and coverage."""
-        words = [one.verdict if one.aggregate else "" for one in self.rows]
+        words = [row.verdict if row.aggregate else "" for row in self.rows]
         rows = [(*row, text) for row, text in zip(_cells_of(self), words, strict=True)]
         last = "start, in words"
         return block(
@@ -225,8 +225,8 @@ class Forecast:
             lines.append(f"the highest gain in the trial: {self.best.name}")
         lines += map(str, self.sources.values())
         # The transfers that may be anti-knowledge; a single one is its aggregate's row.
-        alone = [one for one in self.rows if not one.aggregate] or self.rows[:1]
-        lines += [f"{one.name} {one.anti_knowledge}" for one in alone if one.anti_knowledge]
+        alone = [row for row in self.rows if not row.aggregate] or self.rows[:1]
+        lines += [f"{row.name} {row.anti_knowledge}" for row in alone if row.anti_knowledge]
         how = "exact" if self.exact else "returns by rollouts"
         if not self.solved and _values_are_read(self):
             how += "; Q* estimated by the values of phi's own policy"
@@ -248,12 +248,12 @@ def _steps(source: SourceValues) -> str:
 
 
 COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
-    "gain": lambda one: "" if one.gain is None else f"{one.gain.estimate:.3g}",
-    "start": lambda one: or_dash(one.mean("start")),
-    "phi > Q*": lambda one: or_dash(one.mean("optimistic"), ".0%"),
-    "excess": lambda one: or_dash(one.mean("excess"), ".2g"),
-    "rank": lambda one: or_dash(one.mean("rank"), ".2f"),
-    "scale": lambda one: "none" if np.isnan(one.scale) else f"{one.scale:.2g}",
+    "gain": lambda row: "" if row.gain is None else f"{row.gain.estimate:.3g}",
+    "start": lambda row: or_dash(row.mean("start")),
+    "phi > Q*": lambda row: or_dash(row.mean("optimistic"), ".0%"),
+    "excess": lambda row: or_dash(row.mean("excess"), ".2g"),
+    "rank": lambda row: or_dash(row.mean("rank"), ".2f"),
+    "scale": lambda row: "none" if np.isnan(row.scale) else f"{row.scale:.2g}",
 }
 """What each column shows of a row."""
 
@@ -261,7 +261,7 @@ COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
 def columns(forecast: Forecast) -> list[str]:
     """Return those it has: gains where there was a trial, and values where potentials have them."""
     left_out = set[str]()
-    if all(one.gain is None for one in forecast.rows):
+    if all(row.gain is None for row in forecast.rows):
         left_out = {"gain"}
     if not _values_are_read(forecast):
         left_out |= COLUMNS.keys() - {"gain", "start"}
@@ -271,12 +271,12 @@ def columns(forecast: Forecast) -> list[str]:
 def _cells_of(forecast: Forecast) -> list[tuple[str, ...]]:
     """Return the name of each potential, with a star if it is used, and its columns."""
     shown = [COLUMNS[name] for name in columns(forecast)]
-    return [(one.name + " *" * one.used, *(cell(one) for cell in shown)) for one in forecast.rows]
+    return [(row.name + " *" * row.used, *(cell(row) for cell in shown)) for row in forecast.rows]
 
 
 def _values_are_read(forecast: Forecast) -> bool:
     """Return whether potentials are compared with values; not where networks enter."""
-    return not all(np.isnan(one.mean("optimistic")) for one in forecast.rows)
+    return not all(np.isnan(row.mean("optimistic")) for row in forecast.rows)
 
 
 AnyTarget = Target | ObservationTarget
@@ -349,18 +349,18 @@ def anti_knowledge(row: ForecastRow, random_return: float) -> str:
     against that of Q* in every seed. The words are weak because some such potentials pay all the
     same: ``docs/trust.md`` says how many.
     """
-    found = []
+    signs = []
     starts, ranks = (np.array([getattr(k, of) for k in row.seeds]) for of in ("start", "rank"))
     high, mean = float(mean_interval(starts).high), float(starts.mean())
     if (mean if np.isnan(high) else high) < random_return:
-        found.append(
+        signs.append(
             f"its policy starts at {mean:.3g}, below the random policy's {random_return:.3g}"
         )
     if (ranks < 0).all():
         other = "Q*" if row.seeds[0].exact else "the returns of its own policy"
         words = f"its order of the pairs is against that of {other}"
-        found.append(f"{words} (rank {ranks.mean():.2f})")
-    return f"may be anti-knowledge: {'; '.join(found)}" if found else ""
+        signs.append(f"{words} (rank {ranks.mean():.2f})")
+    return f"may be anti-knowledge: {'; '.join(signs)}" if signs else ""
 
 
 # -- Making a forecast ---------------------------------------------------------------------------
@@ -488,7 +488,7 @@ class JudgedPotentials:
     ) -> Judgement:
         """Return the judgement of K potentials; `judge` makes it where it is the first of them."""
         tables = MappedPotential | StateActionPotential
-        if not all(isinstance(one, tables) for one in potentials):
+        if not all(isinstance(potential, tables) for potential in potentials):
             return judge()
         key = id(target), *map(_digest, potentials)
         if key not in self._found:
@@ -534,25 +534,27 @@ def forecast_once(
         curriculum.tasks[name], curriculum.setting("evaluation", name), episodes
     )
     numbers = seed_tuple(seeds)[:1] if perfect else seed_tuple(seeds)
-    each = candidates_of(curriculum, name, aggregates)
-    _check_trial(each, trial, perfect)
+    candidates = candidates_of(curriculum, name, aggregates)
+    _check_trial(candidates, trial, perfect)
     reads_values = curriculum.setting("shaping", name).reads_values
-    found, no_trial, learnt = None, "no source is trained", dict[str, Any]()
+    made_trial, no_trial, learnt = None, "no source is trained", dict[str, Any]()
     with shown(progress) as bars:
         sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
         all_rows = reads_values and not only_used  # without values, potentials do not differ
-        shown_rows = [one for one in each if one.used or all_rows]
-        made = ((one, tuple(one.potentials(sources, numbers))) for one in shown_rows)
+        shown_rows = [candidate for candidate in candidates if candidate.used or all_rows]
+        made = (
+            (candidate, tuple(candidate.potentials(sources, numbers))) for candidate in shown_rows
+        )
         judge = partial(_judgement if reads_values else _judgement_of_networks, workers=workers)
         rows = _rows(made, len(shown_rows), any_target, judged, judge, bars)
         if not perfect:
             how = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
-            found, no_trial = _trial(each, trial, threshold, any_target, how)
-            if found is not None:
+            made_trial, no_trial = _trial(candidates, trial, threshold, any_target, how)
+            if made_trial is not None:
                 bars.tell("trial")
             learnt |= source_learning(curriculum, sources, workers=workers, progress=bars.within())
             learnt |= distilled_sources(curriculum.tasks, sources)
-    rows = _judged(rows, found, any_target, reads_values=reads_values)
+    rows = _judged(rows, made_trial, any_target, reads_values=reads_values)
     return Forecast(
         target=name,
         coverage=_coverage(edges, any_target, curriculum.potentials(name, sources)[0]),
@@ -564,19 +566,19 @@ def forecast_once(
         trained=sources,
         perfect=perfect,
         sources=learnt,
-        trial=found,
+        trial=made_trial,
         no_trial=no_trial,
     )
 
 
 def _judged(
-    rows: Sequence[ForecastRow], found: Trial | None, any_target: AnyTarget, *, reads_values: bool
+    rows: Sequence[ForecastRow], trial: Trial | None, any_target: AnyTarget, *, reads_values: bool
 ) -> list[ForecastRow]:
     """Return rows with the gain of a trial and with words, aggregates and the best first."""
     judged = [
         replace(
             row,
-            gain=None if found is None or found.relative else found.gain(row.name),
+            gain=None if trial is None or trial.relative else trial.gain(row.name),
             verdict=start_words(row, any_target) if reads_values else network_words(row),
             anti_knowledge=anti_knowledge(row, any_target.random_return),
         )
@@ -613,7 +615,7 @@ def _solved(
     curriculum: Curriculum, names: Sequence[str], seeds: tuple[int, ...]
 ) -> dict[str, SourceValues]:
     """Return sources as if a seed had learnt their optimal values; CurriculumError if unknown."""
-    found = {}
+    solved = {}
     for name in names:
         node = curriculum.node(name)
         known = not node.deep and not is_observation_task(node.task)
@@ -624,8 +626,8 @@ def _solved(
                 f"{name!r} cannot"
             )
         none = np.zeros(len(seeds), np.int64)
-        found[name] = SourceValues(node.task, seeds, solution.action_values[None], none)
-    return found
+        solved[name] = SourceValues(node.task, seeds, solution.action_values[None], none)
+    return solved
 
 
 def _check_trial(
@@ -654,7 +656,7 @@ def _trial(
     """Return the trial of the candidates, or of the used one, or None and why there is none."""
     if trial is False:
         return None, "none was asked for"
-    (used,) = (one for one in candidates if one.used)
+    (used,) = (candidate for candidate in candidates if candidate.used)
     if isinstance(trial, Curriculum):
         return rehearse(trial, used, **how), ""
     threshold = threshold_of_optimum(any_target) if threshold is None else threshold
@@ -695,11 +697,11 @@ def _rows(
     """Return the rows of candidates without what a trial and words add."""
     rows = list[ForecastRow]()
     grow = bars.bar("potentials", number)
-    for one, each in potentials:
-        row = judged.judgement(any_target, each, partial(judge, each, any_target))
-        rows.append(ForecastRow(one.name, one.aggregate, one.used, *row))
+    for candidate, of_seeds in potentials:
+        row = judged.judgement(any_target, of_seeds, partial(judge, of_seeds, any_target))
+        rows.append(ForecastRow(candidate.name, candidate.aggregate, candidate.used, *row))
         grow()
-        bars.tell(one.name)
+        bars.tell(candidate.name)
     return rows
 
 
@@ -726,7 +728,7 @@ def _judgement_of_networks(
 ) -> Judgement:
     """Return the same of networks whose values are not read: the returns of their policies."""
     nan = float("nan")
-    starts = [policy_return(one, target, seed=k) for k, one in enumerate(potentials)]
+    starts = [policy_return(potential, target, seed=k) for k, potential in enumerate(potentials)]
     return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
 
 

@@ -77,26 +77,26 @@ def candidates_of(
     that are not the curriculum's own are not calibrated.
     """
     edges = curriculum.in_edges(target)
-    own, settings = curriculum.setting("aggregate", target), curriculum.calibration(target)
+    usual, settings = curriculum.setting("aggregate", target), curriculum.calibration(target)
     # The minimum, the mean and the maximum of a single potential are the same.
     several = AGGREGATES if len(edges) > 1 else ()
     functions = list[Aggregate]()
-    for function in (*several, own, *aggregates):
+    for function in (*several, usual, *aggregates):
         if not any(function is known for known in functions):
             functions.append(function)
     raw = [replace(edge, calibrate=False) for edge in edges]
     names = numbered([getattr(function, "__name__", str(function)) for function in functions])
-    found = []
+    candidates = []
     for label, function in zip(names, functions, strict=True):
         plan = part_of(curriculum, target, raw).replace(target, aggregate=function)
-        used = function is own and settings is None
-        found.append(Candidate(label, plan, aggregate=True, used=used))
-        if function is own and settings is not None:
+        used = function is usual and settings is None
+        candidates.append(Candidate(label, plan, aggregate=True, used=used))
+        if function is usual and settings is not None:
             plan = part_of(curriculum, target, edges)
-            found.append(Candidate(f"{label}, calibrated", plan, aggregate=True, used=True))
+            candidates.append(Candidate(f"{label}, calibrated", plan, aggregate=True, used=True))
     for label, edge in zip(transfer_names(edges), raw, strict=True) if len(edges) > 1 else ():
-        found.append(Candidate(label, part_of(curriculum, target, [edge]), False, False))
-    return found
+        candidates.append(Candidate(label, part_of(curriculum, target, [edge]), False, False))
+    return candidates
 
 
 def part_of(
@@ -191,23 +191,23 @@ class Trial:
         They are means over seeds, in which a seed that never reaches the threshold counts with all
         steps of the total budget.
         """
-        found, gain = self.comparison, self.gain(name)
+        comparison, gain = self.comparison, self.gain(name)
         if gain is None:
-            return in_words(found.failed[name])
+            return in_words(comparison.failed[name])
         gained = f"gain in mean return {in_brief(gain)}"
-        times, alone = found.times(name), found.times(SCRATCH)
+        times, alone = comparison.times(name), comparison.times(SCRATCH)
         if not (times.reached.any() or alone.reached.any()):
             return (
-                f"the threshold {found.threshold:.4g} is never reached within {found.total:,} "
-                f"steps, with sources or from scratch; {gained}"
+                f"the threshold {comparison.threshold:.4g} is never reached within "
+                f"{comparison.total:,} steps, with sources or from scratch; {gained}"
             )
         # Where the budget cuts off only the slower side, more would be saved, or taken, beyond it.
-        saved = found.contrasts[name].strong_steps_saved
+        saved = comparison.contrasts[name].strong_steps_saved
         slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
         bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
-        spent = found[name].curve.source_steps.mean()
+        spent = comparison[name].curve.source_steps.mean()
         return (
-            f"expected steps to the threshold {found.threshold:.4g}: {self._steps(name)} with "
+            f"expected steps to the threshold {comparison.threshold:.4g}: {self._steps(name)} with "
             f"sources (their {spent:,.0f} steps included), {self._steps(SCRATCH)} from scratch; "
             f"{_saved(saved, bound)}; {gained}"
         )
@@ -226,7 +226,7 @@ def _saved(steps: Interval, bound: str) -> str:
     """Return steps that are saved, or taken more, in words."""
     if steps.estimate >= 0:
         return f"saves {bound}{in_brief(steps)}"
-    n, low, high = (-float(one) for one in (steps.estimate, steps.high, steps.low))
+    n, low, high = (-float(value) for value in (steps.estimate, steps.high, steps.low))
     return f"takes {bound}{in_brief(replace(steps, estimate=n, low=low, high=high))} more"
 
 
@@ -239,7 +239,7 @@ def verdict_words(gain: Interval) -> str:
 
 def in_brief(interval: Interval) -> str:
     """Return an interval without its number of seeds, thousands with commas."""
-    bounds = [float(one) for one in (interval.estimate, interval.low, interval.high)]
+    bounds = [float(value) for value in (interval.estimate, interval.low, interval.high)]
     estimate, low, high = map(_three_digits, bounds)
     return estimate if low == "nan" else f"{estimate} [{low}, {high}]"
 
@@ -259,7 +259,7 @@ def run_trial(
     progress: Progress = None,
 ) -> Trial:
     """Return a trial of candidates for one target."""
-    arms = {one.name: apart(one.curriculum) for one in candidates}
+    arms = {candidate.name: apart(candidate.curriculum) for candidate in candidates}
     comparison = _compared(arms, memory, seeds, threshold, workers, progress)
     assumes = (
         f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of an "
@@ -337,29 +337,29 @@ def hindrance(curriculum: Curriculum) -> str:
 
 def trial_seconds(candidates: Sequence[Candidate]) -> float:
     """Return the seconds on one processor that one seed of a trial takes, about, and at most."""
-    spent = [most_source_steps(one.curriculum) for one in candidates]
+    spent = [most_source_steps(candidate.curriculum) for candidate in candidates]
     first = candidates[0].curriculum
     node = first.node(first.target)
     total = limits(node.budget)[0] + max(spent)
-    found = _node_seconds(node, total) * (1 + len(candidates))
-    for one in candidates:
-        names = one.curriculum.ancestors(one.curriculum.target)
-        nodes = [one.curriculum.node(name) for name in names]
-        found += sum(_node_seconds(source, source.most_steps) for source in nodes)
-    return found
+    seconds = _node_seconds(node, total) * (1 + len(candidates))
+    for candidate in candidates:
+        names = candidate.curriculum.ancestors(candidate.curriculum.target)
+        nodes = [candidate.curriculum.node(name) for name in names]
+        seconds += sum(_node_seconds(source, source.most_steps) for source in nodes)
+    return seconds
 
 
 def _node_seconds(node: Node, steps: int) -> float:
     """Return the seconds of learning a task for so many steps and of its greedy evaluations."""
     kernel = node.evaluation.kernel(node.task)
-    checkpoints, each = steps // node.eval_freq + 1, 0.0
+    checkpoints, evaluation = steps // node.eval_freq + 1, 0.0
     if isinstance(kernel, ExactEvaluation):
         # At most every state, each with the outcomes of its greedy action.
         outcomes = len(kernel.tables.outcome_row) * kernel.tables.probability.shape[1]
-        each = outcomes * min(kernel.horizon, SETTLED) * OUTCOME
+        evaluation = outcomes * min(kernel.horizon, SETTLED) * OUTCOME
     elif isinstance(kernel, RolloutEvaluation):
-        each = kernel.episodes * min(kernel.horizon, steps) * STEP
-    return steps * STEP + checkpoints * each
+        evaluation = kernel.episodes * min(kernel.horizon, steps) * STEP
+    return steps * STEP + checkpoints * evaluation
 
 
 def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:
@@ -367,7 +367,7 @@ def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:
 
     All candidates, or else the one that the curriculum uses.
     """
-    for some in (list(candidates), [one for one in candidates if one.used]):
+    for some in (list(candidates), [candidate for candidate in candidates if candidate.used]):
         seeds = min(SEEDS, int(QUICK / trial_seconds(some)))
         if seeds >= FEWEST:
             return some, seeds

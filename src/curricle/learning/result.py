@@ -119,7 +119,7 @@ class LearningResult(Frozen):
                 "a policy to take away needs the values that were learnt: these were not saved, "
                 "see Storage(save_values=True)"
             )
-        return tuple(TabularPolicy(self.task, one) for one in self.values)
+        return tuple(TabularPolicy(self.task, table) for table in self.values)
 
     @property
     def policy(self) -> Any:
@@ -218,11 +218,11 @@ class LearningResult(Frozen):
         """Return the result whose arrays and words, of all or of a part of it, a file holds."""
         with as_saved(saved):
             check_saved_arrays(arrays, pairs_of(saved, about.get("task"), task))
-            found = cls.of_arrays(arrays, task, learner_of(about.get("learner")))
-            if found.snapshots is None:
-                return found
+            result = cls.of_arrays(arrays, task, learner_of(about.get("learner")))
+            if result.snapshots is None:
+                return result
             seed = int(about["snapshot_seed"])
-            return replace(found, snapshots=replace(found.snapshots, seed=seed))
+            return replace(result, snapshots=replace(result.snapshots, seed=seed))
 
     @classmethod
     def of_arrays(cls, arrays: Arrays, task: Any = None, learner: Any = None) -> Self:
@@ -312,9 +312,9 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
         )
 
     values: Any = [part.values for part in parts]
-    if any(one is None for one in values):
+    if any(value is None for value in values):
         values = None
-    elif all(isinstance(one, np.ndarray) for one in values):
+    elif all(isinstance(value, np.ndarray) for value in values):
         values = joined(values)
     else:
         flat = list(chain.from_iterable(values))
@@ -374,7 +374,7 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
 
 def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
     """Return a row for each task's LearningResult, and in words what ended its learning."""
-    rows = [(name, *_row(one), ended.get(name, "")) for name, one in results.items()]
+    rows = [(name, *_row(result), ended.get(name, "")) for name, result in results.items()]
     words = ["ended by"] * any(ended.values())
     shown = [row if words else row[:-1] for row in rows]
     head = ["task", "learner", "seeds", "steps a seed", "episodes a seed"]

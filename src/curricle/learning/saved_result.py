@@ -50,13 +50,13 @@ def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None
     None where they are not known, or are observations. SettingError where the task has other spaces
     than `record`, which :func:`task_record` returned for the one that was learnt.
     """
-    given, recorded = task_record(task), record if isinstance(record, Mapping) else {}
-    if given and recorded and given["spaces"] != recorded.get("spaces"):
+    own_record, recorded = task_record(task), record if isinstance(record, Mapping) else {}
+    if own_record and recorded and own_record["spaces"] != recorded.get("spaces"):
         raise SettingError(
             f"a result must be loaded with its own task: {saved.path} has "
-            f"{recorded.get('spaces')}, the task has {given['spaces']}"
+            f"{recorded.get('spaces')}, the task has {own_record['spaces']}"
         )
-    pairs = (given or recorded).get("pairs")
+    pairs = (own_record or recorded).get("pairs")
     return None if pairs is None else (int(pairs[0]), int(pairs[1]))
 
 
@@ -90,7 +90,7 @@ def learner_record(learner: Any) -> dict[str, Any]:
     kind = type(learner)
     if LEARNERS.get(kind.__name__) is not kind:
         return {"type": kind.__name__}
-    settings = {one.name: getattr(learner, one.name) for one in fields(learner)}
+    settings = {setting.name: getattr(learner, setting.name) for setting in fields(learner)}
     return {
         "type": kind.__name__,
         "settings": {
@@ -166,13 +166,13 @@ def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
     its sparse table, or the parameters of its network, ``values_k/name``;
     ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
     """
-    found = {name: getattr(result, name) for name in FIELDS}
-    found["seeds"] = np.array(result.seeds, dtype=np.int64)
-    found |= arrays_of_values(result.values)
+    arrays = {name: getattr(result, name) for name in FIELDS}
+    arrays["seeds"] = np.array(result.seeds, dtype=np.int64)
+    arrays |= arrays_of_values(result.values)
     if result.snapshots is not None:
-        found["snapshot_steps"] = result.snapshots.steps
-        found["snapshot_values"] = result.snapshots.values
-    return found
+        arrays["snapshot_steps"] = result.snapshots.steps
+        arrays["snapshot_values"] = result.snapshots.values
+    return arrays
 
 
 def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
@@ -181,14 +181,14 @@ def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
         return {}
     if isinstance(values, np.ndarray):
         return {"values": values}
-    found = dict[str, npt.NDArray[Any]]()
-    for k, one in enumerate(values):
-        if isinstance(one, SparseValues):
-            found |= {f"states_{k}": one.states, f"values_{k}": one.values}
+    arrays = dict[str, npt.NDArray[Any]]()
+    for k, table in enumerate(values):
+        if isinstance(table, SparseValues):
+            arrays |= {f"states_{k}": table.states, f"values_{k}": table.values}
         else:
-            named = one if isinstance(one, Mapping) else one.parameters()
-            found |= {f"values_{k}/{name}": each for name, each in named.items()}
-    return found
+            named = table if isinstance(table, Mapping) else table.parameters()
+            arrays |= {f"values_{k}/{name}": array for name, array in named.items()}
+    return arrays
 
 
 def fields_of(arrays: Arrays) -> dict[str, Any]:
@@ -224,8 +224,10 @@ def values_of(arrays: Arrays, k: int) -> Any:
     """Return the k-th seed's table, or its network's parameters; None where neither is there."""
     if "values" in arrays:
         return arrays["values"][k]
-    own = f"values_{k}/"
-    return {name.removeprefix(own): v for name, v in arrays.items() if name.startswith(own)} or None
+    prefix = f"values_{k}/"
+    return {
+        name.removeprefix(prefix): v for name, v in arrays.items() if name.startswith(prefix)
+    } or None
 
 
 def checkpoints_of(arrays: Arrays) -> int:

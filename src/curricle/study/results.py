@@ -64,7 +64,9 @@ def check_shared_target(records: Iterable[StudyRecord]) -> None:
             raise CurriculumError(
                 f"studies must share their target: those of {pair} differ in {'; '.join(apart)}"
             )
-        mine, yours = (one.arms[SCRATCH].nodes[one.target].settings for one in (first, other))
+        mine, yours = (
+            record.arms[SCRATCH].nodes[record.target].settings for record in (first, other)
+        )
         for which in ("evaluation", "learner", "eval_freq"):
             if mine.get(which) != yours.get(which):
                 raise CurriculumError(
@@ -118,10 +120,10 @@ def failure_error(failures: Failures) -> StudyError:
         if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
             text += f"; {other.label} failed too: {in_words(error)}"
     lost = any(isinstance(error, EngineError) for _, error in failures.each)
-    found = EngineError(text) if lost else StudyError(text)
+    whole = EngineError(text) if lost else StudyError(text)
     foreign = [error for _, error in failures.each if not isinstance(error, CurricleError)]
-    found.__cause__ = foreign[0] if foreign else None
-    return found
+    whole.__cause__ = foreign[0] if foreign else None
+    return whole
 
 
 def without_folders(text: str) -> str:
@@ -132,11 +134,11 @@ def without_folders(text: str) -> str:
 
 def read_failures(store: StudyStore) -> list[dict[str, Any]]:
     """Return the rows of :func:`failure_rows` that a folder holds; StoreError if damaged."""
-    found = store.read_json(FAILURES) if store.has(FAILURES) else []
+    content = store.read_json(FAILURES) if store.has(FAILURES) else []
     try:
         return [
             {"key": str(row["key"]), "seeds": [*map(int, row["seeds"])], "error": str(row["error"])}
-            for row in found
+            for row in content
         ]
     except (TypeError, KeyError, ValueError, OverflowError):
         raise StoreError(
@@ -151,12 +153,12 @@ def failed_arms(
     stored: Mapping[str, Mapping[int, Any]],
 ) -> dict[str, str]:
     """Return the first error of each arm that needs a unit that failed and is not stored since."""
-    found: dict[str, str] = {}
+    errors: dict[str, str] = {}
     for row in rows:
         if not set(row["seeds"]) <= set(stored.get(row["key"], ())):
             for arm in sorted(arms_of(keys, [row["key"]])):
-                found.setdefault(arm, row["error"])
-    return found
+                errors.setdefault(arm, row["error"])
+    return errors
 
 
 def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
@@ -177,7 +179,7 @@ ROWS = 2**17
 def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
     """Yield units by seed, in lists such that all seeds of one come before those of the next."""
     group, last = list[StoredUnit](), -1
-    for unit in sorted(units, key=lambda one: min(one.seeds)):
+    for unit in sorted(units, key=lambda unit: min(unit.seeds)):
         if group and min(unit.seeds) > last:
             yield group
             group = []
@@ -286,8 +288,8 @@ class StudyResults:
     def seeds(self) -> tuple[int, ...]:
         """The seeds for which every arm that has not failed is complete."""
         keys = [key for (arm, _), key in self.record.keys.items() if arm not in self.failed]
-        each = [self.stored.get(key, {}) for key in keys]
-        return tuple(sorted(set(self.record.seeds).intersection(*each)))
+        stored = [self.stored.get(key, {}) for key in keys]
+        return tuple(sorted(set(self.record.seeds).intersection(*stored)))
 
     def result(
         self, arm: str, task: str, *, values: bool = False, seeds: Collection[int] | None = None
@@ -315,15 +317,15 @@ class StudyResults:
         snapshots = self.record.task(arm, task).view is not None
         groups = (RUN, *[SNAPSHOTS] * snapshots, *[VALUES] * values)
         return joined_results(
-            [LearningResult.of_arrays(self._arrays(arm, task, one, *groups)) for one in units]
+            [LearningResult.of_arrays(self._arrays(arm, task, unit, *groups)) for unit in units]
         )
 
     def _arrays(self, arm: str, name: str, unit: StoredUnit, *groups: str) -> dict[str, Any]:
         """Return the arrays of a unit of an arm, which have the shapes that the record states."""
         task = self.record.task(arm, name)
         arrays = self.store.arrays(unit, *groups, most=self.most_bytes)
-        given = arrays, unit.seeds, (task.states, task.actions), SPENT
-        self.store.checked(unit.path, lambda: check_result_arrays(*given))
+        expected = arrays, unit.seeds, (task.states, task.actions), SPENT
+        self.store.checked(unit.path, lambda: check_result_arrays(*expected))
         return arrays
 
     @property
@@ -387,8 +389,8 @@ class StudyResults:
         name = curriculum.target if task is None else task
         if not curriculum.node(name).deep:
             self._units_of(arm, name, seeds)
-            found = replace(self.result(arm, name, values=True), task=curriculum.tasks[name])
-            return tuple(found.policies[found.seeds.index(seed)] for seed in seeds)
+            whole = replace(self.result(arm, name, values=True), task=curriculum.tasks[name])
+            return tuple(whole.policies[whole.seeds.index(seed)] for seed in seeds)
         learnt = self._values(arm, curriculum, seeds, [*curriculum.ancestors(name), name])[name]
         learner = curriculum.setting("learner", name)
         return policies_of(learnt.task, learner, learnt.values, learnt.steps_used)
@@ -397,12 +399,12 @@ class StudyResults:
         self, arm: str, curriculum: Curriculum, seeds: tuple[int, ...], names: Sequence[str]
     ) -> dict[str, SourceValues]:
         """Return what seeds learnt in some tasks of an arm; StoreError where one is missing."""
-        last, found = names[-1] if names else curriculum.target, {}
+        last, stored = names[-1] if names else curriculum.target, {}
         read = {*sources_read(curriculum, curriculum.target), *sources_read(curriculum, last), last}
         for name in names:
             units = self._units_of(arm, name, seeds)
-            found[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
-        return source_values(curriculum, seeds, found)
+            stored[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
+        return source_values(curriculum, seeds, stored)
 
     def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
         """Return the unit of each seed; StoreError where one is missing."""
@@ -424,11 +426,11 @@ class StudyResults:
     @cached_property
     def results(self) -> dict[str, dict[str, LearningResult]]:
         """The learning results so far, without values: arm -> task -> result."""
-        found: dict[str, dict[str, LearningResult]] = {arm: {} for arm in self.record.arms}
+        results: dict[str, dict[str, LearningResult]] = {arm: {} for arm in self.record.arms}
         for (arm, task), key in self.record.keys.items():
             if key in self.stored:
-                found[arm][task] = self.result(arm, task)
-        return found
+                results[arm][task] = self.result(arm, task)
+        return results
 
     @property
     def has_baseline(self) -> bool:
@@ -513,15 +515,17 @@ class StudyResults:
 
     def ended_by(self, arm: str, task: str) -> dict[int, str]:
         """Return what ended the training of each seed in a task, in a few fixed words."""
-        return {seed: each[-1] for seed, each in self._by_seed(arm, task, "criterion").items()}
+        return {
+            seed: criteria[-1] for seed, criteria in self._by_seed(arm, task, "criterion").items()
+        }
 
     def _by_seed(self, arm: str, task: str, column: str) -> dict[int, list[str]]:
         """Return a column of the decisions in a task by seed."""
-        found: dict[int, list[str]] = {}
+        values: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
             for row in self.store.decisions(unit).select(["seed", column]).to_pylist():
-                found.setdefault(row["seed"], []).append(row[column])
-        return dict(sorted(found.items()))
+                values.setdefault(row["seed"], []).append(row[column])
+        return dict(sorted(values.items()))
 
 
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
@@ -575,7 +579,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     total = min(study.record.total or 0 for study in studies)
     for study in studies:
         check_total(study, total)
-    found = {SCRATCH: _arm(studies[0], SCRATCH, total, seeds)}
+    arms = {SCRATCH: _arm(studies[0], SCRATCH, total, seeds)}
     failed: dict[str, Exception] = {}
     for study, prefix in zip(studies, _prefixes(studies), strict=True):
         for name, arm in study.record.arms.items():
@@ -585,10 +589,10 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
             if name in study.failed:
                 failed[label] = StudyError(study.failed[name])
             elif name != SCRATCH:
-                found[label] = _arm(study, name, total, seeds)
+                arms[label] = _arm(study, name, total, seeds)
     threshold, level = first.threshold, first.threshold_from
     if threshold is None:
-        threshold, level = midpoint(found[SCRATCH].curve), MIDPOINT
+        threshold, level = midpoint(arms[SCRATCH].curve), MIDPOINT
     budget = min(study.record.budget or 0 for study in studies)
     planned = set.intersection(*(set(study.record.seeds) for study in studies))
     lacking, interim = any(study.lacks_arms for study in studies), ""
@@ -597,7 +601,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
     spans = budget, total, threshold, window
-    return Comparison(first.target, found, *spans, failed, interim=interim, threshold_from=level)
+    return Comparison(first.target, arms, *spans, failed, interim=interim, threshold_from=level)
 
 
 def _prefixes(studies: Sequence[StudyResults]) -> list[str]:

@@ -85,11 +85,11 @@ def check_ours(path: Place, resume: bool) -> None:
     """
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
-    for one in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
-        if one.is_symlink() and one.is_dir() and one.suffix != PART:
-            raise StoreError(f"folders in one of results must be no links: delete {one}")
+    for entry in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
+        if entry.is_symlink() and entry.is_dir() and entry.suffix != PART:
+            raise StoreError(f"folders in one of results must be no links: delete {entry}")
     ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
-    if not ours and any(one.suffix != PART and one.name != LOCK for one in path.iterdir()):
+    if not ours and any(entry.suffix != PART and entry.name != LOCK for entry in path.iterdir()):
         raise StoreError(
             f"results need an empty folder or one of earlier results: {path} holds other files"
         )
@@ -198,8 +198,8 @@ def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
 
     Snapshots are compressed, other arrays are not.
     """
-    each = result.arrays.items()
-    ordered = {name: one for group in GROUPS for name, one in each if group_of(name) == group}
+    arrays = result.arrays.items()
+    ordered = {name: array for group in GROUPS for name, array in arrays if group_of(name) == group}
     others = {
         DECISIONS: as_parquet(result.decisions.combine_chunks()),
         ABOUT: as_json(plain(about)),
@@ -279,10 +279,10 @@ class StoredUnit:
     @cached_property
     def about(self) -> UnitRecord:
         """What its file says of it; StoreError where that is damaged or of another unit."""
-        found: UnitRecord = read_unit(self.path, about_in)
-        if not self.is_place_of(found):
+        about: UnitRecord = read_unit(self.path, about_in)
+        if not self.is_place_of(about):
             raise damage(self.path)
-        return found
+        return about
 
     def is_place_of(self, about: UnitRecord) -> bool:
         """Return whether its place is that of a unit."""
@@ -390,9 +390,9 @@ class StudyStore:
         self.description = self.read_sealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
-            found = "no schema version" if version is None else f"schema version {version}"
+            there = "no schema version" if version is None else f"schema version {version}"
             raise StoreError(
-                f"{self.path / STUDY} has {found} and this Curricle reads {SCHEMA_VERSION}: run "
+                f"{self.path / STUDY} has {there} and this Curricle reads {SCHEMA_VERSION}: run "
                 "the study again into a new folder, or read it with the version that wrote it"
             )
 
@@ -449,7 +449,9 @@ class StudyStore:
                     "with --resume, or choose another folder"
                 )
             if "configuration" in description:
-                there, here = (one["configuration"] for one in (store.description, description))
+                there, here = (
+                    described["configuration"] for described in (store.description, description)
+                )
                 if there.get("snapshots") != here["snapshots"] and store.units():
                     raise StoreError(
                         f"snapshots are kept while a unit is trained: {path} holds units with "
@@ -498,10 +500,10 @@ class StudyStore:
 
     def read_sealed(self, name: str) -> dict[str, Any]:
         """Return what ``sealed`` was called on; StoreError if the file has changed since."""
-        found = unsealed(self._bytes(name, LARGEST_JSON))
-        if found is None:
+        content = unsealed(self._bytes(name, LARGEST_JSON))
+        if content is None:
             raise damage(self.path / name)
-        return found
+        return content
 
     def write_record(self, name: str, record: Plain) -> None:
         """Write a record with its own checksum."""
@@ -509,8 +511,8 @@ class StudyStore:
 
     def record(self, name: str, model: type[Record]) -> Record:
         """Return what :meth:`write_record` wrote; StoreError if it is damaged."""
-        found = self.read_sealed(name)
-        return self.checked(name, lambda: read_record(model, found))
+        content = self.read_sealed(name)
+        return self.checked(name, lambda: read_record(model, content))
 
     def _bytes(self, name: str, most: int) -> bytes:
         with read_errors(self.path / name):
@@ -526,9 +528,9 @@ class StudyStore:
 
     def runs(self) -> list[RunRecord]:
         """Return the runs so far."""
-        found = self.read_json(RUNS) if self.has(RUNS) else []
-        rows = found if isinstance(found, list) else [found]
-        return self.checked(RUNS, lambda: [read_record(RunRecord, one) for one in rows])
+        content = self.read_json(RUNS) if self.has(RUNS) else []
+        rows = content if isinstance(content, list) else [content]
+        return self.checked(RUNS, lambda: [read_record(RunRecord, row) for row in rows])
 
     def checked(self, name: str | Place, read: Callable[[], Result]) -> Result:
         """Return what a function reads of a file; its ValueError becomes a StoreError with both."""
@@ -546,16 +548,16 @@ class StudyStore:
     def units(self) -> list[StoredUnit]:
         """Return the units in the store, by path."""
         with read_errors(self.path):
-            found: list[Any] = [*self.path.glob(f"{UNITS}/*/*{ENDING}")]
-        return [StoredUnit.at(path) for path in sorted(found)]
+            files: list[Any] = [*self.path.glob(f"{UNITS}/*/*{ENDING}")]
+        return [StoredUnit.at(path) for path in sorted(files)]
 
     def finished(self, without: Collection[Place] = ()) -> dict[str, dict[int, StoredUnit]]:
         """Return the unit that holds each seed, key -> seed -> unit, `without` some files."""
-        found: dict[str, dict[int, StoredUnit]] = {}
+        finished: dict[str, dict[int, StoredUnit]] = {}
         for stored in self.units():
             if stored.path not in without:
-                found.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
-        return found
+                finished.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
+        return finished
 
     def damaged_units(self) -> list[Place]:
         """Return the files of units that are damaged; all are read, and curves are kept."""
@@ -655,12 +657,12 @@ def stored_values(
     names = (RUN, VALUES) if read else (RUN,)
     arrays = {path: arrays_of(stored, *names) for path, stored in units.items()}
     rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
-    each = [values_of(found, k) for found, k in rows]
+    of_seeds = [values_of(held, k) for held, k in rows]
     values: Any = None  # not needed, or not saved: training raises an error then
-    if all(one is not None for one in each):
-        values = np.stack(each) if isinstance(each[0], np.ndarray) else each
-    steps = np.array([found["steps_used"][k] for found, k in rows])
-    scales = [float(found["scale"][k]) for found, k in rows if "scale" in found]
+    if all(value is not None for value in of_seeds):
+        values = np.stack(of_seeds) if isinstance(of_seeds[0], np.ndarray) else of_seeds
+    steps = np.array([held["steps_used"][k] for held, k in rows])
+    scales = [float(held["scale"][k]) for held, k in rows if "scale" in held]
     return StoredValues(values, steps, scales)
 
 
@@ -771,7 +773,7 @@ class Packing:
             result = joined_units([result for _, result in taken])
             self._store(block, unit, result)
         self._written = monotonic()
-        return [*receipts, *(one for taken in waiting.values() for one in taken)]
+        return [*receipts, *(result for taken in waiting.values() for result in taken)]
 
     def __bool__(self) -> bool:
         return bool(self._waiting or self._receipts)
@@ -805,12 +807,12 @@ def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
         if new := set(file.seeds) - taken:
             parts.append(store.result(file, new))
             taken |= new
-    found = store.write_unit(files[0].about, joined_units(parts))
+    merged = store.write_unit(files[0].about, joined_units(parts))
     with write_errors(store.path):
         for file in files:
-            if file.path != found.path:
+            if file.path != merged.path:
                 file.path.unlink()
-    return found
+    return merged
 
 
 def _block(unit: Any, per_file: Mapping[str, int]) -> Block:
