@@ -260,7 +260,8 @@ def test_whoever_looks_whether_a_run_is_at_work_keeps_none_from_beginning(live):
 
 def results(total=9, failed=(), learners=(), **seeds):
     """Results as far as the choice of arms reads them: arm -> number of seeds it has finished."""
-    arms = {arm: SimpleNamespace(nodes=("maze",), scratch=arm in learners) for arm in seeds}
+    kind = {"nodes": ("maze",), "control_of": ""}
+    arms = {arm: SimpleNamespace(scratch=arm in learners, **kind) for arm in seeds}
     return SimpleNamespace(
         record=SimpleNamespace(
             total=total,
