@@ -223,7 +223,7 @@ MUTATIONS = [
         "comparison/verdicts.py",
         "SHARE = 0.1",
         "SHARE = 0.2",
-        ("tests/unit/test_reasons.py",),
+        ("tests/unit/test_verdicts.py",),
     ),
     Mutation(
         "free steps saved are charged in the report",
@@ -330,7 +330,7 @@ MUTATIONS = [
     ),
     Mutation(
         "a forecast of another aggregate",
-        "comparison/candidates.py",
+        "comparison/trial.py",
         "aggregate=function)",
         "aggregate=own)",
         (
@@ -573,7 +573,7 @@ MUTATIONS = [
     ),
     Mutation(
         "a curve read from its end",
-        "comparison/arms.py",
+        "comparison/comparison.py",
         "if spent.max() > total:",
         "if spent.min() < 0:",
         (

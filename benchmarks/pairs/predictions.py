@@ -26,9 +26,8 @@ import pyarrow.parquet as pq
 from scipy.stats import rankdata
 
 from benchmarks.pairs import family_names, pairs
-from curricle.comparison.candidates import candidates_of
-from curricle.comparison.forecasts import ForecastRow, anti_knowledge
-from curricle.comparison.trial import run_trial
+from curricle.comparison.forecasting import ForecastRow, anti_knowledge
+from curricle.comparison.trial import candidates_of, run_trial
 from curricle.planning.target import Target
 from curricle.statistics import mean_interval
 from curricle.transfer.rollouts import potential_quality

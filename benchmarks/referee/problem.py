@@ -12,8 +12,7 @@ import numpy as np
 
 import curricle as cr
 from curricle.arrays import BoolArray, IntArray
-from curricle.comparison.controls import changed_potentials, learn_changed, value_controls
-from curricle.comparison.levels import VisitedPairs
+from curricle.comparison.controls import PLACEBO, train_control
 from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
@@ -116,8 +115,7 @@ class Problem:
         taken = sum(int(task.steps_used.sum()) for task in result.sources.values())
         last = result[TARGET]
         if placebo:
-            ((_, change),) = value_controls(["placebo"], VisitedPairs.of(plan))
-            last = learn_changed(result, changed_potentials(result, change), 1)
+            last, _, _ = train_control(PLACEBO, plan, numbers, result.sources, workers=1)
             taken += int(last.steps_used.sum())
         return Training(before + last.steps_used, self._learnt(last), before), taken
 

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from curricle.study.units import seeds_in
+from curricle.study.store import seeds_in
 from tests.cluster.ports import free_port
 
 LONG = 3_000_000

@@ -5,19 +5,11 @@ from concurrent.futures import Future
 import pytest
 from hypothesis import given, strategies as st
 
-from curricle.study import scheduling
-from curricle.study.scheduling import AHEAD, Scheduler
-from curricle.study.store import Failures
-from curricle.study.units import Unit
+from curricle.comparison import running
+from curricle.comparison.plan import Unit
+from curricle.comparison.running import AHEAD, Failures, Scheduler
 
 SEEDS = range(5)
-
-
-class Sending(Scheduler):
-    """A scheduler of units that are not read."""
-
-    def _train(self, unit):
-        return self.workers.train(unit)
 
 
 class Held:
@@ -138,9 +130,9 @@ def studies(draw):
 def sent_to_the_end(data, study, failing):
     keys, units, done = study
     workers = Checked(data, units, keys, done, data.draw(st.integers(1, 3), "workers"), failing)
-    scheduler = Sending(("", "", ""), None, Held(data, done), workers, Noting(workers))
+    scheduler = Scheduler(workers.train, Held(data, done), workers, Noting(workers))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scheduling, "wait", workers.wait)
+        patch.setattr(running, "wait", workers.wait)
         for unit, result in scheduler.results(units):
             assert unit is result
             workers.stored.append(unit)

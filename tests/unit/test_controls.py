@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle import Pursuit, QInitialisation, compare
-from curricle.comparison.levels import Level, VisitedPairs
+from curricle.comparison.controls import Level, VisitedPairs
 from curricle.transfer import FunctionValues, ObservationMapping
 from curricle.transfer.potential import ObservationPotential
 from tests.comparisons import ALL, HERE, MAZE, copied, corner, pursuit

@@ -6,9 +6,9 @@ import pytest
 
 from curricle import Pursuit
 from curricle.cli.study_preview import traffic
-from curricle.study import StudyConfig, cost, packing, read_study
+from curricle.study import StudyConfig, cost, read_study, store
 from curricle.study.arms import Arms
-from curricle.study.packing import bytes_a_seed
+from curricle.study.store import bytes_a_seed
 
 PACE = 1e-6
 
@@ -77,7 +77,7 @@ def test_where_results_go_on_a_cluster(monkeypatch):
     assert traffic(study, arms, each) == (
         f"on a cluster, results come back here: {small:.1f} MB at most"
     )
-    monkeypatch.setattr(packing, "FULL", 1)
+    monkeypatch.setattr(store, "FULL", 1)
     assert traffic(study, arms, each).endswith(
         "; with --out at a URL, workers write those of line there, and 0.0 MB come back"
     )

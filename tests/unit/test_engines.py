@@ -7,6 +7,7 @@ import pytest
 
 from curricle.cli import progress_bars
 from curricle.cli.progress_bars import run_with_bars
+from curricle.comparison import running as scheduling
 from curricle.errors import (
     ConfigError,
     EngineError,
@@ -17,12 +18,11 @@ from curricle.errors import (
 )
 from curricle.files import RemotePath
 from curricle.interop.trackers import Tracker
-from curricle.study import packing, read_study, run_study, running, scheduling
-from curricle.study.arms import Arms
+from curricle.study import read_study, run_study, running, store
+from curricle.study.arms import Arms, UnitInput
 from curricle.study.engines import engine
 from curricle.study.engines.engine import (
     Engine,
-    SentUnit,
     check_versions,
     opened_engine,
     parsed,
@@ -118,7 +118,7 @@ def test_other_versions_name_the_worker_and_what_differs():
 
 
 def test_a_worker_that_came_later_is_compared_too():
-    sent = SentUnit(None, {}, {**versions_here(), "numba": "0.1"}, False)
+    sent = UnitInput("", "", "", None, {}, versions={**versions_here(), "numba": "0.1"})
     with pytest.raises(EngineError, match=r"has numba .* and the run has 0\.1"):
         train_sent(sent)
 
@@ -156,7 +156,7 @@ def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
     whole.submit = lambda function, one: first.append(one) or submit(function, one)
     (tmp_path / "rules.py").rename(tmp_path / "gone.py")
     assert run_study_from(own, arms, tmp_path / "out", monkeypatch).seeds == (0, 1)
-    assert first[0].given.checkpoints is None
+    assert first[0].checkpoints is None
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
     with pytest.raises(ConfigError, match=r"rules\.py is not as it was when the run began"):
         train_sent(other)
@@ -266,7 +266,7 @@ def through(value):
 def test_workers_read_and_write_large_units_at_a_url(
     study_file, finished, tmp_path, monkeypatch, contents
 ):
-    monkeypatch.setattr(packing, "FULL", 1)
+    monkeypatch.setattr(store, "FULL", 1)
     returned, received = [], []
 
     def noted(sent):
@@ -282,7 +282,7 @@ def test_workers_read_and_write_large_units_at_a_url(
     )
     assert all(isinstance(one, StoredUnit) for one in returned)
     assert all(len(pickle.dumps(one)) < 500 for one in returned)
-    assert all(not sent.given.sources for sent in received)
+    assert all(not sent.sources for sent in received)
     assert any(sent.stored for sent in received)
     assert recorder.seeds == 16 * [2]
     local = tmp_path / "local"
@@ -301,7 +301,7 @@ def names_in(folder):
 
 
 def test_a_worker_that_writes_elsewhere_is_told(study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr(packing, "FULL", 1)
+    monkeypatch.setattr(store, "FULL", 1)
 
     def elsewhere(sent):
         found = train_sent(sent)
@@ -318,7 +318,7 @@ def test_a_worker_that_writes_elsewhere_is_told(study_file, tmp_path, monkeypatc
 def test_a_place_that_a_worker_cannot_write_to_any_more_ends_the_run(
     study_file, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(packing, "FULL", 1)
+    monkeypatch.setattr(store, "FULL", 1)
     write = RemotePath.write
 
     def failing(path, content):

@@ -17,9 +17,8 @@ from curricle.errors import ConfigError, CurriculumError, MappingError, SettingE
 from curricle.learning.seeds import MOST_SEEDS, seed_tuple
 from curricle.show.page import render
 from curricle.study import StudyStore, read_study
-from curricle.study.arms import Arms
+from curricle.study.arms import Arms, units_of
 from curricle.study.cost import costs
-from curricle.study.units import units_of
 from tests.studies import MAZE, complaints_of
 
 LONG = "x" * 300

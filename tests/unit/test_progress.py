@@ -11,10 +11,10 @@ import curricle as cr
 from curricle import progress as progress_module
 from curricle.cli import progress_bars
 from curricle.cli.progress_bars import Lines
+from curricle.comparison.plan import Unit
 from curricle.errors import SettingError
 from curricle.progress import Bars, Screen, shown
 from curricle.study.progress import Pace, Progress
-from curricle.study.units import Unit
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))

@@ -1,9 +1,10 @@
-"""Further learners from scratch in a study file: read, refused, trained and compared."""
+"""Further learners from scratch and controls in a study file: read, refused, trained, compared."""
 
+import numpy as np
 import pytest
 
-from curricle import SARSA, QLearning
-from curricle.errors import ConfigError
+from curricle import SARSA, QLearning, compare
+from curricle.errors import ConfigError, SettingError
 from curricle.study import StudyConfig, run_study
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms
@@ -81,3 +82,40 @@ def test_a_run_trains_them_and_its_comparison_is_against_the_best(tmp_path):
     assert list(comparison.contrasts) == ["transfer"]
     assert comparison.verdicts["transfer"].rivals == 3
     assert {len(found.results[name]["maze"].steps) for name in NAMES} == {121}
+
+
+CONTROLS = 'controls=["placebo", "constant", "pretraining"]'
+
+
+def test_controls_of_a_study_are_those_of_compare(tmp_path):
+    checked = study(tmp_path, changes=["seeds=7", CONTROLS])
+    results = run_study(checked, tmp_path / "out", progress=False)
+    stored, compared = results.comparison, compare(checked)
+    assert list(stored.arms) == list(compared.arms)
+    assert str(stored) == str(compared)
+    for name, arm in compared.arms.items():
+        there = stored.arms[name]
+        np.testing.assert_array_equal(there.curve.values, arm.curve.values)
+        np.testing.assert_array_equal(there.curve.source_steps, arm.curve.source_steps)
+        assert (there.control, there.level is None) == (arm.control, arm.level is None)
+        if arm.level is not None:
+            np.testing.assert_array_equal(there.level.values, arm.level.values)
+            assert there.initial_value == arm.initial_value
+    sources = {arms.keys["corner"] for arms in Arms.of(checked).arms.values() if arms.control}
+    assert sources == {Arms.of(checked).keys["transfer", "corner"]}  # trained once
+    assert results.record.groups() == [("transfer",)]
+
+
+def test_a_record_names_the_arm_of_each_control(tmp_path):
+    checked = study(tmp_path, changes=[CONTROLS])
+    record = plain(study_record(checked, Arms.of(checked)))
+    record["arms"]["transfer, placebo"]["control_of"] = "another"
+    with pytest.raises(ValueError, match=r"control_of must be the arm before its controls"):
+        read_record(StudyRecord, record)
+
+
+def test_controls_that_make_no_sense_are_refused(tmp_path):
+    with pytest.raises(SettingError, match="controls are compared with scratch"):
+        Arms.of(study(tmp_path, "", changes=["scratch=false", CONTROLS]))
+    with pytest.raises(ConfigError, match="controls"):
+        study(tmp_path, changes=['controls=["placebos"]'])

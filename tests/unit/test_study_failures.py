@@ -11,8 +11,8 @@ import pytest
 from curricle.errors import StoreError, StudyError
 from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
-from curricle.study.engines.engine import SentUnit, train_sent, versions_here
-from curricle.study.store import FAILURES
+from curricle.study.engines.engine import train_sent, versions_here
+from curricle.study.results import FAILURES
 from curricle.study.workers import WorkerProcesses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -116,7 +116,7 @@ class CopiesOfSent(Copies):
         self.files = {"rules.py": rules.read_bytes()}
 
     def submit(self, function, given):
-        sent = SentUnit(given, self.files, versions_here(), False)
+        sent = given._replace(files=self.files, versions=versions_here())
         return super().submit(lambda _: train_sent(sent), given)
 
 

@@ -13,7 +13,8 @@ import pytest
 from curricle.errors import StoreError
 from curricle.files import sealed
 from curricle.study import StudyResults, StudyStore, read_study, run_study
-from curricle.study.store import StoredUnit, without_folders
+from curricle.study.results import without_folders
+from curricle.study.store import StoredUnit
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -184,14 +185,15 @@ def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, 
 def test_no_flipped_bit_of_a_unit_goes_unnoticed(copied):
     file = StudyStore(copied).units()[0].path
     whole, draws = file.read_bytes(), np.random.default_rng(0)
-    assert StoredUnit.at(file).whole
+    assert StudyStore(copied).is_whole(StoredUnit.at(file))
     for place in draws.integers(0, len(whole), 2000):
         bit = 1 << int(draws.integers(0, 8))
         file.write_bytes(whole[:place] + bytes([whole[place] ^ bit]) + whole[place + 1 :])
         unit = StoredUnit.at(file)
-        assert not unit.whole
+        store = StudyStore(copied)
+        assert not store.is_whole(unit)
         with pytest.raises(StoreError, match=re.escape(f"{file} is damaged")):
-            StudyStore(copied).arrays(unit, "run")
+            store.arrays(unit, "run")
 
 
 def test_no_flipped_bit_of_what_is_read_of_a_large_unit_goes_unnoticed(copied, monkeypatch):
@@ -307,7 +309,7 @@ def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
     assert not list(out.rglob("*.part"))
     stored = StudyStore(out).units()
     assert stored
-    assert all(unit.whole for unit in stored)
+    assert not StudyStore(out).damaged_units()
     assert {unit.about.task for unit in stored} <= {"corner", "easy"}
     complete = StudyStore(whole).finished()
     for unit in stored:
@@ -317,3 +319,24 @@ def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
             np.testing.assert_array_equal(array, there, name)
     run_study(read_study(file), out, resume=True, workers=2)
     assert contents(out) == contents(whole)
+
+
+def test_a_run_of_a_finished_study_reads_each_file_once(study_file, copied, contents):
+    before = contents(copied)
+    run = f"""
+import sys
+from curricle.study import read_study, run_study
+opened = []
+def note(event, arguments):
+    if event == "open" and arguments[1] is None:  # by what the library opens files with
+        opened.append(str(arguments[0]))
+study = read_study({str(study_file)!r})
+sys.addaudithook(note)
+run_study(study, {str(copied)!r}, resume=True, workers=1, progress=False)
+print(*(name for name in opened if name.startswith({str(copied)!r})), sep="\\n")
+"""
+    done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=True)
+    read = done.stdout.split()
+    assert sorted({*read}) == sorted(read)
+    assert {*map(str, copied.rglob("*.npz"))} <= {*read}
+    assert contents(copied) == before

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from curricle.cli.tables import print_results
-from curricle.comparison.arms import Arm
+from curricle.comparison.comparison import Arm
 from curricle.errors import CurriculumError
 from curricle.show.report import _only, write_report
 from curricle.study import StudyResults, compare_studies, merge, read_study, run_study

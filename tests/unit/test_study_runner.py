@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.comparison import running
 from curricle.curriculum.sources import StoredValues
 from curricle.errors import SettingError, StoreError, StudyError
-from curricle.study import StudyResults, read_study, run_study, scheduling
-from curricle.study.arms import Arms
+from curricle.study import StudyResults, read_study, run_study
+from curricle.study.arms import Arms, UnitInput, train_unit, units_of
 from curricle.study.results import DECISIONS, RESULTS
 from curricle.study.serialization import RUN
-from curricle.study.units import UnitInput, train_unit, units_of
 from tests.refusals import check_values
 from tests.studies import NUMBERED_HUNT, reader
 
@@ -102,7 +102,7 @@ def test_block_and_workers_change_nothing(study_file, finished, tmp_path, seeds_
 
 def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
     pool, ended = LastFirst(), []
-    monkeypatch.setattr(scheduling, "wait", pool.wait)
+    monkeypatch.setattr(running, "wait", pool.wait)
     run_study(
         read_study(study_file),
         tmp_path / "out",
@@ -155,15 +155,6 @@ def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):
 # -- what is trained ---------------------------------------------------------------------------
 
 
-def test_every_arm_spends_the_same_steps_seed_by_seed(finished):
-    study = StudyResults(finished)
-    gated = study.results["chain"]["corner"].steps_used
-    assert len(set(gated.tolist())) > 1  # or it would say nothing
-    for arm, result in study.results.items():
-        spent = study.source_steps(arm) + result["maze"].steps_used
-        assert spent.tolist() == [study.record.total] * 4, arm
-
-
 def test_what_arms_share_is_trained_once(study_file, tmp_path):
     begun = []
     run_study(
@@ -180,18 +171,6 @@ def test_what_arms_share_is_trained_once(study_file, tmp_path):
         ("state", "easy"),
         ("state", "maze"),
     ]
-
-
-def test_direct_is_the_target_learnt_by_itself(study_file, finished):
-    study = StudyResults(finished)
-    found = study.result("scratch", "maze", values=True)
-    task = read_study(study_file).curriculum("chain").tasks["maze"]
-    snapshots = study.record.snapshots
-    learnt = cr.learn(
-        task, budget=study.record.total, seeds=4, eval_freq=50, stream="maze", snapshots=snapshots
-    )
-    assert_equal(found, learnt)
-    np.testing.assert_array_equal(found.snapshots.values, learnt.snapshots.values)
 
 
 @pytest.mark.parametrize("arm", ["chain", "state", "calibrated"])

@@ -8,11 +8,17 @@ import pytest
 
 import curricle as cr
 from curricle.comparison import trial as trials
-from curricle.comparison.arms import Arm
-from curricle.comparison.candidates import candidates_of
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import Arm, Comparison
 from curricle.comparison.forecasting import JudgedPotentials, forecast_once
-from curricle.comparison.trial import Trial, affordable, apart, hindrance, rehearse, run_trial
+from curricle.comparison.trial import (
+    Trial,
+    affordable,
+    apart,
+    candidates_of,
+    hindrance,
+    rehearse,
+    run_trial,
+)
 from curricle.errors import CurriculumError, SettingError
 from curricle.statistics.curves import Curve
 from tests.comparisons import MAZE, assert_same, calls, copied, corner, pursuit  # noqa: F401
@@ -271,7 +277,7 @@ def test_an_unasked_trial_that_fails_leaves_the_rest(monkeypatch):
     def fails(*_, **__):
         raise SettingError("a rule: a value")
 
-    monkeypatch.setattr("curricle.comparison.trial.ComparisonPlan.of", fails)
+    monkeypatch.setattr("curricle.comparison.trial.comparison_plan", fails)
     found = cr.forecast(corner(target=300), seeds=1)
     assert found.basis == "no trial: it failed: a rule: a value"
     with pytest.raises(SettingError, match="a rule: a value"):
@@ -307,7 +313,7 @@ def test_anti_knowledge_is_named_per_transfer():
 
 
 def test_one_seed_against_the_others_is_noise():
-    from curricle.comparison.forecasts import ForecastRow, anti_knowledge
+    from curricle.comparison.forecasting import ForecastRow, anti_knowledge
     from curricle.transfer.rollouts import PotentialQuality
 
     def row(*pairs):

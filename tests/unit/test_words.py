@@ -8,6 +8,7 @@ import pytest
 
 from curricle import GridWorld, Pursuit
 from curricle.comparison.comparison import short as with_dash
+from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.comparison.task_differences import plain_text
 from curricle.comparison.trial import in_brief, verdict_words
 from curricle.show.findings import signed
@@ -17,9 +18,8 @@ from curricle.study.cost import duration, total_words
 from curricle.study.file import path_text
 from curricle.study.results import parquet_of
 from curricle.study.schema import unknown
-from curricle.study.store import place_of
+from curricle.study.store import place_of, seeds_in
 from curricle.study.tuning import short
-from curricle.study.units import numbered_seeds, seed_ranges, seeds_in
 from curricle.study.vary import short_names, value_text, varied_in
 from curricle.tasks.observation_task import made_by
 from curricle.tasks.spaces import action_name, state_name

@@ -5,10 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from curricle.cli.tables import line_width, print_table, print_text, wrapped
-from curricle.comparison.candidates import AGGREGATES, candidates_of
-from curricle.comparison.forecasting import JudgedPotentials, forecast_once
-from curricle.comparison.forecasts import Forecast
-from curricle.comparison.trial import affordable, hindrance
+from curricle.comparison.forecasting import Forecast, JudgedPotentials, forecast_once
+from curricle.comparison.plan import numbered_seeds
+from curricle.comparison.trial import AGGREGATES, affordable, candidates_of, hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues
@@ -16,14 +15,12 @@ from curricle.errors import CurricleError, SettingError
 from curricle.files import Place, place_at
 from curricle.planning.target import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS
 from curricle.statistics.curves import SCRATCH
-from curricle.study.arms import Arms
+from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig
 from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
-from curricle.study.packing import bytes_a_seed, seeds_per_file
 from curricle.study.running import Done, arms_in, tuned_before, usable_units
-from curricle.study.store import StudyStore, holds_study
+from curricle.study.store import StudyStore, bytes_a_seed, holds_study, seeds_per_file
 from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
-from curricle.study.units import numbered_seeds, units_of
 from curricle.study.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
@@ -73,7 +70,7 @@ def print_preview(study: StudyConfig) -> None:
 
 def too_few(study: StudyConfig, arms: Arms) -> str:
     """Return that a study has too few seeds for any verdict, in words; empty if it has enough."""
-    curricula = len(arms.curricula) - len(arms.scratches)
+    curricula = sum(not (arm.scratch or arm.control) for arm in arms.arms.values())
     if SCRATCH not in arms.curricula or not curricula:
         return ""
     return too_few_seeds(len(study.seeds), seeds_needed(curricula))

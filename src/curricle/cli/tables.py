@@ -13,12 +13,12 @@ import numpy as np
 
 from curricle.arrays import FloatArray
 from curricle.checks import one_of
+from curricle.comparison.plan import numbered_seeds
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
 from curricle.study.tuning import BY_TUNING, TuningRecord, effects_of, read_tuning, tuning_words
-from curricle.study.units import numbered_seeds
 from curricle.study.vary import value_text
 from curricle.text import UNBOUNDED, counted, text_table
 

@@ -1,8 +1,6 @@
-from .arms import Arm as Arm
 from .comparing import compare as compare
-from .comparison import Comparison as Comparison, Contrast as Contrast
-from .forecasting import forecast as forecast
-from .forecasts import Forecast as Forecast
+from .comparison import Arm as Arm, Comparison as Comparison, Contrast as Contrast
+from .forecasting import Forecast as Forecast, forecast as forecast
 from .learnt_sources import source_learning as source_learning
 from .task_differences import differences as differences
 from .trial import Trial as Trial

@@ -1,23 +1,32 @@
 """The result of a comparison: arms on one axis, their gains, and how certain these are."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from curricle.arrays import FloatArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import one_of
-from curricle.comparison.arms import Arm, best_from_scratch, scratch_names
-from curricle.comparison.verdicts import ONE_LOOK, Reason, Verdict, not_asked, verdicts_of
+from curricle.comparison.controls import Level, concatenated_levels
+from curricle.comparison.verdicts import (
+    ONE_LOOK,
+    Reason,
+    Verdict,
+    difference,
+    not_asked,
+    verdicts_of,
+)
 from curricle.display import COLOURS, OWN_COLOURS, block, curves, table
 from curricle.errors import CurriculumError, in_words
+from curricle.learning.result import LearningResult
 from curricle.statistics.curves import (
     ROUNDING,
     SCRATCH,
     Curve,
     asymptotic_performance,
+    charge_source,
     jumpstart,
     mean_return,
 )
@@ -33,6 +42,135 @@ from curricle.statistics.intervals import (
 from curricle.statistics.sequential import Looks
 from curricle.statistics.thresholds import Times, steps_saved, time_to_threshold
 from curricle.text import UNBOUNDED, brief_repr, counted, folded, or_dash, shortened, text_table
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """The curves of one arm, over target steps, up to the total budget of the comparison.
+
+    Attributes
+    ----------
+    curve : Curve
+        Greedy return (K, T), with the source steps of each seed.
+    training_return, guard_share : (K, T) float64
+        As in :class:`LearningResult`.
+    control : bool
+        Whether it is a control of another arm.
+    scratch : bool
+        Whether it learns the target from scratch with a learner of its own.
+    level : Level or None
+        What a control that knows nothing of the task adds to every value.
+    unlearnt : dict of str to (K,) bool
+        For each source, which seeds did not learn it, by its stopping rule.
+
+    Examples
+    --------
+    >>> flat = np.zeros((2, 3))
+    >>> steps = np.array([0, 10, 20])
+    >>> arm = Arm(Curve(steps, flat + 4, np.array([10, 10])), flat, flat, False)
+    >>> arm.strong_gain(Arm(Curve(steps, flat), flat, flat, False))
+    array([3., 3.])
+    """
+
+    curve: Curve
+    training_return: FloatArray = field(repr=False)
+    guard_share: FloatArray = field(repr=False)
+    control: bool
+    scratch: bool = False
+    level: Level | None = field(default=None, repr=False)
+    unlearnt: Mapping[str, BoolArray] = field(default_factory=dict, repr=False)
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        return self.curve._repr_html_()
+
+    @classmethod
+    def of(
+        cls,
+        result: LearningResult,
+        spent: IntArray,
+        total: int,
+        eval_freq: int,
+        *,
+        control: bool = False,
+        scratch: bool = False,
+        level: Level | None = None,
+    ) -> Self:
+        """Return an arm from the target's learning result.
+
+        Seed k learns for total - spent_k steps, after which its last value is repeated. `total` are
+        the steps of every arm, sources included, `spent` (K,) the source steps, at most as many,
+        `eval_freq` the steps between checkpoints.
+        """
+        if spent.max() > total:
+            raise CurriculumError(
+                f"sources must take at most the total of {total:,} steps: got {spent.max():,}"
+            )
+        n = total // eval_freq + 1
+        last = np.minimum((total - spent) // eval_freq, len(result.steps) - 1)
+        place = np.minimum(np.arange(n), last[:, None])
+        greedy, training, guard_share = (
+            np.take_along_axis(curves, place, axis=1)
+            for curves in (result.greedy_return, result.training_return, result.guard_share)
+        )
+        curve = Curve(np.arange(n) * eval_freq, greedy, spent)
+        return cls(curve, training, guard_share, control, scratch, level)
+
+    @property
+    def initial_value(self) -> float | None:
+        """The initial value that is the same as this control, mean over seeds; None if none is."""
+        return None if self.level is None else self.level.initial_value
+
+    def charged(self, scratch: "Arm") -> Curve:
+        """Return the curve over total steps, source steps included (``charge_source``)."""
+        return charge_source(scratch.curve, self.curve)
+
+    def take(self, seeds: IntArray) -> "Arm":
+        """Return the arm with the seeds in these rows, in this order."""
+        curve = Curve(self.curve.steps, self.curve.values[seeds], self.curve.source_steps[seeds])
+        level = None if self.level is None else self.level.take(seeds)
+        training, guard_share = self.training_return[seeds], self.guard_share[seeds]
+        unlearnt = {source: each[seeds] for source, each in self.unlearnt.items()}
+        return Arm(curve, training, guard_share, self.control, self.scratch, level, unlearnt)
+
+    def strong_gain(self, scratch: "Arm") -> FloatArray:
+        """Return the area under the charged curve minus that of scratch, (K,), in return.
+
+        Both are normalised (:func:`mean_return`); a difference within their rounding is 0.
+        """
+        return difference(mean_return(self.charged(scratch)), mean_return(scratch.curve))
+
+
+def concatenated(arms: Sequence[Arm]) -> Arm:
+    """Return the arms of several batches of seeds as one arm of all seeds."""
+    curve = Curve(
+        arms[0].curve.steps,
+        np.concatenate([arm.curve.values for arm in arms]),
+        np.concatenate([arm.curve.source_steps for arm in arms]),
+    )
+    training = np.concatenate([arm.training_return for arm in arms])
+    guard_share = np.concatenate([arm.guard_share for arm in arms])
+    levels = [arm.level for arm in arms if arm.level is not None]
+    level = concatenated_levels(levels) if levels else None
+    unlearnt = {
+        source: np.concatenate([arm.unlearnt[source] for arm in arms])
+        for source in arms[0].unlearnt
+    }
+    return Arm(curve, training, guard_share, arms[0].control, arms[0].scratch, level, unlearnt)
+
+
+def best_from_scratch(arms: Mapping[str, Arm], failed: Collection[str] = ()) -> str:
+    """Return the name of the arm that learns from scratch with the highest mean return."""
+    scratch = arms[SCRATCH]
+    names = [name for name in scratch_names(arms) if name not in failed]
+    return max(names, key=lambda name: float(mean_return(arms[name].charged(scratch)).mean()))
+
+
+def scratch_names(arms: Mapping[str, Arm]) -> tuple[str, ...]:
+    """Return the names of the arms that learn from scratch."""
+    return tuple(name for name, arm in arms.items() if name == SCRATCH or arm.scratch)
+
 
 UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
 
@@ -173,14 +311,14 @@ class Comparison:
     @cached_property
     def controls(self) -> dict[str, tuple[str, ...]]:
         """The controls of each curriculum, which follow it among the arms."""
-        found: dict[str, tuple[str, ...]] = {}
+        controls: dict[str, tuple[str, ...]] = {}
         for name, arm in self.arms.items():
             if arm.control:
-                own = next(reversed(found))
-                found[own] = (*found[own], name)
+                curriculum = next(reversed(controls))
+                controls[curriculum] = (*controls[curriculum], name)
             elif name not in self.scratches:
-                found[name] = ()
-        return found
+                controls[name] = ()
+        return controls
 
     @cached_property
     def know_nothing(self) -> dict[str, tuple[str, ...]]:
@@ -189,12 +327,14 @@ class Comparison:
         None without a constant one: a placebo alone does not tell knowledge from optimism, since
         learning from values at random is slower than from one value for all.
         """
-        found: dict[str, tuple[str, ...]] = {}
-        for name, those in self.controls.items():
-            levels = {one: level for one in those if (level := self[one].level) is not None}
+        asked_of: dict[str, tuple[str, ...]] = {}
+        for name, controls in self.controls.items():
+            levels = {
+                control: level for control in controls if (level := self[control].level) is not None
+            }
             asked = any(level.constant for level in levels.values())
-            found[name] = tuple(levels) if asked else ()
-        return found
+            asked_of[name] = tuple(levels) if asked else ()
+        return asked_of
 
     @cached_property
     def returns(self) -> dict[str, FloatArray]:
@@ -224,7 +364,7 @@ class Comparison:
     @property
     def withheld(self) -> str:
         """Why there are no verdicts, in words; empty where there are some."""
-        return next((one.withheld for one in self.verdicts.values()), self.interim)
+        return next((verdict.withheld for verdict in self.verdicts.values()), self.interim)
 
     @cached_property
     def control_verdicts(self) -> dict[str, Verdict]:
@@ -239,12 +379,12 @@ class Comparison:
     @cached_property
     def reasons(self) -> dict[str, Reason]:
         """Why each curriculum pays: by what it knows, or by its optimism alone."""
-        found = {}
+        reasons = {}
         for name, pays in self.verdicts.items():
             over = self.knowledge_verdicts.get(name)
             level = None if over is None else self.arms[over.rival].level
-            found[name] = Reason(pays, over, 0.0 if level is None else level.mean)
-        return found
+            reasons[name] = Reason(pays, over, 0.0 if level is None else level.mean)
+        return reasons
 
     def times(self, name: str, *, strong: bool = True) -> Times:
         """Return an arm's steps to the threshold; seeds that never reach it are censored."""
@@ -323,9 +463,9 @@ class Comparison:
         intervals["mean_return"] = self.mean_return(name)
         for measure in MEASURES:
             intervals[measure] = UNKNOWN if contrast is None else getattr(contrast, measure)
-        own, level = self.control_verdicts.get(name), self[name].level
+        over, level = self.control_verdicts.get(name), self[name].level
         knows = self.knowledge_verdicts.get(name)
-        intervals["gain_over_controls"] = UNKNOWN if own is None else own.gain
+        intervals["gain_over_controls"] = UNKNOWN if over is None else over.gain
         intervals["gain_by_knowledge"] = UNKNOWN if knows is None else knows.gain
         for measure, interval in intervals.items():
             row[measure] = interval.estimate
@@ -336,9 +476,9 @@ class Comparison:
         row["reason"] = "" if contrast is None else contrast.reason
         row["unlearnt"] = self.unlearnt(name)
         row["against"] = "" if contrast is None else self.best_scratch
-        row["strongest_control"] = "" if own is None else own.rival
-        row["beats_controls"] = "" if own is None else own.answer
-        row["beats_controls_p"] = float("nan") if own is None else own.adjusted_p
+        row["strongest_control"] = "" if over is None else over.rival
+        row["beats_controls"] = "" if over is None else over.answer
+        row["beats_controls_p"] = float("nan") if over is None else over.adjusted_p
         row["level"] = float("nan") if level is None else level.mean
         return row
 
@@ -351,7 +491,7 @@ class Comparison:
             [
                 folded(self._title, width),
                 *text_table(HEADS, [self._cells(name) for name in self.arms], width, words=True),
-                *(folded(one, width) for one in self._below),
+                *(folded(line, width) for line in self._below),
             ]
         )
 
@@ -427,10 +567,14 @@ class Comparison:
         That is a higher initial value, where the curriculum is not shown to pay by what it knows
         and a constant control gains more than learning from scratch.
         """
-        ways = [one for one in self.know_nothing[name] if self[one].initial_value is not None]
+        ways = [
+            control
+            for control in self.know_nothing[name]
+            if self[control].initial_value is not None
+        ]
         if self.reasons[name].why not in ("level", "mostly level", "not shown") or not ways:
             return ""
-        best = max(ways, key=lambda one: float(self.returns[one].mean()))
+        best = max(ways, key=lambda control: float(self.returns[control].mean()))
         gain = self.contrasts[best].strong_gain
         if not float(gain.low) > 0:
             return ""
@@ -445,11 +589,11 @@ class Comparison:
     def cluster_sentence(self, name: str) -> str:
         """Return how many of an arm's seeds are apart from the others, in words; else nothing."""
         values = self.returns[name]
-        if (found := clusters(values)) is None:
+        if (groups := clusters(values)) is None:
             return ""
-        high, low = (f"{len(some)} near {some.mean():.4g}" for some in reversed(found))
+        high, low = (f"{len(some)} near {some.mean():.4g}" for some in reversed(groups))
         words = f"the seeds of {name} are in two clusters, mean return of {high} and of {low}"
-        if min(map(len, found)) > self.seeds // 4:
+        if min(map(len, groups)) > self.seeds // 4:
             return words
         middle = interquartile_interval(values, confidence=self.confidence)
         return f"{words}; interquartile mean, without the few: {short(middle)}"
@@ -457,8 +601,10 @@ class Comparison:
     def unlearnt(self, name: str) -> str:
         """Return which sources of an arm did not learn their own tasks; empty if all did."""
         shares = {source: seeds for source, seeds in self[name].unlearnt.items() if seeds.any()}
-        each = [f"{one} in {n.sum()} of {counted(n.size, 'seed')}" for one, n in shares.items()]
-        return f"sources of {name} that did NOT learn: {', '.join(each)}" if each else ""
+        parts = [
+            f"{source} in {n.sum()} of {counted(n.size, 'seed')}" for source, n in shares.items()
+        ]
+        return f"sources of {name} that did NOT learn: {', '.join(parts)}" if parts else ""
 
     def control_sentence(self, name: str) -> str:
         """Return whether a curriculum gains more than its controls, in words."""
@@ -486,21 +632,21 @@ def short(interval: Interval) -> str:
 
 def _lines(comparison: Comparison) -> list[Any]:
     """Return the charged curve of each arm: controls as their curriculum, but dashed."""
-    own, colour = -1, "currentColor"
-    found = []
+    number, colour = -1, "currentColor"
+    lines = []
     for name, arm in comparison.arms.items():
         scratch = name in comparison.scratches
         if not (scratch or arm.control):
-            own += 1
+            number += 1
         if not scratch:
-            colour = COLOURS[OWN_COLOURS[own % len(OWN_COLOURS)]]
+            colour = COLOURS[OWN_COLOURS[number % len(OWN_COLOURS)]]
         curve = arm.charged(comparison.scratch)
         dashed = arm.control or (scratch and name != SCRATCH)
         shade = "currentColor" if scratch else colour
         confidence = comparison.confidence
-        found.append(
+        lines.append(
             seed_line(
                 name, curve.steps, curve.filled(), shade, dashed=dashed, confidence=confidence
             )
         )
-    return found
+    return lines

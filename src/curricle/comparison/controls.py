@@ -7,8 +7,8 @@
 - ``placebo``: phi's values shuffled over the pairs of the target. If it helps as much, any values
   of that size do.
 - ``constant``: the same value everywhere, once the mean of phi and once its maximum over the pairs
-  that learning can visit (``curricle.comparison.levels`` says which). If one of them helps as much,
-  phi's optimism did it: a higher ``initial_value`` does so without any source.
+  that learning can visit. If one of them helps as much, phi's optimism did it: a higher
+  ``initial_value`` does so without any source.
 - ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
 
@@ -20,28 +20,35 @@ unless its sources are miniatures: then each observation has the answer of anoth
 ``scaled`` and ``constant`` need no dense tables.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from typing import Any, Literal, get_args
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import one_of
-from curricle.comparison.levels import Level, VisitedPairs, initial_value_of
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
+from curricle.curriculum.sources import Learnt, SourceValues, calibrated
 from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError, SettingError
+from curricle.learning.learners import Learner
 from curricle.learning.potential import PairPotential, StateActionPotential
-from curricle.learning.result import LearningResult
+from curricle.learning.result import LearningResult, joined_results
+from curricle.learning.shaping import LookAheadAdvice, QInitialisation, StateShaping
 from curricle.learning.stopping import StoppingRule
-from curricle.progress import Progress
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.rollouts import random_rollouts
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import Task, tables
+from curricle.tasks.mdp import Task, generative_model, has_tables, reachable_states, tables
 from curricle.tasks.observation_task import is_observation_task
+from curricle.text import brief_repr
 from curricle.transfer.by_components import identity
-from curricle.transfer.calibration import AnyPotential
+from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.potential import ObservationPotential
+from curricle.transfer.rollouts import ObservationTarget
 from curricle.transfer.transfer import Transfer
 
 Control = Literal["random_start", "pretraining", "placebo", "constant", "scaled", "negated"]
@@ -127,14 +134,14 @@ def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
     return replace(curriculum, tasks=tasks, transfers=transfers)
 
 
-def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curriculum:
+def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum:
     """Return a curriculum whose only source is its target, trained for `steps`.
 
-    The source starts uniformly for ``random_start``, as the target for ``pretraining``.
+    The source starts uniformly for "random start", as the target for "pretraining".
     """
     name = curriculum.target
     task = curriculum.tasks[name]
-    source = _with_uniform_start(task) if control == "random_start" else task
+    source = _with_uniform_start(task) if label == "random start" else task
     learner, evaluation = (curriculum.setting(which, name) for which in ("learner", "evaluation"))
     storage = curriculum.setting("storage", name)
     return Curriculum(
@@ -149,39 +156,110 @@ def source_control(curriculum: Curriculum, control: Control, steps: int) -> Curr
     )
 
 
-Change = Callable[[AnyPotential, int], AnyPotential]
-"""phi and a seed -> another phi."""
+Change = Callable[[Any, int, "VisitedPairs"], AnyPotential]
+"""phi, a seed and the pairs of the target that learning can visit -> another phi."""
+CHANGES: dict[str, Change] = {
+    PLACEBO: lambda phi, seed, _: _shuffled(phi, seed),
+    CONSTANT_MEAN: lambda phi, _, pairs: phi.rescaled(0.0, float(pairs.values(phi).mean())),
+    CONSTANT_MAXIMUM: lambda phi, _, pairs: phi.rescaled(0.0, float(pairs.values(phi).max())),
+    "scaled x 0.5": lambda phi, *_: phi.rescaled(0.5),
+    "scaled x 2": lambda phi, *_: phi.rescaled(2.0),
+    "negated": lambda phi, *_: _negated(phi),
+}
+"""What the controls that change a potential do to it, by their labels."""
+LABELS: dict[Control, tuple[str, ...]] = {
+    "placebo": (PLACEBO,),
+    "constant": (CONSTANT_MEAN, CONSTANT_MAXIMUM),
+    "scaled": ("scaled x 0.5", "scaled x 2"),
+    "negated": ("negated",),
+    "random_start": ("random start",),
+    "pretraining": ("pretraining",),
+}
+"""The arms that each control stands for, in the order in which they follow their curriculum."""
 
 
-def value_controls(
-    controls: Sequence[Control], pairs: VisitedPairs
-) -> Iterator[tuple[str, Change]]:
-    """Yield the name and the function of each control that changes phi's values.
+def control_arms(
+    controls: Sequence[Control], curriculum: Curriculum
+) -> Iterator[tuple[str, Curriculum]]:
+    """Yield the label of each control arm of a curriculum, and the curriculum that it learns by.
 
-    `pairs` are those of the target that learning can visit.
+    That is the same but for miniatures, whose answers a placebo shuffles.
     """
-    if "placebo" in controls and not is_observation_task(pairs.task):
-        yield PLACEBO, _shuffled
-    if "constant" in controls:
-        yield CONSTANT_MEAN, lambda phi, _: phi.rescaled(0.0, float(pairs.values(phi).mean()))
-        yield CONSTANT_MAXIMUM, lambda phi, _: phi.rescaled(0.0, float(pairs.values(phi).max()))
-    if "scaled" in controls:
-        yield "scaled x 0.5", lambda phi, _: phi.rescaled(0.5)
-        yield "scaled x 2", lambda phi, _: phi.rescaled(2.0)
-    if "negated" in controls:
-        yield "negated", _negated
+    for control, labels in LABELS.items():
+        for label in labels if control in controls else ():
+            shuffled = is_shuffled(label, curriculum)
+            yield label, shuffled_miniatures(curriculum) if shuffled else curriculum
 
 
-def changed_potentials(result: CurriculumResult, change: Change) -> list[AnyPotential]:
-    """Return the potential of each seed of a curriculum's target, changed."""
-    name = result.curriculum.target
-    pairs = zip(result.potentials[name], result[name].seeds, strict=True)
-    return [change(phi, k) for phi, k in pairs]
+def is_shuffled(label: str, curriculum: Curriculum) -> bool:
+    """Return whether a control arm learns from miniatures with shuffled answers."""
+    return label == PLACEBO and is_observation_task(curriculum.tasks[curriculum.target])
+
+
+def train_control(
+    label: str,
+    curriculum: Curriculum,
+    seeds: Sequence[int],
+    sources: Mapping[str, SourceValues],
+    potentials: Sequence[AnyPotential] = (),
+    calibrations: Sequence[Calibration] = (),
+    **how: Any,
+) -> tuple[LearningResult, IntArray, "Level | None"]:
+    """Return what seeds learn of the target in a control arm, what they are charged, and its level.
+
+    `sources` are those of the curriculum, the steps of which every control is charged. The
+    potentials and calibrations that its seeds began with follow from them where none are given.
+    """
+    name = curriculum.target
+    spent = CurriculumResult(curriculum, {}, {}, given=sources).source_steps(name)
+    if is_shuffled(label, curriculum):
+        trained = curriculum.train(seeds, only=name, trained=sources, charge=True, **how)
+        return trained[name], spent, None
+    if label not in CHANGES:
+        return _train_with_source(label, curriculum, seeds, spent, **how), spent, None
+    node = curriculum.node(name)
+    if not potentials:
+        potentials, calibrations = entering(curriculum, name, sources, seeds, spent)
+    pairs = VisitedPairs.of(curriculum)
+    changed = [CHANGES[label](phi, k, pairs) for phi, k in zip(potentials, seeds, strict=True)]
+    warm_ups = [calibration.warm_up for calibration in calibrations]
+    result = node.train(seeds, changed, warm_ups=warm_ups, charged=spent, **how)
+    return result, spent, level_of(label, changed, pairs, curriculum)
+
+
+def entering(
+    curriculum: Curriculum,
+    name: str,
+    sources: Mapping[str, Learnt],
+    seeds: Sequence[int],
+    spent: IntArray | None = None,
+) -> tuple[Sequence[Any], list[Calibration]]:
+    """Return the potentials that seeds begin a task with, and their calibrations if they have any.
+
+    `spent` are the steps that the task's budget pays for its sources.
+    """
+    potentials = curriculum.potentials(name, sources)
+    if (settings := curriculum.calibration(name)) is None:
+        return potentials, []
+    calibrations = calibrated(curriculum.node(name), potentials, settings, seeds, spent)
+    return [calibration.potential for calibration in calibrations], calibrations
+
+
+def _train_with_source(
+    label: str, curriculum: Curriculum, seeds: Sequence[int], spent: IntArray, **how: Any
+) -> LearningResult:
+    """Return the target learnt after a source that each seed learns for `spent` steps."""
+    parts = []
+    for steps in np.unique(spent):
+        some = [seeds[k] for k in np.flatnonzero(spent == steps).tolist()]
+        changed = source_control(curriculum, label, int(steps))
+        parts.append(changed.train(some, charge=True, **how)[curriculum.target])
+    return joined_results(parts)
 
 
 def level_of(
-    label: str, changed: Sequence[AnyPotential], pairs: VisitedPairs, curriculum: Curriculum
-) -> Level | None:
+    label: str, changed: Sequence[AnyPotential], pairs: "VisitedPairs", curriculum: Curriculum
+) -> "Level | None":
     """Return the level of a control that knows nothing, from its potentials; else None."""
     if label not in KNOW_NOTHING:
         return None
@@ -190,32 +268,13 @@ def level_of(
     return Level(means, initial_value_of(curriculum) if constant else None, constant)
 
 
-def learn_changed(
-    result: CurriculumResult,
-    changed: Sequence[AnyPotential],
-    workers: int | None,
-    progress: Progress = None,
-) -> LearningResult:
-    """Return the target trained as in its curriculum, sources charged, from other potentials."""
-    curriculum: Curriculum = result.curriculum
-    name = curriculum.target
-    return curriculum.node(name).train(
-        result[name].seeds,
-        changed,
-        warm_ups=[one.warm_up for one in result.calibrations.get(name, ())],
-        charged=result.source_steps(name),
-        workers=workers,
-        progress=progress,
-    )
-
-
-def _negated(phi: AnyPotential, _: int) -> AnyPotential:
+def _negated(phi: Any) -> AnyPotential:
     if isinstance(phi, ObservationPotential):
         return phi.rescaled(-1.0)
     return StateActionPotential(phi.task, -phi.values)
 
 
-def _shuffled(phi: PairPotential, seed: int) -> PairPotential:
+def _shuffled(phi: PairPotential, seed: int) -> AnyPotential:
     """Return phi with its values permuted over all pairs that are not terminal."""
     values, ends = phi.values.copy(), tables(phi.task).terminal
     alive = values[~ends]
@@ -228,3 +287,109 @@ def _with_uniform_start(task: Task) -> Task:
         return task.with_start("uniform")
     mdp = tables(task)
     return replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
+
+
+# -- How optimistic a potential is -----------------------------------------------------------------
+#
+# Its values over the pairs of the states that some policy can reach from a start and in which no
+# episode ends, each pair counted once, with what stands where no mapping knows anything: all that a
+# learner of the target can meet, and nothing that it cannot. Where a target has no dense tables,
+# they are the pairs of the states that rollouts of the uniformly random policy visit; with
+# observations, those of the policy that the potential gives, as a forecast reads it. No learner is
+# charged for them.
+
+EPISODES, LENGTH = 100, 1000
+"""Random rollouts where there are no dense tables, and the longest of them in steps."""
+SAME_AS_INITIAL_VALUE = (QInitialisation, LookAheadAdvice, StateShaping)
+"""Shapings by which a constant potential does what a higher initial value does (Wiewiora 2003)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """What a control that knows nothing adds to every value, for K seeds."""
+
+    values: FloatArray  # (K,): mean of its potential over the pairs that learning can visit
+    # The learner's own initial value, to which it is added; None where the control is not the same
+    # as another initial value.
+    base: float | None
+    constant: bool  # whether every pair has this value
+
+    __repr__ = brief_repr
+
+    @property
+    def mean(self) -> float:
+        """The mean over seeds."""
+        return float(self.values.mean())
+
+    @property
+    def initial_value(self) -> float | None:
+        """The initial value that is the same, on average over seeds; None if none is."""
+        return None if self.base is None else self.base + self.mean
+
+    @property
+    def arrays(self) -> dict[str, FloatArray]:
+        """What a file holds of it, one number a seed: NaN for no base."""
+        base = np.nan if self.base is None else self.base
+        return {"level": self.values, "level_base": np.full(len(self.values), base)}
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, Any], constant: bool) -> Self:
+        """Return the level that a file holds; ValueError where its arrays do not fit."""
+        for name in ("level", "level_base"):
+            array = arrays.get(name)
+            if array is None or array.shape != arrays["seeds"].shape or array.dtype != "float64":
+                raise ValueError(f"{name} must be a number of float64 for each seed")
+        base = float(arrays["level_base"][0])
+        return cls(arrays["level"], None if np.isnan(base) else base, constant)
+
+    def take(self, seeds: IntArray) -> "Level":
+        """Return the level of the seeds in these rows, in this order."""
+        return replace(self, values=self.values[seeds])
+
+
+def concatenated_levels(levels: Sequence[Level]) -> Level:
+    """Return the levels of several batches of seeds as one of all seeds."""
+    return replace(levels[0], values=np.concatenate([level.values for level in levels]))
+
+
+@dataclass(frozen=True, eq=False)
+class VisitedPairs:
+    """The pairs of a task that learning can visit."""
+
+    task: Any
+    dense: bool  # whether all that can be reached is counted, rather than what rollouts visit
+
+    @classmethod
+    def of(cls, curriculum: Curriculum) -> Self:
+        """Return the pairs of a curriculum's target."""
+        task = curriculum.tasks[curriculum.target]
+        sparse = curriculum.setting("storage", curriculum.target).kind == "sparse"
+        return cls(task, has_tables(task) and not sparse and not is_observation_task(task))
+
+    @cached_property
+    def states(self) -> IntArray:
+        """Their states, each once, (n,) int64; the task must have numbered ones."""
+        if self.dense:
+            mdp = tables(self.task)
+            return np.flatnonzero(reachable_states(mdp) & ~mdp.terminal)
+        limit = min(generative_model(self.task).time_limit or LENGTH, LENGTH)
+        rollouts = random_rollouts(self.task, episodes=EPISODES, length=limit)
+        return np.unique(rollouts.states[:, :-1][rollouts.taken])
+
+    def values(self, phi: AnyPotential) -> FloatArray:
+        """Return phi of these pairs, a float64 array with one value for each."""
+        if not isinstance(phi, ObservationPotential):
+            return np.asarray(phi.rows(self.states))
+        seen = ObservationTarget(self.task, GreedyEvaluation()).observations(phi)
+        return np.asarray(phi.pairs(seen) if phi.of_actions else phi.v(seen))
+
+
+def initial_value_of(curriculum: Curriculum) -> float | None:
+    """Return the initial value of the target's learner, if a constant potential is one more.
+
+    None where a network learns, and where the shaping enters a constant otherwise.
+    """
+    name = curriculum.target
+    learner, shaping = (curriculum.setting(which, name) for which in ("learner", "shaping"))
+    same = isinstance(shaping, SAME_AS_INITIAL_VALUE)
+    return learner.initial_value if same and isinstance(learner, Learner) else None

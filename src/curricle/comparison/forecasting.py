@@ -14,32 +14,41 @@ from typing import Any
 
 import numpy as np
 
-from curricle.checks import instance
-from curricle.comparison.candidates import Candidate, candidates_of
-from curricle.comparison.comparing import LearntAlone, threshold_of_optimum
-from curricle.comparison.forecasts import (
-    AnyTarget,
-    Forecast,
-    ForecastRow,
-    anti_knowledge,
-    network_words,
-    start_words,
+from curricle.checks import instance, one_of
+from curricle.comparison.comparing import threshold_of_optimum
+from curricle.comparison.learnt_sources import (
+    DistilledSource,
+    SourceLearning,
+    distilled_sources,
+    source_learning,
 )
-from curricle.comparison.learnt_sources import distilled_sources, source_learning
-from curricle.comparison.trial import Trial, affordable, hindrance, rehearse, run_trial
+from curricle.comparison.running import Memory
+from curricle.comparison.trial import (
+    Candidate,
+    Trial,
+    affordable,
+    candidates_of,
+    hindrance,
+    rehearse,
+    run_trial,
+)
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import Learnt, SourceValues
 from curricle.deep.policy import policy_return
+from curricle.display import block, table
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.potential import PairPotential
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import Target
 from curricle.progress import Bars, Progress, check_progress, shown
+from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.spaces import state_name
+from curricle.text import brief_repr, counted, folded, or_dash, shortened, text_table
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
-from curricle.transfer.mapping import Coverage
+from curricle.transfer.mapping import Coverage, coverage_table
 from curricle.transfer.observation_mapping import ObservationCoverage
 from curricle.transfer.rollouts import (
     ObservationTarget,
@@ -48,6 +57,317 @@ from curricle.transfer.rollouts import (
     target_of,
 )
 from curricle.transfer.transfer import Calibrate, Transfer, transfer_names
+
+# -- The record of a forecast, and what it says in words ----------------------------------------
+#
+# The words about a potential are about the start and about what it knows. What learning then gains
+# is another question: from a low start it can gain more than from scratch.
+
+
+@dataclass(frozen=True)
+class ForecastRow:
+    """One potential as it would enter the target: a single source's, or an aggregate."""
+
+    name: str  # the transfer, as "source -> target [n]", or the aggregate's name
+    aggregate: bool  # whether it is an aggregate of all transfers
+    used: bool  # whether the curriculum would use it
+    seeds: tuple[PotentialQuality, ...] = field(repr=False)  # K of them
+    # K of its scale, from rollouts of its greedy policy.
+    calibrations: tuple[Calibration, ...] = field(repr=False)
+    gain: Interval | None = None  # in mean return, strong, of a trial in the model; None without
+    verdict: str = ""  # what the start is, whether it lasts, and what to do, in words
+    # That it may be worse than knowing nothing and in what, in words; empty if in nothing.
+    anti_knowledge: str = ""
+
+    __repr__ = brief_repr
+
+    def _repr_html_(self) -> str:
+        gain = None if self.gain is None else f"gain in the trial: {self.gain}"
+        return block(self.name, self.verdict, self.anti_knowledge, gain)
+
+    def mean(self, measure: str) -> float:
+        """Return the mean over seeds of a field of ``PotentialQuality``."""
+        return float(np.mean([getattr(quality, measure) for quality in self.seeds]))
+
+    @property
+    def scale(self) -> float:
+        """The mean scale that calibration finds; NaN if it finds none for most seeds."""
+        scales = [calibration.scale for calibration in self.calibrations if not calibration.refusal]
+        most = scales and 2 * len(scales) > len(self.calibrations)
+        return float(np.mean(scales)) if most else float("nan")
+
+    @property
+    def score(self) -> float:
+        """What orders candidates: the gain of the trial, else the start; NaN if unknown."""
+        return self.mean("start") if self.gain is None else float(self.gain.estimate)
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Whether the transfers into a target will pay, and where learning starts. Prints as a table.
+
+    Attributes
+    ----------
+    target : str
+    coverage : dict of str to Coverage or ObservationCoverage
+        Of each transfer's mapping. In an observation task: over the observations that the greedy
+        policy of the first seed's potential meets.
+    rows : tuple of ForecastRow
+        Aggregates, then each transfer alone; both with the highest score first.
+    optimum, random_return : float
+        Expected return of an optimal policy (NaN if the target is too large to solve), and of the
+        random policy, with which learning from scratch starts.
+    solved : bool
+        Whether potentials are compared with the exact Q*.
+    exact : bool
+        Whether returns are exact too.
+    trained : dict of str to SourceValues
+        The sources, to be passed to :meth:`Curriculum.train`; with `perfect` their optimal values.
+    perfect : bool
+        Whether the sources were solved instead of trained.
+    sources : dict of str to SourceLearning or DistilledSource
+        How much of its own task each source learnt; of tables that were trained, and of networks
+        distilled from miniatures.
+    trial : Trial or None
+        The comparison with learning from scratch, in the model or on a smaller relative.
+    no_trial : str
+        Why there is none, in words.
+    """
+
+    target: str
+    coverage: Mapping[str, Coverage | ObservationCoverage]
+    rows: tuple[ForecastRow, ...]
+    optimum: float
+    random_return: float
+    solved: bool
+    exact: bool
+    trained: Mapping[str, SourceValues] = field(repr=False)
+    perfect: bool = False
+    sources: Mapping[str, SourceLearning | DistilledSource] = field(default_factory=dict)
+    trial: Trial | None = None
+    no_trial: str = ""
+
+    def __getitem__(self, name: str) -> ForecastRow:
+        by_name = {row.name: row for row in self.rows}
+        one_of("a row of a forecast", name, by_name, CurriculumError)
+        return by_name[name]
+
+    @property
+    def ranking(self) -> tuple[str, ...]:
+        """The aggregates' names, the highest score first."""
+        return tuple(row.name for row in self.rows if row.aggregate)
+
+    @property
+    def used(self) -> ForecastRow:
+        """The row of the potential that the curriculum would use."""
+        return next(row for row in self.rows if row.used)
+
+    @property
+    def best(self) -> ForecastRow:
+        """The row with the highest score, transfers alone included."""
+        return max(self.rows, key=lambda row: np.nan_to_num(row.score, nan=-np.inf))
+
+    @property
+    def computed_from(self) -> str:
+        """What the sources' values are, in words."""
+        if self.perfect:
+            return f"if {_listed(self.trained)} were learnt perfectly"
+        seeds = len(self.rows[0].seeds)
+        sources = [f"{name} ({_steps(source)})" for name, source in self.trained.items()]
+        return f"from {counted(seeds, 'seed')} of {_listed(sources)}"
+
+    @property
+    def answer(self) -> str:
+        """Whether the curriculum will pay, in a few words."""
+        if self.trial is None:
+            return "whether it pays is open"
+        return self.trial.verdict(self.used.name)
+
+    @property
+    def basis(self) -> str:
+        """The numbers that the answer rests on and what they assume, or why there are none."""
+        if self.trial is None:
+            return f"no trial: {self.no_trial}"
+        return f"{self.trial.numbers(self.used.name)}; {self.trial.assumes}"
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def text(self, width: int = 80) -> str:
+        """Return sentences and a table, in lines of so many characters at most."""
+        above = [*self._head, *(f"{name}: {cover}" for name, cover in self.coverage.items())]
+        words = [f"{row.name}: {row.verdict}" for row in self.rows if row.aggregate]
+        return "\n".join(
+            [
+                *(folded(line, width) for line in above),
+                *text_table(["", *columns(self)], _cells_of(self), width),
+                *(folded(line, width) for line in words),
+            ]
+        )
+
+    def __repr__(self) -> str:
+        names = ", ".join(row.name for row in self.rows)
+        return shortened(f"Forecast({self.target!r}: {self.answer}; potentials: {names})")
+
+    def _repr_html_(self) -> str:
+        """Return the answer, what that rests on, the table and coverage."""
+        words = [row.verdict if row.aggregate else "" for row in self.rows]
+        rows = [(*row, text) for row, text in zip(_cells_of(self), words, strict=True)]
+        last = "start, in words"
+        return block(
+            *self._head,
+            table(["potential", *columns(self), last], rows, wide=[last]),
+            "* the one that the curriculum uses",
+            self.coverage and coverage_table(self.coverage),
+        )
+
+    @property
+    def _head(self) -> list[str]:
+        """The sentences above the table: the answer, what it rests on, and the start."""
+        lines = [f"Forecast for {self.target!r}: {self.answer}", self.basis]
+        if self.trial is not None and not self.trial.relative and not self.best.used:
+            lines.append(f"the highest gain in the trial: {self.best.name}")
+        lines += map(str, self.sources.values())
+        # The transfers that may be anti-knowledge; a single one is its aggregate's row.
+        alone = [row for row in self.rows if not row.aggregate] or self.rows[:1]
+        lines += [f"{row.name} {row.anti_knowledge}" for row in alone if row.anti_knowledge]
+        how = "exact" if self.exact else "returns by rollouts"
+        if not self.solved and _values_are_read(self):
+            how += "; Q* estimated by the values of phi's own policy"
+        optimum = "" if np.isnan(self.optimum) else f"optimum {self.optimum:.4g}, "
+        start = f"The start with phi, {self.computed_from}: {optimum}random policy "
+        return [*lines, f"{start}{self.random_return:.4g} ({how})"]
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Return names as a list in words."""
+    *some, last = names
+    return f"{', '.join(some)} and {last}" if some else last
+
+
+def _steps(source: SourceValues) -> str:
+    """Return for how many steps the seeds of a source were trained."""
+    steps = source.steps_used
+    return f"{steps.mean():,.0f} steps" + " on average" * bool(np.ptp(steps))
+
+
+COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
+    "gain": lambda row: "" if row.gain is None else f"{row.gain.estimate:.3g}",
+    "start": lambda row: or_dash(row.mean("start")),
+    "phi > Q*": lambda row: or_dash(row.mean("optimistic"), ".0%"),
+    "excess": lambda row: or_dash(row.mean("excess"), ".2g"),
+    "rank": lambda row: or_dash(row.mean("rank"), ".2f"),
+    "scale": lambda row: "none" if np.isnan(row.scale) else f"{row.scale:.2g}",
+}
+"""What each column shows of a row."""
+
+
+def columns(forecast: Forecast) -> list[str]:
+    """Return those it has: gains where there was a trial, and values where potentials have them."""
+    left_out = set[str]()
+    if all(row.gain is None for row in forecast.rows):
+        left_out = {"gain"}
+    if not _values_are_read(forecast):
+        left_out |= COLUMNS.keys() - {"gain", "start"}
+    return [name for name in COLUMNS if name not in left_out]
+
+
+def _cells_of(forecast: Forecast) -> list[tuple[str, ...]]:
+    """Return the name of each potential, with a star if it is used, and its columns."""
+    shown = [COLUMNS[name] for name in columns(forecast)]
+    return [(row.name + " *" * row.used, *(cell(row) for cell in shown)) for row in forecast.rows]
+
+
+def _values_are_read(forecast: Forecast) -> bool:
+    """Return whether potentials are compared with values; not where networks enter."""
+    return not all(np.isnan(row.mean("optimistic")) for row in forecast.rows)
+
+
+AnyTarget = Target | ObservationTarget
+
+# Thresholds of the verdicts; benchmarks/check_forecast.py compares them with training.
+GAIN, GOOD = 0.1, 0.5
+"""Shares of the way from the random policy's return to the optimum: weak start, good start."""
+OPTIMISTIC = 0.5
+"""Share of optimistic pairs above which learning keeps lowering values."""
+SLIPS, COLLAPSES = 0.2, 0.25
+"""Mean excess, in units of mean abs(V*), above which returns then fall under epsilon-greedy."""
+ESTIMATED = 0.45
+"""The same if the excess is over the value of phi's own policy, which is less than V*."""
+UNDERESTIMATE = 20.0
+"""Typical rewards by which phi may be too low in states that the optimal policy visits."""
+RAISED = 1.15
+"""Scale above which a calibration is worth its steps."""
+
+
+def start_words(row: ForecastRow, target: AnyTarget) -> str:
+    """Return what the start with a potential is, whether it lasts, and what to do, in words."""
+    if np.isnan(row.mean("start")):
+        return "is the same for all actions, so it has no greedy policy: use StateShaping"
+    start = row.mean("start")
+    excess = row.mean("excess") / max(row.mean("mean_absolute_value"), 1e-12)
+    words = [f"starts at {start:.3g}"]
+    # If the optimum is unknown, any better start is a good one.
+    gain = start - target.random_return
+    whole = np.nan_to_num(target.optimum - target.random_return)
+    good = gain > GOOD * whole
+    if not good:
+        weak = gain > GAIN * whole
+        words.append("a weak start" if weak else "near or below the random policy")
+    words.append(f"{row.mean('optimistic'):.0%} optimistic")
+    slips, collapses = (SLIPS, COLLAPSES) if row.seeds[0].exact else (ESTIMATED, ESTIMATED)
+    advice = []
+    # A weak start has little to lose, and its policy is little evidence of phi's scale.
+    if good and row.mean("optimistic") > OPTIMISTIC and excess >= slips:
+        fall = "expect a fall" if excess >= collapses else "returns may fall"
+        advice.append(f"{fall} from there under epsilon-greedy")
+    elif good:
+        advice.append("expect no fall from there")
+    else:
+        advice.append("what learning gains from there is open")
+    if good and excess > 0 and row.scale > RAISED:
+        advice.append(f"calibrate with c = {row.scale:.1f}")
+    worst = max(row.seeds, key=lambda seed: np.nan_to_num(seed.largest_underestimate))
+    if worst.largest_underestimate > UNDERESTIMATE * target.typical_reward:
+        task: Any = target.task
+        where = state_name(task.states, worst.most_underestimated_state)
+        advice.append(
+            f"underestimates {where}, which the optimal policy visits, by"
+            f" {worst.largest_underestimate:.3g}: a guard bounds what that costs"
+        )
+    return ", ".join(words) + (": " + "; ".join(advice) if advice else "")
+
+
+def network_words(row: ForecastRow) -> str:
+    """Return what enters where values are not read, and what its policy returns, in words."""
+    start = row.mean("start")
+    policy = "" if np.isnan(start) else f", which returns {start:.3g} in the target as it is"
+    return f"its network or policy enters{policy}; its values are not read"
+
+
+def anti_knowledge(row: ForecastRow, random_return: float) -> str:
+    """Return in what a potential is worse than knowing nothing, in words; empty if in nothing.
+
+    Its greedy policy returns less than the random one by more than the seeds differ (Student's
+    interval of 95 %; for a single seed, or where all agree, at all), or its order of the pairs is
+    against that of Q* in every seed. The words are weak because some such potentials pay all the
+    same: ``docs/trust.md`` says how many.
+    """
+    signs = []
+    starts, ranks = (np.array([getattr(k, of) for k in row.seeds]) for of in ("start", "rank"))
+    high, mean = float(mean_interval(starts).high), float(starts.mean())
+    if (mean if np.isnan(high) else high) < random_return:
+        signs.append(
+            f"its policy starts at {mean:.3g}, below the random policy's {random_return:.3g}"
+        )
+    if (ranks < 0).all():
+        other = "Q*" if row.seeds[0].exact else "the returns of its own policy"
+        words = f"its order of the pairs is against that of {other}"
+        signs.append(f"{words} (rank {ranks.mean():.2f})")
+    return f"may be anti-knowledge: {'; '.join(signs)}" if signs else ""
+
+
+# -- Making a forecast ---------------------------------------------------------------------------
 
 
 def forecast(
@@ -148,7 +468,7 @@ Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]
 class JudgedPotentials:
     """Targets, judgements of their potentials and what trials learn alone, computed once."""
 
-    alone: LearntAlone = field(default_factory=LearntAlone)
+    memory: Memory = field(default_factory=Memory)
     _targets: list[tuple[Any, Any, Target | ObservationTarget]] = field(default_factory=list)
     _found: dict[Any, Judgement] = field(default_factory=dict)
 
@@ -215,25 +535,27 @@ def forecast_once(
         curriculum.tasks[name], curriculum.setting("evaluation", name), episodes
     )
     numbers = seed_tuple(seeds)[:1] if perfect else seed_tuple(seeds)
-    each = candidates_of(curriculum, name, aggregates)
-    _check_trial(each, trial, perfect)
+    candidates = candidates_of(curriculum, name, aggregates)
+    _check_trial(candidates, trial, perfect)
     reads_values = curriculum.setting("shaping", name).reads_values
-    found, no_trial, learnt = None, "no source is trained", dict[str, Any]()
+    made_trial, no_trial, learnt = None, "no source is trained", dict[str, Any]()
     with shown(progress) as bars:
         sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
         all_rows = reads_values and not only_used  # without values, potentials do not differ
-        shown_rows = [one for one in each if one.used or all_rows]
-        made = ((one, tuple(one.potentials(sources, numbers))) for one in shown_rows)
+        shown_rows = [candidate for candidate in candidates if candidate.used or all_rows]
+        made = (
+            (candidate, tuple(candidate.potentials(sources, numbers))) for candidate in shown_rows
+        )
         judge = partial(_judgement if reads_values else _judgement_of_networks, workers=workers)
         rows = _rows(made, len(shown_rows), any_target, judged, judge, bars)
         if not perfect:
-            how = {"alone": judged.alone, "workers": workers, "progress": bars.within()}
-            found, no_trial = _trial(each, trial, threshold, any_target, how)
-            if found is not None:
+            how = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
+            made_trial, no_trial = _trial(candidates, trial, threshold, any_target, how)
+            if made_trial is not None:
                 bars.tell("trial")
             learnt |= source_learning(curriculum, sources, workers=workers, progress=bars.within())
             learnt |= distilled_sources(curriculum.tasks, sources)
-    rows = _judged(rows, found, any_target, reads_values=reads_values)
+    rows = _judged(rows, made_trial, any_target, reads_values=reads_values)
     return Forecast(
         target=name,
         coverage=_coverage(edges, any_target, curriculum.potentials(name, sources)[0]),
@@ -245,19 +567,19 @@ def forecast_once(
         trained=sources,
         perfect=perfect,
         sources=learnt,
-        trial=found,
+        trial=made_trial,
         no_trial=no_trial,
     )
 
 
 def _judged(
-    rows: Sequence[ForecastRow], found: Trial | None, any_target: AnyTarget, *, reads_values: bool
+    rows: Sequence[ForecastRow], trial: Trial | None, any_target: AnyTarget, *, reads_values: bool
 ) -> list[ForecastRow]:
     """Return rows with the gain of a trial and with words, aggregates and the best first."""
     judged = [
         replace(
             row,
-            gain=None if found is None or found.relative else found.gain(row.name),
+            gain=None if trial is None or trial.relative else trial.gain(row.name),
             verdict=start_words(row, any_target) if reads_values else network_words(row),
             anti_knowledge=anti_knowledge(row, any_target.random_return),
         )
@@ -294,7 +616,7 @@ def _solved(
     curriculum: Curriculum, names: Sequence[str], seeds: tuple[int, ...]
 ) -> dict[str, SourceValues]:
     """Return sources as if a seed had learnt their optimal values; CurriculumError if unknown."""
-    found = {}
+    solved = {}
     for name in names:
         node = curriculum.node(name)
         known = not node.deep and not is_observation_task(node.task)
@@ -305,8 +627,8 @@ def _solved(
                 f"{name!r} cannot"
             )
         none = np.zeros(len(seeds), np.int64)
-        found[name] = SourceValues(node.task, seeds, solution.action_values[None], none)
-    return found
+        solved[name] = SourceValues(node.task, seeds, solution.action_values[None], none)
+    return solved
 
 
 def _check_trial(
@@ -335,7 +657,7 @@ def _trial(
     """Return the trial of the candidates, or of the used one, or None and why there is none."""
     if trial is False:
         return None, "none was asked for"
-    (used,) = (one for one in candidates if one.used)
+    (used,) = (candidate for candidate in candidates if candidate.used)
     if isinstance(trial, Curriculum):
         return rehearse(trial, used, **how), ""
     threshold = threshold_of_optimum(any_target) if threshold is None else threshold
@@ -376,11 +698,11 @@ def _rows(
     """Return the rows of candidates without what a trial and words add."""
     rows = list[ForecastRow]()
     grow = bars.bar("potentials", number)
-    for one, each in potentials:
-        row = judged.judgement(any_target, each, partial(judge, each, any_target))
-        rows.append(ForecastRow(one.name, one.aggregate, one.used, *row))
+    for candidate, of_seeds in potentials:
+        row = judged.judgement(any_target, of_seeds, partial(judge, of_seeds, any_target))
+        rows.append(ForecastRow(candidate.name, candidate.aggregate, candidate.used, *row))
         grow()
-        bars.tell(one.name)
+        bars.tell(candidate.name)
     return rows
 
 
@@ -407,7 +729,7 @@ def _judgement_of_networks(
 ) -> Judgement:
     """Return the same of networks whose values are not read: the returns of their policies."""
     nan = float("nan")
-    starts = [policy_return(one, target, seed=k) for k, one in enumerate(potentials)]
+    starts = [policy_return(potential, target, seed=k) for k, potential in enumerate(potentials)]
     return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
 
 

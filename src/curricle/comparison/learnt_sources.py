@@ -132,14 +132,14 @@ def source_learning(
         True shows a bar for each fresh learner; a function is called with the name of each source
         when it has been judged.
     """
-    found, read = {}, {edge.source for edge in curriculum.transfers}
+    learnings, read = {}, {edge.source for edge in curriculum.transfers}
     with shown(progress) as bars:
         for name in sources:
             if name in read and _judgeable(curriculum.tasks[name], sources[name]):
                 node = curriculum.node(name)
-                found[name] = _learning(node, sources[name], fresh, workers, bars.within())
+                learnings[name] = _learning(node, sources[name], fresh, workers, bars.within())
                 bars.tell(name)
-    return found
+    return learnings
 
 
 def _judgeable(task: Any, learnt: SourceValues) -> bool:
@@ -167,8 +167,8 @@ def _learning(
     elif fresh and not is_live(node.task):
         steps = 2 * int(learnt.steps_used.max())
         fresh_values = _fresh_values(node, learnt.seeds, steps, workers, bars)
-        found, reference_noise = _returns(target, fresh_values)
-        reference, by = float(found.mean()), FRESH
+        of_fresh, reference_noise = _returns(target, fresh_values)
+        reference, by = float(of_fresh.mean()), FRESH
     total = float(np.sqrt(noise**2 + random_noise**2 + reference_noise**2))
     return SourceLearning(
         node.name, learnt.seeds, frozen(returns), random, reference, by, total, fresh_steps=steps
@@ -191,9 +191,9 @@ def _fresh_values(
 
 def _returns(target: Target, values: Any) -> tuple[FloatArray, float]:
     """Return the greedy return of each of K tables, and the standard error of their mean."""
-    each = [target.estimated(Values(table)) for table in values]
-    returns, noise = np.array(each).T
-    return returns, float(np.sqrt((noise**2).sum()) / len(each))
+    estimates = [target.estimated(Values(table)) for table in values]
+    returns, noise = np.array(estimates).T
+    return returns, float(np.sqrt((noise**2).sum()) / len(estimates))
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,22 +217,24 @@ class DistilledSource(Frozen):
         return float(self.shares[:, -1].mean())
 
     def __str__(self) -> str:
-        each = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
-        told = [f"{round(x, 2) + 0.0:.0%} on {levels} of {member}" for x, levels, member in each]
-        return f"{self.name}'s network regains {', '.join(told)} of the way from random to optimal"
+        examined = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
+        texts = [
+            f"{round(x, 2) + 0.0:.0%} on {levels} of {member}" for x, levels, member in examined
+        ]
+        return f"{self.name}'s network regains {', '.join(texts)} of the way from random to optimal"
 
 
 def distilled_sources(
     tasks: Mapping[str, object], sources: Mapping[str, SourceValues]
 ) -> dict[str, DistilledSource]:
     """Return how well each source that was distilled from miniatures acts, by its name."""
-    found = {}
+    distilled = {}
     for name, learnt in sources.items():
         task = tasks.get(name)
         if isinstance(task, Miniatures) and learnt.values is not None:
-            each = [task.examined(values) for values in learnt.values]
-            shares = np.array([[one.regained for one in examined] for examined in each])
-            members = tuple(made_by(one.member.make) for one in each[0])
-            levels = tuple(counted(one.levels, one.kind) for one in each[0])
-            found[name] = DistilledSource(name, members, levels, shares)
-    return found
+            examinations = [task.examined(values) for values in learnt.values]
+            shares = np.array([[exam.regained for exam in examined] for examined in examinations])
+            members = tuple(made_by(exam.member.make) for exam in examinations[0])
+            levels = tuple(counted(exam.levels, exam.kind) for exam in examinations[0])
+            distilled[name] = DistilledSource(name, members, levels, shares)
+    return distilled

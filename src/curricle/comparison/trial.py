@@ -8,21 +8,25 @@ experiment.
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-from curricle.comparison.candidates import Candidate, part_of
 from curricle.comparison.comparing import (
     STATED,
-    ComparisonPlan,
-    LearntAlone,
-    check_any_left,
+    checkpoints,
+    comparison_plan,
     default_threshold,
-    most_source_steps,
+    solved_target,
+    trained_arms,
 )
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.controls import entering
+from curricle.comparison.plan import most_source_steps
+from curricle.comparison.running import Memory
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import Node
+from curricle.curriculum.node import SETTINGS, Node
+from curricle.curriculum.sources import Learnt
 from curricle.display import block
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
@@ -34,6 +38,101 @@ from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted
+from curricle.transfer.aggregate import BUILT_IN, Aggregate
+from curricle.transfer.calibration import AnyPotential
+from curricle.transfer.transfer import Transfer, numbered, transfer_names
+
+# -- Candidates: the ways of using a curriculum's sources, each a curriculum of its own -----------
+#
+# A forecast compares them: every aggregate of all transfers into the target, and each transfer
+# alone.
+
+AGGREGATES = tuple(known.function for known in BUILT_IN.values())
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One way of using the sources of a target."""
+
+    name: str  # the aggregate's, or the transfer's as "source -> target [n]"
+    # The target, its transfers as this candidate uses them, and what these build on; no more.
+    curriculum: Curriculum
+    aggregate: bool  # whether it is an aggregate of all transfers
+    used: bool  # whether it is what the curriculum would do
+
+    def potentials(
+        self, sources: Mapping[str, Learnt], seeds: Sequence[int]
+    ) -> Sequence[AnyPotential]:
+        """Return the potential of each of K seeds, calibrated where the candidate calibrates."""
+        return entering(self.curriculum, self.curriculum.target, sources, seeds)[0]
+
+
+def candidates_of(
+    curriculum: Curriculum, target: str, aggregates: Sequence[Aggregate] = ()
+) -> list[Candidate]:
+    """Return the candidates for a target: aggregates first, then each transfer alone.
+
+    The aggregates are the library's four, the curriculum's own and the given ones, each once; those
+    that are not the curriculum's own are not calibrated.
+    """
+    edges = curriculum.in_edges(target)
+    usual, settings = curriculum.setting("aggregate", target), curriculum.calibration(target)
+    # The minimum, the mean and the maximum of a single potential are the same.
+    several = AGGREGATES if len(edges) > 1 else ()
+    functions = list[Aggregate]()
+    for function in (*several, usual, *aggregates):
+        if not any(function is known for known in functions):
+            functions.append(function)
+    raw = [replace(edge, calibrate=False) for edge in edges]
+    names = numbered([getattr(function, "__name__", str(function)) for function in functions])
+    candidates = []
+    for label, function in zip(names, functions, strict=True):
+        plan = part_of(curriculum, target, raw).replace(target, aggregate=function)
+        used = function is usual and settings is None
+        candidates.append(Candidate(label, plan, aggregate=True, used=used))
+        if function is usual and settings is not None:
+            plan = part_of(curriculum, target, edges)
+            candidates.append(Candidate(f"{label}, calibrated", plan, aggregate=True, used=True))
+    for label, edge in zip(transfer_names(edges), raw, strict=True) if len(edges) > 1 else ():
+        candidates.append(Candidate(label, part_of(curriculum, target, [edge]), False, False))
+    return candidates
+
+
+def part_of(
+    curriculum: Curriculum,
+    target: str,
+    transfers: Sequence[Transfer],
+    rename: Callable[[str], str] = str,
+) -> Curriculum:
+    """Return the part of a curriculum that a target is learnt by, its tasks renamed.
+
+    `transfers` are those into the target, in place of the curriculum's own. Random streams are
+    named after tasks, so that a renamed curriculum draws other numbers for the same seeds.
+    """
+    before = {edge.source for edge in transfers}
+    kept = before.union(*(curriculum.ancestors(name) for name in before), {target})
+    edges = [edge for edge in curriculum.transfers if edge.target in kept - {target}]
+    settings = {which: _of_tasks(getattr(curriculum, which), kept, rename) for which in SETTINGS}
+    # A budget that is not stated depends on how many sources there are in the whole.
+    settings["budget"] = {rename(name): curriculum.setting("budget", name) for name in kept}
+    return Curriculum(
+        tasks={rename(name): task for name, task in curriculum.tasks.items() if name in kept},
+        transfers=[
+            replace(edge, source=rename(edge.source), target=rename(edge.target))
+            for edge in (*edges, *transfers)
+        ],
+        **settings,
+    )
+
+
+def _of_tasks(setting: Any, kept: set[str], rename: Callable[[str], str]) -> Any:
+    """Return a setting, one value or a dict from task to value, for the tasks that are kept."""
+    if not isinstance(setting, Mapping):
+        return setting
+    return {rename(name): value for name, value in setting.items() if name in kept}
+
+
+# -- A trial -----------------------------------------------------------------------------------
 
 STREAM = "/trial"
 """What the names of a trial's random streams end with."""
@@ -91,23 +190,23 @@ class Trial:
         They are means over seeds, in which a seed that never reaches the threshold counts with all
         steps of the total budget.
         """
-        found, gain = self.comparison, self.gain(name)
+        comparison, gain = self.comparison, self.gain(name)
         if gain is None:
-            return in_words(found.failed[name])
+            return in_words(comparison.failed[name])
         gained = f"gain in mean return {in_brief(gain)}"
-        times, alone = found.times(name), found.times(SCRATCH)
+        times, alone = comparison.times(name), comparison.times(SCRATCH)
         if not (times.reached.any() or alone.reached.any()):
             return (
-                f"the threshold {found.threshold:.4g} is never reached within {found.total:,} "
-                f"steps, with sources or from scratch; {gained}"
+                f"the threshold {comparison.threshold:.4g} is never reached within "
+                f"{comparison.total:,} steps, with sources or from scratch; {gained}"
             )
         # Where the budget cuts off only the slower side, more would be saved, or taken, beyond it.
-        saved = found.contrasts[name].strong_steps_saved
+        saved = comparison.contrasts[name].strong_steps_saved
         slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
         bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
-        spent = found[name].curve.source_steps.mean()
+        spent = comparison[name].curve.source_steps.mean()
         return (
-            f"expected steps to the threshold {found.threshold:.4g}: {self._steps(name)} with "
+            f"expected steps to the threshold {comparison.threshold:.4g}: {self._steps(name)} with "
             f"sources (their {spent:,.0f} steps included), {self._steps(SCRATCH)} from scratch; "
             f"{_saved(saved, bound)}; {gained}"
         )
@@ -126,7 +225,7 @@ def _saved(steps: Interval, bound: str) -> str:
     """Return steps that are saved, or taken more, in words."""
     if steps.estimate >= 0:
         return f"saves {bound}{in_brief(steps)}"
-    n, low, high = (-float(one) for one in (steps.estimate, steps.high, steps.low))
+    n, low, high = (-float(value) for value in (steps.estimate, steps.high, steps.low))
     return f"takes {bound}{in_brief(replace(steps, estimate=n, low=low, high=high))} more"
 
 
@@ -139,7 +238,7 @@ def verdict_words(gain: Interval) -> str:
 
 def in_brief(interval: Interval) -> str:
     """Return an interval without its number of seeds, thousands with commas."""
-    bounds = [float(one) for one in (interval.estimate, interval.low, interval.high)]
+    bounds = [float(value) for value in (interval.estimate, interval.low, interval.high)]
     estimate, low, high = map(_three_digits, bounds)
     return estimate if low == "nan" else f"{estimate} [{low}, {high}]"
 
@@ -154,13 +253,13 @@ def run_trial(
     *,
     seeds: int = SEEDS,
     threshold: float | None = None,
-    alone: LearntAlone | None = None,
+    memory: Memory | None = None,
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
     """Return a trial of candidates for one target."""
-    arms = {one.name: apart(one.curriculum) for one in candidates}
-    comparison = _compared(arms, alone, seeds, threshold, workers, progress)
+    arms = {candidate.name: apart(candidate.curriculum) for candidate in candidates}
+    comparison = _compared(arms, memory, seeds, threshold, workers, progress)
     assumes = (
         f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of an "
         "experiment; assumes the tasks, budgets and settings of the curriculum, its sources "
@@ -174,12 +273,14 @@ def rehearse(
     candidate: Candidate,
     *,
     seeds: int = SEEDS,
-    alone: LearntAlone | None = None,
+    memory: Memory | None = None,
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
     """Return a trial of a smaller relative of a curriculum, which stands for a candidate."""
-    comparison = _compared({candidate.name: apart(relative)}, alone, seeds, None, workers, progress)
+    comparison = _compared(
+        {candidate.name: apart(relative)}, memory, seeds, None, workers, progress
+    )
     assumes = (
         f"a rehearsal on the smaller relative {relative.target!r}, {counted(seeds, 'seed')}; its "
         f"steps and returns are the relative's own; assumes that what pays there pays in "
@@ -190,26 +291,25 @@ def rehearse(
 
 def _compared(
     arms: Mapping[str, Curriculum],
-    alone: LearntAlone | None,
+    memory: Memory | None,
     seeds: int,
     threshold: float | None,
     workers: int | None,
     progress: Progress,
 ) -> Comparison:
     """Return the comparison of arms; the window is cut where there are fewer checkpoints."""
-    plan, failed = ComparisonPlan.of(arms, workers=workers), dict[str, Exception]()
+    memory = Memory() if memory is None else memory
+    plan, failed = comparison_plan(arms, memory), dict[str, Exception]()
     with warnings.catch_warnings(), shown(progress) as bars:
         # A calibration that is refused here will be refused in the experiment too, and said there.
         warnings.simplefilter("ignore", UserWarning)
-        plan = replace(plan, bars=bars, alone=LearntAlone() if alone is None else alone)
-        found = plan.run(seed_tuple(seeds), failed)
-    check_any_left(found, failed)
+        trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
     level = STATED
     if threshold is None:
-        threshold, level = default_threshold(plan.solved_target(), found[SCRATCH])
-    window = min(WINDOW, plan.checkpoints)
-    spans = plan.budget, plan.total, threshold, window
-    return Comparison(plan.target, found, *spans, failed, threshold_from=level)
+        threshold, level = default_threshold(solved_target(plan), trained[SCRATCH])
+    window = min(WINDOW, checkpoints(plan))
+    spans = *plan.steps, threshold, window
+    return Comparison(plan.target, trained, *spans, failed, threshold_from=level)
 
 
 def apart(curriculum: Curriculum) -> Curriculum:
@@ -236,29 +336,29 @@ def hindrance(curriculum: Curriculum) -> str:
 
 def trial_seconds(candidates: Sequence[Candidate]) -> float:
     """Return the seconds on one processor that one seed of a trial takes, about, and at most."""
-    spent = [most_source_steps(one.curriculum) for one in candidates]
+    spent = [most_source_steps(candidate.curriculum) for candidate in candidates]
     first = candidates[0].curriculum
     node = first.node(first.target)
     total = limits(node.budget)[0] + max(spent)
-    found = _node_seconds(node, total) * (1 + len(candidates))
-    for one in candidates:
-        names = one.curriculum.ancestors(one.curriculum.target)
-        nodes = [one.curriculum.node(name) for name in names]
-        found += sum(_node_seconds(source, source.most_steps) for source in nodes)
-    return found
+    seconds = _node_seconds(node, total) * (1 + len(candidates))
+    for candidate in candidates:
+        names = candidate.curriculum.ancestors(candidate.curriculum.target)
+        nodes = [candidate.curriculum.node(name) for name in names]
+        seconds += sum(_node_seconds(source, source.most_steps) for source in nodes)
+    return seconds
 
 
 def _node_seconds(node: Node, steps: int) -> float:
     """Return the seconds of learning a task for so many steps and of its greedy evaluations."""
     kernel = node.evaluation.kernel(node.task)
-    checkpoints, each = steps // node.eval_freq + 1, 0.0
+    checkpoints, evaluation = steps // node.eval_freq + 1, 0.0
     if isinstance(kernel, ExactEvaluation):
         # At most every state, each with the outcomes of its greedy action.
         outcomes = len(kernel.tables.outcome_row) * kernel.tables.probability.shape[1]
-        each = outcomes * min(kernel.horizon, SETTLED) * OUTCOME
+        evaluation = outcomes * min(kernel.horizon, SETTLED) * OUTCOME
     elif isinstance(kernel, RolloutEvaluation):
-        each = kernel.episodes * min(kernel.horizon, steps) * STEP
-    return steps * STEP + checkpoints * each
+        evaluation = kernel.episodes * min(kernel.horizon, steps) * STEP
+    return steps * STEP + checkpoints * evaluation
 
 
 def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:
@@ -266,7 +366,7 @@ def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:
 
     All candidates, or else the one that the curriculum uses.
     """
-    for some in (list(candidates), [one for one in candidates if one.used]):
+    for some in (list(candidates), [candidate for candidate in candidates if candidate.used]):
         seeds = min(SEEDS, int(QUICK / trial_seconds(some)))
         if seeds >= FEWEST:
             return some, seeds

@@ -161,22 +161,22 @@ def verdicts_of(
     if not rivals:
         return {}
     arrays = {name: vector(f"returns of {name!r}", values) for name, values in returns.items()}
-    for name, those in rivals.items():
-        _check(name, those, arrays)
+    for name, others in rivals.items():
+        _check(name, others, arrays)
     apart = {
-        name: np.stack([difference(arrays[name], arrays[rival]) for rival in those])
-        for name, those in rivals.items()
+        name: np.stack([difference(arrays[name], arrays[rival]) for rival in others])
+        for name, others in rivals.items()
     }
     draws = _draws(looks, sum(map(len, apart.values())))
     p = [math.nan if interim else _p_value(rows, draws, looks) for rows in apart.values()]
-    each = p if interim else holm(p).tolist()
-    found = {}
-    for (name, rows), one, adjusted in zip(apart.items(), p, each, strict=True):
+    adjusted_p = p if interim else holm(p).tolist()
+    verdicts = {}
+    for (name, rows), p_value, adjusted in zip(apart.items(), p, adjusted_p, strict=True):
         strongest = rivals[name][int(rows.mean(axis=1).argmin())]
         number = rows.shape[1], seeds_needed(len(apart), looks=looks)
         gain = _smallest_gain(rows, looks)
-        found[name] = Verdict(gain, strongest, len(rows), one, adjusted, *number, interim)
-    return found
+        verdicts[name] = Verdict(gain, strongest, len(rows), p_value, adjusted, *number, interim)
+    return verdicts
 
 
 def seeds_needed(questions: int = 1, *, looks: Looks = ONE_LOOK) -> int:
@@ -213,13 +213,13 @@ def _check(name: str, rivals: Sequence[str], returns: Mapping[str, FloatArray]) 
     """Raise SettingError unless an arm and its rivals, at least one, have as many returns."""
     if not rivals:
         raise SettingError(f"an arm to be compared needs a rival: {name!r} has none")
-    for one in (name, *rivals):
-        if one not in returns:
-            raise SettingError(f"an arm to be compared needs returns: {one!r} has none")
-        if returns[one].shape != returns[name].shape:
+    for arm in (name, *rivals):
+        if arm not in returns:
+            raise SettingError(f"an arm to be compared needs returns: {arm!r} has none")
+        if returns[arm].shape != returns[name].shape:
             raise SettingError(
-                f"returns must be of the same seeds: {name!r} has {returns[name].size}, {one!r} "
-                f"{returns[one].size}"
+                f"returns must be of the same seeds: {name!r} has {returns[name].size}, {arm!r} "
+                f"{returns[arm].size}"
             )
 
 
@@ -241,7 +241,7 @@ def _p_value(differences: FloatArray, draws: int, looks: Looks) -> float:
 
 def _of_all(differences: FloatArray, of_each: npt.ArrayLike, looks: Looks) -> float:
     """Return the p-value of n rivals from that of each."""
-    p = np.array([looks.adjusted_p(one) for one in np.asarray(of_each).tolist()])
+    p = np.array([looks.adjusted_p(value) for value in np.asarray(of_each).tolist()])
     means = differences.mean(axis=1)
     if (means > 0).all():
         return float(p.max())
@@ -254,8 +254,8 @@ def _smallest_gain(differences: FloatArray, looks: Looks) -> Interval:
     below, above = ([mean_interval(row, confidence=c) for row in differences] for c in levels)
     return Interval(
         estimate=float(differences.mean(axis=1).min()),
-        low=float(np.min([one.low for one in below])),
-        high=float(np.min([one.high for one in above])),
+        low=float(np.min([interval.low for interval in below])),
+        high=float(np.min([interval.high for interval in above])),
         confidence=1 - SIGNIFICANT,
         n=differences.shape[1],
     )
@@ -264,7 +264,7 @@ def _smallest_gain(differences: FloatArray, looks: Looks) -> Interval:
 SHARE = 0.1
 """Up to this share of a gain is nothing beside the rest."""
 ASKING = 'cr.compare(..., controls=["constant", "placebo"])'
-"""How the question is asked; a study file has no such key."""
+"""How the question is asked; in a study file by ``controls = ["constant", "placebo"]``."""
 
 Why = Literal["", "not asked", "knowledge", "mostly level", "level", "not shown"]
 
@@ -323,5 +323,5 @@ class Reason:
 
 def not_asked(reasons: Sequence[Reason]) -> str:
     """Return that some of the curricula that pay were not asked why, in words; else nothing."""
-    open_ = any(one.why == "not asked" for one in reasons)
+    open_ = any(reason.why == "not asked" for reason in reasons)
     return f"by what it knows, or by optimism alone? Not asked: {ASKING}" if open_ else ""

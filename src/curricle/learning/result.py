@@ -20,7 +20,7 @@ from curricle.learning.record import Snapshots
 from curricle.learning.run import Outcome
 from curricle.learning.saved_result import (
     CURVES,
-    HELD,
+    FIELDS,
     TOTALS,
     Arrays,
     arrays_of,
@@ -118,7 +118,7 @@ class LearningResult(Frozen):
                 "a policy to take away needs the values that were learnt: these were not saved, "
                 "see Storage(save_values=True)"
             )
-        return tuple(TabularPolicy(self.task, one) for one in self.values)
+        return tuple(TabularPolicy(self.task, table) for table in self.values)
 
     @property
     def policy(self) -> Any:
@@ -217,11 +217,11 @@ class LearningResult(Frozen):
         """Return the result whose arrays and words, of all or of a part of it, a file holds."""
         with as_saved(saved):
             check_saved_arrays(arrays, pairs_of(saved, about.get("task"), task))
-            found = cls.of_arrays(arrays, task, learner_of(about.get("learner")))
-            if found.snapshots is None:
-                return found
+            result = cls.of_arrays(arrays, task, learner_of(about.get("learner")))
+            if result.snapshots is None:
+                return result
             seed = int(about["snapshot_seed"])
-            return replace(found, snapshots=replace(found.snapshots, seed=seed))
+            return replace(result, snapshots=replace(result.snapshots, seed=seed))
 
     @classmethod
     def of_arrays(cls, arrays: Arrays, task: Any = None, learner: Any = None) -> Self:
@@ -257,7 +257,7 @@ def learning_result(
     }
     for k, outcome in enumerate(outcomes):
         end = outcome.steps // eval_freq
-        for name in HELD:
+        for name in (name for name in CURVES if FIELDS[name].held):
             curves[name][k, end + 1 :] = curves[name][k, end]
     last = None if values is None else values[0]
     return LearningResult(
@@ -290,14 +290,6 @@ def _snapshots(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapsh
     return Snapshots(seed, frozen(steps), frozen(values))
 
 
-def lengthened(name: str, curves: FloatArray, checkpoints: int) -> FloatArray:
-    """Return curves (K, T) of seeds that have ended at more checkpoints: held, or else NaN."""
-    after = ((0, 0), (0, checkpoints - curves.shape[1]))
-    if name in HELD:
-        return np.pad(curves, after, mode="edge")
-    return np.pad(curves, after, constant_values=np.nan)
-
-
 def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
     """Return the results of several groups of seeds as one, seeds ascending."""
     longest = max(parts, key=lambda part: len(part.steps))
@@ -308,14 +300,20 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
     def joined(arrays: Sequence[npt.NDArray[Any]]) -> Any:
         return frozen(np.concatenate(arrays)[order])
 
-    def curves(name: str) -> Any:
-        n = len(longest.steps)
-        return joined([lengthened(name, getattr(part, name), n) for part in parts])
+    def lengthened(name: str) -> Any:
+        """Return the curves of all seeds, those of seeds that have ended held, or else NaN."""
+        after = {"mode": "edge"} if FIELDS[name].held else {"constant_values": np.nan}
+        more = [len(longest.steps) - len(part.steps) for part in parts]
+        curves = [getattr(part, name) for part in parts]
+        pad: Any = np.pad
+        return joined(
+            [pad(x, ((0, 0), (0, n)), **after) for x, n in zip(curves, more, strict=True)]
+        )
 
     values: Any = [part.values for part in parts]
-    if any(one is None for one in values):
+    if any(value is None for value in values):
         values = None
-    elif all(isinstance(one, np.ndarray) for one in values):
+    elif all(isinstance(value, np.ndarray) for value in values):
         values = joined(values)
     else:
         flat = list(chain.from_iterable(values))
@@ -326,25 +324,12 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
         seeds=tuple(seeds),
         values=values,
         snapshots=min(snapshots, key=lambda snapshots: snapshots.seed, default=None),
-        **{name: curves(name) for name in CURVES},
+        **{name: lengthened(name) for name in CURVES},
         **{name: joined([getattr(part, name) for part in parts]) for name in TOTALS},
     )
 
 
 # -- curves as rows --------------------------------------------------------------------------------
-
-
-UNITS = {
-    "seed": "",
-    "checkpoint": "",
-    "steps": "steps in the task",
-    "source_steps": "steps in all sources",
-    "training_return": "mean undiscounted return of an episode",
-    "greedy_return": "return of the greedy policy",
-    "guard_share": "share of steps",
-    "episodes": "episodes ended",
-}
-"""Of each column."""
 
 
 def curve_columns(arrays: Arrays, task: str | None = None) -> dict[str, npt.NDArray[Any]]:
@@ -377,7 +362,9 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
     except ModuleNotFoundError:
         raise ImportError("a DataFrame needs pandas: pip install pandas") from None
     frame = pd.DataFrame(dict(columns))
-    frame.attrs["units"] = {name: UNITS[name] for name in columns if UNITS.get(name)}
+    units = {name: field.unit for name, field in FIELDS.items()}
+    units["source_steps"] = "steps in all sources"
+    frame.attrs["units"] = {name: units[name] for name in columns if units.get(name)}
     return frame
 
 
@@ -386,7 +373,7 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
 
 def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
     """Return a row for each task's LearningResult, and in words what ended its learning."""
-    rows = [(name, *_row(one), ended.get(name, "")) for name, one in results.items()]
+    rows = [(name, *_row(result), ended.get(name, "")) for name, result in results.items()]
     words = ["ended by"] * any(ended.values())
     shown = [row if words else row[:-1] for row in rows]
     head = ["task", "learner", "seeds", "steps a seed", "episodes a seed"]

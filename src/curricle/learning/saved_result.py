@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -50,13 +50,13 @@ def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None
     None where they are not known, or are observations. SettingError where the task has other spaces
     than `record`, which :func:`task_record` returned for the one that was learnt.
     """
-    given, recorded = task_record(task), record if isinstance(record, Mapping) else {}
-    if given and recorded and given["spaces"] != recorded.get("spaces"):
+    own_record, recorded = task_record(task), record if isinstance(record, Mapping) else {}
+    if own_record and recorded and own_record["spaces"] != recorded.get("spaces"):
         raise SettingError(
             f"a result must be loaded with its own task: {saved.path} has "
-            f"{recorded.get('spaces')}, the task has {given['spaces']}"
+            f"{recorded.get('spaces')}, the task has {own_record['spaces']}"
         )
-    pairs = (given or recorded).get("pairs")
+    pairs = (own_record or recorded).get("pairs")
     return None if pairs is None else (int(pairs[0]), int(pairs[1]))
 
 
@@ -90,7 +90,7 @@ def learner_record(learner: Any) -> dict[str, Any]:
     kind = type(learner)
     if LEARNERS.get(kind.__name__) is not kind:
         return {"type": kind.__name__}
-    settings = {one.name: getattr(learner, one.name) for one in fields(learner)}
+    settings = {setting.name: getattr(learner, setting.name) for setting in fields(learner)}
     return {
         "type": kind.__name__,
         "settings": {
@@ -123,24 +123,36 @@ def _setting(value: Any) -> Any:
 # -- arrays ----------------------------------------------------------------------------------------
 
 
-HELD = ("greedy_return", "guard_share", "episodes")
-"""Curves whose last value is repeated after a seed's end."""
-CURVES = ("training_return", *HELD)
-"""What there is one of for each seed and checkpoint."""
-TOTALS = ("steps_used", "episodes_used", "evaluation_steps", "out_of_memory", "own_rewards")
-"""What there is one of for each seed."""
-PLAIN = (
-    *("steps", "training_return", "greedy_return", "episodes", "steps_used", "episodes_used"),
-    *("evaluation_steps", "out_of_memory", "guard_share", "own_rewards"),
-)
-"""The arrays of a result by seed, and ``steps``, as they are stored."""
-DTYPES = {
-    **dict.fromkeys(("steps", "seeds", "episodes", "snapshot_steps"), "int64"),
-    **dict.fromkeys(("steps_used", "episodes_used", "evaluation_steps"), "int64"),
-    **dict.fromkeys(("out_of_memory", "own_rewards"), "bool"),
-    "snapshot_values": "float32",
+class ResultField(NamedTuple):
+    """An array of a result, as it is joined, checked, saved and shown."""
+
+    axes: str  # K a seed, T a checkpoint
+    dtype: str
+    unit: str = ""  # of its column in a table
+    held: bool = False  # whether a curve keeps its last value after a seed's end; else it is NaN
+
+
+FIELDS = {
+    "steps": ResultField("T", "int64", "steps in the task"),
+    "training_return": ResultField("KT", "float64", "mean undiscounted return of an episode"),
+    "greedy_return": ResultField("KT", "float64", "return of the greedy policy", held=True),
+    "episodes": ResultField("KT", "int64", "episodes ended", held=True),
+    "steps_used": ResultField("K", "int64"),
+    "episodes_used": ResultField("K", "int64"),
+    "evaluation_steps": ResultField("K", "int64"),
+    "out_of_memory": ResultField("K", "bool"),
+    "guard_share": ResultField("KT", "float64", "share of steps", held=True),
+    "own_rewards": ResultField("K", "bool"),
 }
-"""Of the arrays that are not of float64."""
+"""The arrays of a :class:`LearningResult`, in the order in which files hold them."""
+CURVES = tuple(
+    sorted(
+        (name for name, field in FIELDS.items() if field.axes == "KT"),
+        key=lambda name: FIELDS[name].dtype == "int64",
+    )
+)
+"""In the order of a table's columns: counts come last."""
+TOTALS = tuple(name for name, field in FIELDS.items() if field.axes == "K")
 FLOATS = "float64", "float32"
 """Of values that were learnt."""
 MOST_STEPS = 2**53
@@ -154,13 +166,13 @@ def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
     its sparse table, or the parameters of its network, ``values_k/name``;
     ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
     """
-    found = {name: getattr(result, name) for name in PLAIN}
-    found["seeds"] = np.array(result.seeds, dtype=np.int64)
-    found |= arrays_of_values(result.values)
+    arrays = {name: getattr(result, name) for name in FIELDS}
+    arrays["seeds"] = np.array(result.seeds, dtype=np.int64)
+    arrays |= arrays_of_values(result.values)
     if result.snapshots is not None:
-        found["snapshot_steps"] = result.snapshots.steps
-        found["snapshot_values"] = result.snapshots.values
-    return found
+        arrays["snapshot_steps"] = result.snapshots.steps
+        arrays["snapshot_values"] = result.snapshots.values
+    return arrays
 
 
 def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
@@ -169,14 +181,14 @@ def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
         return {}
     if isinstance(values, np.ndarray):
         return {"values": values}
-    found = dict[str, npt.NDArray[Any]]()
-    for k, one in enumerate(values):
-        if isinstance(one, SparseValues):
-            found |= {f"states_{k}": one.states, f"values_{k}": one.values}
+    arrays = dict[str, npt.NDArray[Any]]()
+    for k, table in enumerate(values):
+        if isinstance(table, SparseValues):
+            arrays |= {f"states_{k}": table.states, f"values_{k}": table.values}
         else:
-            named = one if isinstance(one, Mapping) else one.parameters()
-            found |= {f"values_{k}/{name}": each for name, each in named.items()}
-    return found
+            named = table if isinstance(table, Mapping) else table.parameters()
+            arrays |= {f"values_{k}/{name}": array for name, array in named.items()}
+    return arrays
 
 
 def fields_of(arrays: Arrays) -> dict[str, Any]:
@@ -190,7 +202,7 @@ def fields_of(arrays: Arrays) -> dict[str, Any]:
         "seeds": seeds,
         "values": all_values_of(arrays, len(seeds)),
         "snapshots": snapshots,
-        **{name: frozen(arrays[name]) for name in PLAIN},
+        **{name: frozen(arrays[name]) for name in FIELDS},
     }
 
 
@@ -212,8 +224,10 @@ def values_of(arrays: Arrays, k: int) -> Any:
     """Return the k-th seed's table, or its network's parameters; None where neither is there."""
     if "values" in arrays:
         return arrays["values"][k]
-    own = f"values_{k}/"
-    return {name.removeprefix(own): v for name, v in arrays.items() if name.startswith(own)} or None
+    prefix = f"values_{k}/"
+    return {
+        name.removeprefix(prefix): v for name, v in arrays.items() if name.startswith(prefix)
+    } or None
 
 
 def checkpoints_of(arrays: Arrays) -> int:
@@ -230,20 +244,20 @@ def check_result_arrays(
     counts: Sequence[str] = ("steps_used",),
 ) -> None:
     """Raise ValueError unless arrays are those of a result."""
-    n, n_seeds = checkpoints_of(arrays), len(seeds)
-    shapes: dict[str, tuple[int, ...]] = {"steps": (n,)}
-    shapes |= dict.fromkeys(CURVES, (n_seeds, n))
-    shapes |= dict.fromkeys(("seeds", *TOTALS, *counts), (n_seeds,))
+    n, of_seeds = checkpoints_of(arrays), (len(seeds),)
+    shapes: dict[str, tuple[int, ...]] = {"T": (n,), "K": of_seeds, "KT": (*of_seeds, n)}
+    expected = {name: (shapes[field.axes], field.dtype) for name, field in FIELDS.items()}
+    expected |= dict.fromkeys(("seeds", *counts), (of_seeds, "int64"))
     if "snapshot_steps" in arrays:
         moments = arrays["snapshot_steps"].size
-        shapes |= {"snapshot_steps": (moments,), "snapshot_values": (moments, *pairs)}
-    for name, shape in shapes.items():
-        found = arrays.get(name)
-        if found is None or found.shape != shape or not n:
+        expected["snapshot_steps"] = (moments,), "int64"
+        expected["snapshot_values"] = (moments, *pairs), "float32"
+    for name, (shape, dtype) in expected.items():
+        array = arrays.get(name)
+        if array is None or array.shape != shape or not n:
             raise ValueError(f"{name} must be an array of shape {shape}")
-        kind = "int64" if name in counts else DTYPES.get(name, "float64")
-        if found.dtype != kind:
-            raise ValueError(f"{name} must be an array of {kind}: got {found.dtype}")
+        if array.dtype != dtype:
+            raise ValueError(f"{name} must be an array of {dtype}: got {array.dtype}")
     if (np.diff(arrays["steps"], prepend=-1) <= 0).any():
         raise ValueError("steps must ascend from 0")
     if arrays["seeds"].tolist() != list(seeds):
@@ -251,7 +265,7 @@ def check_result_arrays(
     for name in counts:
         if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_STEPS:
             raise ValueError(f"{name} must be from 0 to {MOST_STEPS:,}")
-    for name in shapes.keys() & {*CURVES, "snapshot_values"}:
+    for name in expected.keys() & {*CURVES, "snapshot_values"}:
         if np.isinf(arrays[name]).any():
             raise ValueError(f"{name} must have finite numbers")
 

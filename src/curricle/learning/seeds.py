@@ -65,8 +65,8 @@ def seed_settings(
         shapings = map(checked, _one_a_seed("shaping", shaping, len(numbers), None))
     else:
         shapings = repeat(checked(shaping), len(numbers))
-    found = list[SeedSettings]()
-    for seed, one, acted, cost in zip(
+    settings = list[SeedSettings]()
+    for seed, seed_shaping, acted, cost in zip(
         numbers,
         shapings,
         _one_a_seed("warm-up", warm_up, len(numbers), NO_WARM_UP),
@@ -76,21 +76,21 @@ def seed_settings(
         instance("each warm-up", acted, WarmUp, SettingError)
         cost = whole_number("each of charged", cost, 0, SettingError)
         _check_limits(limits, seed, acted, cost)
-        found.append(SeedSettings(seed, one, acted, cost))
-    return found
+        settings.append(SeedSettings(seed, seed_shaping, acted, cost))
+    return settings
 
 
-def _is_list(given: Any) -> bool:
-    return isinstance(given, Sequence | np.ndarray) and not isinstance(given, str)
+def _is_list(value: Any) -> bool:
+    return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
 
 
-def _one_a_seed(what: str, given: Any, n_seeds: int, default: Any) -> list[Any]:
-    if given is not None and not _is_list(given):
-        raise SettingError(f"{what} must be a list, one a seed: got {given!r}")
-    each = [default] * n_seeds if given is None else list(given)
-    if len(each) != n_seeds:
-        raise SettingError(f"one {what} a seed means {n_seeds} of them: got {len(each)}")
-    return each
+def _one_a_seed(what: str, values: Any, n_seeds: int, default: Any) -> list[Any]:
+    if values is not None and not _is_list(values):
+        raise SettingError(f"{what} must be a list, one a seed: got {values!r}")
+    of_seeds = [default] * n_seeds if values is None else list(values)
+    if len(of_seeds) != n_seeds:
+        raise SettingError(f"one {what} a seed means {n_seeds} of them: got {len(of_seeds)}")
+    return of_seeds
 
 
 def _checked_shaping(
@@ -144,14 +144,14 @@ def over_seeds(
 
     The main thread does no work itself but for 0 threads, so that it answers an interrupt.
     """
-    found = list[Result]()
+    results = list[Result]()
     if not threads or (threads == 1 and current_thread() is not main_thread()):
         for k in range(seeds):  # no iterator does the work: an environment may raise StopIteration
-            found.append(work(k))
+            results.append(work(k))
             ended(k)
-        return found
+        return results
     with interruptible(threads) as pool:
         for k, result in enumerate(pool.map(work, range(seeds))):
-            found.append(result)
+            results.append(result)
             ended(k)
-    return found
+    return results

@@ -29,6 +29,7 @@ from matplotlib.scale import SymmetricalLogTransform
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import listed
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.plan import numbered_seeds
 from curricle.errors import SettingError, StoreError, in_words
 from curricle.files import write_whole
 from curricle.show.findings import (
@@ -56,7 +57,6 @@ from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
 from curricle.study.record import Analysis, CurriculaRecord
 from curricle.study.tuning import Effects, TuningRecord
-from curricle.study.units import numbered_seeds
 from curricle.text import counted
 
 # -- templates -------------------------------------------------------------------------------------

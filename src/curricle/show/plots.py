@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from curricle.arrays import IntArray
 from curricle.checks import brief, numbers
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.forecasts import Forecast
+from curricle.comparison.forecasting import Forecast
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.curriculum.result import MOST_CURVES, CurriculumResult
 from curricle.errors import SettingError

@@ -14,6 +14,7 @@ from time import monotonic, sleep
 from typing import Any, Self
 
 from curricle.checks import listed
+from curricle.comparison.plan import seed_ranges
 from curricle.errors import StudyError, in_words
 from curricle.files import Place, RemotePath, place_at
 from curricle.show.page import ShownStudy, page_of, render, write_page
@@ -22,7 +23,6 @@ from curricle.study.record import Analysis, CurriculaRecord, SectionRecord, Stud
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import STUDY, in_use
 from curricle.study.tuning import effects_of, read_tuning
-from curricle.study.units import seed_ranges
 from curricle.text import counted
 
 BETWEEN, BETWEEN_AT_URL = 2.0, 10.0
@@ -275,9 +275,12 @@ def arms_so_far(study: StudyResults) -> list[str]:
         if common and (number + 1) * len(common) >= most:
             best, most = number, (number + 1) * len(common)
     chosen = {SCRATCH, *others[:best]}
-    if all(record.arms[name].scratch for name in chosen - {SCRATCH}):
+    # A control says nothing without the arm that it is of.
+    kept = {name: arm for name, arm in record.arms.items() if name in chosen}
+    kept = {name: arm for name, arm in kept.items() if arm.control_of in {"", *kept}}
+    if all(arm.scratch or arm.control_of for name, arm in kept.items() if name != SCRATCH):
         return []
-    return [name for name in record.arms if name in chosen]
+    return list(kept)
 
 
 def _only(study: StudyResults, arms: set[str]) -> StudyResults:

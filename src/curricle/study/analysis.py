@@ -13,12 +13,12 @@ from curricle.certificate.certification import certify
 from curricle.certificate.verdict import Certificate, SampledCertificate
 from curricle.checks import one_of
 from curricle.comparison.comparing import OF_OPTIMUM, STATED, threshold_of_optimum
+from curricle.comparison.controls import entering
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import OF_TARGETS, SETTINGS
 from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.sources import calibrated
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import PolicyReuse
 from curricle.errors import CurricleError, StoreError
@@ -32,7 +32,6 @@ from curricle.show.views import GridView
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
-from curricle.study.packing import seeds_per_file
 from curricle.study.record import (
     LONGEST_EPISODE,
     Analysis,
@@ -52,6 +51,7 @@ from curricle.study.record import (
     ViewRecord,
 )
 from curricle.study.results import ANALYSIS, StudyResults
+from curricle.study.store import seeds_per_file
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
@@ -64,7 +64,10 @@ from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
 def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     """Return the record of a study, before it is run."""
-    curricula = curricula_record(arms.curricula, arms.keys, arms.scratches, study.variants or {})
+    controls = {name: arm.of for name, arm in arms.arms.items()}
+    curricula = curricula_record(
+        arms.curricula, arms.keys, arms.scratches, study.variants or {}, controls
+    )
     first = next(iter(arms.curricula.values()))
     threshold, level = study.threshold, STATED
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
@@ -82,8 +85,12 @@ def curricula_record(
     keys: Mapping[tuple[str, str], str],
     scratches: Collection[str] = (),
     variants: Mapping[str, VariantRecord] = MappingProxyType({}),
+    controls: Mapping[str, str] = MappingProxyType({}),
 ) -> CurriculaRecord:
-    """Return the record of curricula by arm, with the keys of their stored results, if any."""
+    """Return the record of curricula by arm, with the keys of their stored results, if any.
+
+    `controls` names the arm that each control is of.
+    """
     tasks, edges, arms = list[Any](), list[Transfer](), {}
     for arm, curriculum in curricula.items():
         nodes = {
@@ -117,6 +124,7 @@ def curricula_record(
             transfers=transfers,
             potential=_aggregate(curriculum, curriculum.target, "") + calibration,
             scratch=arm in scratches,
+            control_of=controls.get(arm, ""),
             depends_on_total=_depends_on_total(curriculum),
             variant=variants.get(arm),
         )
@@ -190,8 +198,15 @@ LARGEST_TABLE = 20_000_000
 
 
 def analyse(study: StudyResults, arms: Arms) -> None:
-    """Write the analysis of the first seeds that every arm has finished, unless it is there."""
-    curricula = {arm: c for arm, c in arms.curricula.items() if arm not in study.failed}
+    """Write the analysis of a study whose arms are compared, unless it is there.
+
+    It is of the first seeds that every arm has finished.
+    """
+    curricula = {
+        arm: curriculum
+        for arm, curriculum in arms.curricula.items()
+        if not (arm in study.failed or arms.arms[arm].control)
+    }
     if not study.seeds or arms.total is None or SCRATCH not in curricula:
         return
     seeds = study.seeds[:MOST_SEEDS]
@@ -365,10 +380,7 @@ def _entering(result: CurriculumResult, target: str) -> PairPotential:
         phi = kept[0]
         return phi
     sources = {name: source.first(1) for name, source in result.sources.items()}
-    phi, *_ = potentials = result.curriculum.potentials(target, sources)
-    if (settings := result.curriculum.calibration(target)) is not None:
-        node = result.curriculum.node(target)
-        phi = calibrated(node, potentials, settings, result[target].seeds[:1])[0].potential
+    (phi,), _ = entering(result.curriculum, target, sources, result[target].seeds[:1])
     return phi
 
 

@@ -1,101 +1,110 @@
-"""A study's arms as they are trained: with one total of steps, learning from scratch first."""
+"""A study's plan, its units as they are sent to workers, and what these return."""
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Self
 
-from curricle.comparison.comparing import check_comparable, most_source_steps
+import numpy as np
+import pyarrow as pa
+
+from curricle.comparison.controls import check_fit, is_shuffled
+from curricle.comparison.plan import (
+    Dependencies,
+    Plan,
+    Unit as Unit,
+    check_comparable,
+)
+from curricle.comparison.running import Trained, train
 from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.sources import StoredValues, source_values
 from curricle.errors import ConfigError, SettingError
+from curricle.files import Place
+from curricle.learning.saved_result import arrays_of
+from curricle.learning.stopping import ended_by
+from curricle.learning.storage import Storage
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config import StudyConfig
-from curricle.study.dependencies import Dependencies, dependencies_of, key_of
+from curricle.study.dependencies import dependencies_of, key_of
+from curricle.study.serialization import DECISION_SCHEMA, UnitResult
+from curricle.study.store import StoredSource
 from curricle.study.vary import target_alone
-from curricle.tasks.live import is_live
-from curricle.tasks.observation_task import is_observation_task
 
 
-@dataclass(frozen=True, eq=False)
-class Arms:
-    """What a study trains."""
+class Arms(Plan):
+    """What a study trains: a plan whose keys are hashes of plain data.
 
-    curricula: Mapping[str, Curriculum]
-    """The budget of their target is the total, if there is one."""
-    target: str
-    """The task that all arms end with."""
-    budget: int | None
-    """Steps of the target, without those of sources; None where arms are not compared."""
-    total: int | None
-    """Steps that every arm spends, sources included."""
-    eval_freq: int
-    """Steps between checkpoints of the target."""
-    keys: Mapping[tuple[str, str], str]
-    """For each arm and task a short hash of all that its result depends on, except the seed: arms
-    that share a source train it once."""
-    dependencies: Mapping[tuple[str, str], Dependencies]
-    """All that: settings, sources, Curricle's version, and digests of the user's own modules and of
-    the mappings that were found."""
-    scratches: tuple[str, ...]
-    """The arms that learn the target from scratch."""
-
-    @property
-    def live(self) -> bool:
-        """Whether a task runs in Python, one thread at a time.
-
-        This includes tasks seen through observations: their learners draw from random generators of
-        the process.
-        """
-        tasks = [task for one in self.curricula.values() for task in one.tasks.values()]
-        return any(is_live(task) or is_observation_task(task) for task in tasks)
+    They are short hashes of all that a result depends on, except the seed: settings, sources,
+    Curricle's version, and digests of the user's own modules and of the mappings that were found.
+    """
 
     @property
     def code(self) -> dict[str, str]:
         """The digest of each own module, by file, and found mapping, that any arm uses."""
-        each = [depends["code"] for depends in self.dependencies.values()]
-        return {file: code[file] for code in each for file in code}
+        parts = [depends["code"] for depends in self.dependencies.values()]
+        return {file: code[file] for code in parts for file in code}
 
     @classmethod
-    def of(cls, study: StudyConfig, choose: Callable[[Dependencies], str] = key_of) -> "Arms":
+    def of(cls, study: StudyConfig, choose: Callable[[Dependencies], str] = key_of) -> Self:
         """Return a study's arms; SettingError or CurriculumError if they are not comparable.
 
         `choose` gives what depends on something its key.
         """
-        given = study.curricula
         scratches = study.scratch_curricula() if study.scratch else {}
-        learners = [one.setting("learner", one.target) for one in scratches.values()]
-        check_comparable(given, None if study.own_learners else learners)
-        first = next(iter(given.values()))
-        target = first.target
-        node = first.node(target)
-        budget, total = None, None
-        if isinstance(node.budget, int):
-            budget = node.budget
-            most = max(most_source_steps(arm) for arm in given.values())
-            total = max(-(-(budget + most) // node.eval_freq) * node.eval_freq, study.total or 0)
-        elif len(given) + study.scratch > 1:
-            raise SettingError(
-                f"arms are compared at one total of steps: the budget of {target!r} is "
-                f"{node.budget}; give it in steps, or run one arm with scratch = false"
-            )
-        given = {**scratches, **given}
-        if total is not None:
-            given = {
-                name: arm.replace(target, budget=total, eval_freq=node.eval_freq)
-                for name, arm in given.items()
-            }
+        controls = study.controls or ()
+        if controls and not scratches:
+            raise SettingError("controls are compared with scratch: leave out scratch = false")
+        for name, curriculum in study.curricula.items():
+            check_fit(controls, name, curriculum)
+        learners = [
+            curriculum.setting("learner", curriculum.target) for curriculum in scratches.values()
+        ]
+        check_comparable(study.curricula, None if study.own_learners else learners)
         plain = study.to_data()
+        target = next(iter(study.curricula.values())).target
         data = {**_scratch_data(plain, target), **plain["arms"]}
-        keys: dict[tuple[str, str], str] = {}
-        dependencies: dict[tuple[str, str], Dependencies] = {}
-        for arm, curriculum in given.items():
-            found = dependencies_of(data[arm], curriculum, total, study.folder, choose)
-            for name, key, depends in found:
-                keys[arm, name], dependencies[arm, name] = key, depends
-        named = tuple(scratches)
-        return cls(given, target, budget, total, node.eval_freq, keys, dependencies, named)
+
+        def keys_of(name: str, curriculum: Curriculum, control: str) -> Any:
+            total = curriculum.setting("budget", target)
+            total = total if isinstance(total, int) else None
+            keys, dependencies = dict[str, str](), dict[str, Dependencies]()
+            parts = dependencies_of(data[name], curriculum, total, study.folder, choose)
+            shuffled = is_shuffled(control, curriculum)
+            for task, key, depends in parts:
+                if control and (shuffled or task == target):
+                    depends = {**depends, "control": control}
+                    key = choose(depends)
+                keys[task], dependencies[task] = key, depends
+            return keys, dependencies
+
+        least = study.total or 0
+        return cls.made(study.curricula, scratches, keys_of, controls=controls, least_total=least)
+
+
+def units_of(
+    study: StudyConfig,
+    arms: Plan,
+    done: Mapping[str, Collection[int]],
+    shard: tuple[int, int] = (1, 1),
+) -> list[Unit]:
+    """Return the units of a shard (i, n) that are still to be trained, sources first.
+
+    `done` has the seeds that are trained by key.
+    """
+    first = min(study.seeds)  # of all shards: merged, they hold the snapshots of one run
+    how: Any = {"seeds_per_unit": study.seeds_per_unit, "snapshots": study.snapshots}
+    return arms.units(seeds_of(study, shard), done, first=first, **how)
+
+
+def seeds_of(study: StudyConfig, shard: tuple[int, int]) -> list[int]:
+    """Return the seeds of a shard (i, n), those of every n-th group of `seeds_per_unit`.
+
+    Seed s belongs to group number s // seeds_per_unit.
+    """
+    part, parts = shard
+    return [seed for seed in study.seeds if seed // study.seeds_per_unit % parts == part - 1]
 
 
 def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
@@ -103,15 +112,15 @@ def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
 
     They are those of the study, or else follow from its first arm.
     """
-    given = study.get("scratches")
-    if given is None:
-        own = target_alone(next(iter(study["arms"].values())))
-        task = own["tasks"][target]
-        given = {SCRATCH: own}
+    scratches = study.get("scratches")
+    if scratches is None:
+        alone = target_alone(next(iter(study["arms"].values())))
+        task = alone["tasks"][target]
+        scratches = {SCRATCH: alone}
         for name, learner in study["scratch_learners"].items():
-            tasks = {**own["tasks"], target: {**task, "learner": learner}}
-            given[f"{SCRATCH}, {name}"] = {**own, "tasks": tasks}
-    return {name: target_alone(one) for name, one in given.items()}
+            tasks = {**alone["tasks"], target: {**task, "learner": learner}}
+            scratches[f"{SCRATCH}, {name}"] = {**alone, "tasks": tasks}
+    return {name: target_alone(arm) for name, arm in scratches.items()}
 
 
 @lru_cache(maxsize=4)
@@ -131,3 +140,91 @@ def arms_from_json(config: str, folder: str, code: str) -> Arms:
                 f"{file} is not as it was when the run began: run it again with --resume"
             )
     return arms
+
+
+class UnitInput(NamedTuple):
+    """All that a unit depends on, as plain data: it can be sent to any machine."""
+
+    config: str
+    """JSON of :meth:`StudyConfig.to_data`."""
+    folder: str
+    """Of the study's own modules."""
+    code: str
+    """JSON of ``Arms.code``: the modules must be as they were when the run began."""
+    unit: Unit
+    sources: Mapping[str, StoredValues]
+    checkpoints: Place | None = None
+    """Where checkpoints are, from which a killed unit goes on, to the same result."""
+    stored: Mapping[str, StoredSource] = {}
+    """The sources that the worker reads itself."""
+    place: Place | None = None
+    """The study's folder, where the worker writes the result itself."""
+    files: Mapping[str, bytes] = {}
+    """The study's own modules, by path in its folder, for a worker that has no such folder."""
+    versions: Mapping[str, str] = {}
+    """Of the run: a worker that came later is compared with them too."""
+    live: bool = False
+    """Whether units must not run side by side in one process."""
+
+
+def train_unit(sent: UnitInput) -> UnitResult:
+    """Return what a unit's seeds learn; it depends on `given` only, not on its `checkpoints`."""
+    arms = arms_from_json(sent.config, sent.folder, sent.code)
+    unit = sent.unit
+    arm = arms.arms[unit.arm]
+    arm = replace(arm, curriculum=_with_memory_for_all(arm.curriculum, unit))
+    sources = source_values(arm.curriculum, unit.seeds, sent.sources)
+    charge = arms.total is not None
+    trained = train(arm, unit, sources, charge=charge, workers=1, saves=sent.checkpoints)
+    arrays = arrays_of(trained.result)
+    arrays["source_steps"] = trained.source_steps
+    if trained.calibrations:
+        for part in ("scale", "refusal"):
+            arrays[part] = np.array([getattr(one, part) for one in trained.calibrations])
+    if trained.level is not None:
+        arrays |= trained.level.arrays
+    rows = _decisions(trained, arm.curriculum, unit)
+    return UnitResult(arrays, pa.Table.from_pylist(rows, pa.schema(DECISION_SCHEMA.items())))
+
+
+def _with_memory_for_all(curriculum: Curriculum, unit: Unit) -> Curriculum:
+    """Return the curriculum with memory for all seeds of a unit: a study's limit is for one seed.
+
+    So what is learnt does not depend on how many seeds are trained together.
+    """
+    storage: Storage = curriculum.setting("storage", unit.task)
+    if storage.memory_limit is None:
+        return curriculum
+    for_all = replace(storage, memory_limit=len(unit.seeds) * storage.limit)
+    return curriculum.replace(unit.task, storage=for_all)
+
+
+def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[dict[str, Any]]:
+    """Return a row for each decision of the stopping rule, or one for the end of each seed."""
+    result, budget = trained.result, curriculum.setting("budget", unit.task)
+    rows = list[dict[str, Any]]()
+    for k, decisions in enumerate(curriculum.node(unit.task).decisions(result)):
+        row = {"task": unit.task, "seed": unit.seeds[k]}
+        rows += [
+            {
+                **row,
+                "steps": decision.step,
+                "ends": decision.spent or decision.ends,
+                "criterion": decision.criterion,
+                "lowest": decision.lowest,
+                "level": decision.kernel.level,
+                "rise": decision.rise,
+                "plateau": decision.kernel.plateau,
+                "reason": str(decision),
+            }
+            for decision in decisions
+        ]
+        if not decisions:
+            used, nan = int(result.steps_used[k]), float("nan")
+            why = ended_by(budget, bool(result.out_of_memory[k]))
+            reason = f"ends; {why}: {used:,} steps, {int(result.episodes_used[k]):,} episodes"
+            numbers = dict.fromkeys(("lowest", "level", "rise", "plateau"), nan)
+            rows.append(
+                {**row, "steps": used, "ends": True, "criterion": why, **numbers, "reason": reason}
+            )
+    return rows

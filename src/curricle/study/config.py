@@ -26,12 +26,10 @@ from pydantic import (
 )
 
 from curricle.checks import listed, unfit_name
-from curricle.comparison.comparing import (
-    compare as compare_curricula,
-    from_scratch,
-    scratch_curricula,
-)
+from curricle.comparison.comparing import compare as compare_curricula
+from curricle.comparison.controls import Control
 from curricle.comparison.forecasting import forecast as forecast_curriculum
+from curricle.comparison.plan import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import DEFAULT_STEPS
 from curricle.deep.learner import DeepLearner
@@ -119,6 +117,8 @@ class RunTable(Table):
     """Whether learning the target from scratch is an arm too."""
     scratch_learners: dict[Name, AnyLearner] = Field({})
     """Further learners from scratch by name, each what it changes in the target's."""
+    controls: tuple[Control, ...] | None = None
+    """Controls of every arm: arms that equal it except for what should help."""
 
 
 class ArmTables(Table):
@@ -242,7 +242,7 @@ class StudyConfig(RunTable):
 
     Parameters
     ----------
-    name, seeds, seeds_per_unit, threshold, window, snapshots, scratch, scratch_learners
+    name, seeds, seeds_per_unit, threshold, window, snapshots, scratch, scratch_learners, controls
         The keys of a study file.
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
@@ -780,7 +780,7 @@ def _of_studies(
 def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     scratch = {name: built(table, study.folder) for name, table in study.scratch_learners.items()}
     settings = {"seeds": study.seeds, "threshold": study.threshold, "window": study.window}
-    return study.curricula, {**settings, "scratch": scratch}
+    return study.curricula, {**settings, "scratch": scratch, "controls": study.controls or ()}
 
 
 def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:

@@ -13,9 +13,8 @@ from curricle.curriculum.node import Node
 from curricle.planning.greedy import Values
 from curricle.planning.simulator import GreedyPolicy, UniformPolicy, simulate
 from curricle.planning.target import LARGEST_SOLVED
-from curricle.study.arms import Arms
+from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig
-from curricle.study.units import units_of
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.observation_task import ObservationTask, is_observation_task

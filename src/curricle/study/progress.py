@@ -8,8 +8,8 @@ from datetime import timedelta
 from time import monotonic
 from typing import Any
 
+from curricle.comparison.plan import Unit
 from curricle.progress import shown
-from curricle.study.units import Unit
 from curricle.text import brief_repr, counted
 
 WINDOW = 60.0

@@ -188,6 +188,8 @@ class ArmRecord(Plain):
     """Why what is learnt by a step depends on the total, in words; empty if it does not, None if
     another version wrote the record."""
     variant: VariantRecord | None = None
+    control_of: str = ""
+    """The arm that it is a control of, if it is one."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -218,7 +220,7 @@ class CurriculaRecord(Plain):
         """Return the arms besides scratch; those with the same tasks and transfers together."""
         groups: dict[Any, list[str]] = {}
         for name, arm in self.arms.items():
-            if name != SCRATCH and not arm.scratch:
+            if name != SCRATCH and not (arm.scratch or arm.control_of):
                 nodes = tuple((task, node.task) for task, node in arm.nodes.items())
                 same = nodes, tuple(edge.number for edge in arm.transfers)
                 groups.setdefault(same, []).append(name)
@@ -263,9 +265,13 @@ class StudyRecord(CurriculaRecord):
 
     @model_validator(mode="after")
     def _has_target(self) -> Self:
+        last = ""
         for name, arm in self.arms.items():
             if next(reversed(arm.nodes)) != self.target:
                 raise ValueError(f"arms.{name}.nodes must end with the target, {self.target}")
+            if arm.control_of not in ("", last):
+                raise ValueError(f"arms.{name}.control_of must be the arm before its controls")
+            last = arm.control_of or name
         if (self.budget is None) is not (self.total is None):
             raise ValueError("budget and total must both be numbers, or neither")
         return self

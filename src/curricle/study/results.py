@@ -1,8 +1,9 @@
 """The results of a study, read from its folder."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,23 @@ import pyarrow.parquet as pq
 
 from curricle.arrays import IntArray
 from curricle.checks import one_of
-from curricle.comparison.arms import Arm
 from curricle.comparison.comparing import MIDPOINT
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.controls import PLACEBO, Level, concatenated_levels
+from curricle.comparison.running import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues, source_values, sources_read
 from curricle.deep.policy import policies_of
 from curricle.display import block
-from curricle.errors import CurricleError, CurriculumError, StoreError, StudyError
+from curricle.errors import (
+    CurricleError,
+    CurriculumError,
+    EngineError,
+    StoreError,
+    StudyError,
+    in_words,
+)
 from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, curve_columns, joined_results
@@ -33,9 +42,8 @@ from curricle.study.store import (
     STUDY,
     StoredUnit,
     StudyStore,
-    failed_arms,
-    read_failures,
     stored_values,
+    write_errors,
 )
 from curricle.text import counted, shortened
 
@@ -56,7 +64,9 @@ def check_shared_target(records: Iterable[StudyRecord]) -> None:
             raise CurriculumError(
                 f"studies must share their target: those of {pair} differ in {'; '.join(apart)}"
             )
-        mine, yours = (one.arms[SCRATCH].nodes[one.target].settings for one in (first, other))
+        mine, yours = (
+            record.arms[SCRATCH].nodes[record.target].settings for record in (first, other)
+        )
         for which in ("evaluation", "learner", "eval_freq"):
             if mine.get(which) != yours.get(which):
                 raise CurriculumError(
@@ -82,6 +92,84 @@ def check_total(study: "StudyResults", total: int) -> None:
         )
 
 
+# -- Units that failed: the arms that need them are left out, the others are compared --------------
+
+FAILURES = "failures.json"
+"""The units that failed in the last run, in its folder; there is no such file if none did."""
+
+
+def failure_rows(failures: Failures) -> list[dict[str, Any]]:
+    """Return what :func:`failed_arms` reads; it is no arm's fault that an executor failed."""
+    if failures.executor_failed:
+        return []
+    return [
+        {
+            "key": unit.key,
+            "seeds": list(unit.seeds),
+            "error": f"{unit.label}: {without_folders(in_words(error))}",
+        }
+        for unit, error in failures.each
+    ]
+
+
+def failure_error(failures: Failures) -> StudyError:
+    """Return one error for all; its cause is the first that is not the library's own."""
+    (unit, first), *others = failures.each
+    text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
+    for other, error in others:
+        if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
+            text += f"; {other.label} failed too: {in_words(error)}"
+    lost = any(isinstance(error, EngineError) for _, error in failures.each)
+    whole = EngineError(text) if lost else StudyError(text)
+    foreign = [error for _, error in failures.each if not isinstance(error, CurricleError)]
+    whole.__cause__ = foreign[0] if foreign else None
+    return whole
+
+
+def without_folders(text: str) -> str:
+    """Return an error's text with the names of files only: folders are those of one machine."""
+    quoted = re.sub(r"""(['"])(?:[A-Za-z]:)?[/\\][^'"\n]*[/\\]([^'"\n/\\]+)\1""", r"\1\2\1", text)
+    return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
+
+
+def read_failures(store: StudyStore) -> list[dict[str, Any]]:
+    """Return the rows of :func:`failure_rows` that a folder holds; StoreError if damaged."""
+    content = store.read_json(FAILURES) if store.has(FAILURES) else []
+    try:
+        return [
+            {"key": str(row["key"]), "seeds": [*map(int, row["seeds"])], "error": str(row["error"])}
+            for row in content
+        ]
+    except (TypeError, KeyError, ValueError, OverflowError):
+        raise StoreError(
+            f"{store.path / FAILURES} must list units that failed, each with key, seeds and error: "
+            "delete it, and show leaves out no arm"
+        ) from None
+
+
+def failed_arms(
+    rows: Iterable[Mapping[str, Any]],
+    keys: Mapping[tuple[str, str], str],
+    stored: Mapping[str, Mapping[int, Any]],
+) -> dict[str, str]:
+    """Return the first error of each arm that needs a unit that failed and is not stored since."""
+    errors: dict[str, str] = {}
+    for row in rows:
+        if not set(row["seeds"]) <= set(stored.get(row["key"], ())):
+            for arm in sorted(arms_of(keys, [row["key"]])):
+                errors.setdefault(arm, row["error"])
+    return errors
+
+
+def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
+    """Write the failures of a run in the place of those of an earlier one."""
+    if rows:
+        store.write_json(FAILURES, rows)
+    else:
+        with write_errors(store.path):
+            (store.path / FAILURES).unlink(missing_ok=True)
+
+
 # -- Tables of many units, written in parts: all of one at once may not fit in memory --------------
 
 ROWS = 2**17
@@ -91,7 +179,7 @@ ROWS = 2**17
 def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
     """Yield units by seed, in lists such that all seeds of one come before those of the next."""
     group, last = list[StoredUnit](), -1
-    for unit in sorted(units, key=lambda one: min(one.seeds)):
+    for unit in sorted(units, key=lambda unit: min(unit.seeds)):
         if group and min(unit.seeds) > last:
             yield group
             group = []
@@ -156,11 +244,12 @@ class StudyResults:
         Whether it is compared without arms that are still to be trained.
     """
 
-    def __init__(self, path: str | Place):
-        self.store, self.lacks_arms = StudyStore(path), False
+    def __init__(self, path: str | Place | StudyStore):
+        self.store = path if isinstance(path, StudyStore) else StudyStore(path)
+        self.lacks_arms = False
         study = self.store.description
         if "record" not in study:
-            raise StoreError(f"{path} holds results that are not those of a study")
+            raise StoreError(f"{self.store.path} holds results that are not those of a study")
         self.record = self.store.checked(STUDY, lambda: read_record(StudyRecord, study["record"]))
 
     def __repr__(self) -> str:
@@ -188,14 +277,19 @@ class StudyResults:
     @cached_property
     def failed(self) -> dict[str, str]:
         """The error of each arm that failed in the last run and has not been trained since."""
-        return failed_arms(read_failures(self.store), self.record.keys, self.stored)
+        needs = self.record.keys | {
+            (name, f"/{arm.control_of}"): self.record.keys[arm.control_of, self.record.target]
+            for name, arm in self.record.arms.items()
+            if arm.control_of
+        }
+        return failed_arms(read_failures(self.store), needs, self.stored)
 
     @cached_property
     def seeds(self) -> tuple[int, ...]:
         """The seeds for which every arm that has not failed is complete."""
         keys = [key for (arm, _), key in self.record.keys.items() if arm not in self.failed]
-        each = [self.stored.get(key, {}) for key in keys]
-        return tuple(sorted(set(self.record.seeds).intersection(*each)))
+        stored = [self.stored.get(key, {}) for key in keys]
+        return tuple(sorted(set(self.record.seeds).intersection(*stored)))
 
     def result(
         self, arm: str, task: str, *, values: bool = False, seeds: Collection[int] | None = None
@@ -223,15 +317,15 @@ class StudyResults:
         snapshots = self.record.task(arm, task).view is not None
         groups = (RUN, *[SNAPSHOTS] * snapshots, *[VALUES] * values)
         return joined_results(
-            [LearningResult.of_arrays(self._arrays(arm, task, one, *groups)) for one in units]
+            [LearningResult.of_arrays(self._arrays(arm, task, unit, *groups)) for unit in units]
         )
 
     def _arrays(self, arm: str, name: str, unit: StoredUnit, *groups: str) -> dict[str, Any]:
         """Return the arrays of a unit of an arm, which have the shapes that the record states."""
         task = self.record.task(arm, name)
         arrays = self.store.arrays(unit, *groups, most=self.most_bytes)
-        given = arrays, unit.seeds, (task.states, task.actions), SPENT
-        self.store.checked(unit.path, lambda: check_result_arrays(*given))
+        expected = arrays, unit.seeds, (task.states, task.actions), SPENT
+        self.store.checked(unit.path, lambda: check_result_arrays(*expected))
         return arrays
 
     @property
@@ -295,8 +389,8 @@ class StudyResults:
         name = curriculum.target if task is None else task
         if not curriculum.node(name).deep:
             self._units_of(arm, name, seeds)
-            found = replace(self.result(arm, name, values=True), task=curriculum.tasks[name])
-            return tuple(found.policies[found.seeds.index(seed)] for seed in seeds)
+            whole = replace(self.result(arm, name, values=True), task=curriculum.tasks[name])
+            return tuple(whole.policies[whole.seeds.index(seed)] for seed in seeds)
         learnt = self._values(arm, curriculum, seeds, [*curriculum.ancestors(name), name])[name]
         learner = curriculum.setting("learner", name)
         return policies_of(learnt.task, learner, learnt.values, learnt.steps_used)
@@ -305,12 +399,12 @@ class StudyResults:
         self, arm: str, curriculum: Curriculum, seeds: tuple[int, ...], names: Sequence[str]
     ) -> dict[str, SourceValues]:
         """Return what seeds learnt in some tasks of an arm; StoreError where one is missing."""
-        last, found = names[-1] if names else curriculum.target, {}
+        last, stored = names[-1] if names else curriculum.target, {}
         read = {*sources_read(curriculum, curriculum.target), *sources_read(curriculum, last), last}
         for name in names:
             units = self._units_of(arm, name, seeds)
-            found[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
-        return source_values(curriculum, seeds, found)
+            stored[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
+        return source_values(curriculum, seeds, stored)
 
     def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
         """Return the unit of each seed; StoreError where one is missing."""
@@ -332,11 +426,11 @@ class StudyResults:
     @cached_property
     def results(self) -> dict[str, dict[str, LearningResult]]:
         """The learning results so far, without values: arm -> task -> result."""
-        found: dict[str, dict[str, LearningResult]] = {arm: {} for arm in self.record.arms}
+        results: dict[str, dict[str, LearningResult]] = {arm: {} for arm in self.record.arms}
         for (arm, task), key in self.record.keys.items():
             if key in self.stored:
-                found[arm][task] = self.result(arm, task)
-        return found
+                results[arm][task] = self.result(arm, task)
+        return results
 
     @property
     def has_baseline(self) -> bool:
@@ -363,6 +457,19 @@ class StudyResults:
     def runs(self) -> list[RunRecord]:
         """Each run so far."""
         return self.store.runs()
+
+    def level(self, arm: str) -> Level | None:
+        """Return what a control that knows nothing adds to every value; None of other arms."""
+        if not self.record.arms[arm].control_of:
+            return None
+        levels, seeds = list[Level](), list[int]()
+        for unit in self._units(arm, self.record.target):
+            arrays = self._arrays(arm, self.record.target, unit, RUN)
+            if "level" in arrays:
+                read = partial(Level.of_arrays, arrays, not arm.endswith(f", {PLACEBO}"))
+                levels.append(self.store.checked(unit.path, read))
+                seeds += unit.seeds
+        return concatenated_levels(levels).take(np.argsort(seeds)) if levels else None
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps each seed of an arm spent before a task, (K,), seeds ascending.
@@ -408,15 +515,17 @@ class StudyResults:
 
     def ended_by(self, arm: str, task: str) -> dict[int, str]:
         """Return what ended the training of each seed in a task, in a few fixed words."""
-        return {seed: each[-1] for seed, each in self._by_seed(arm, task, "criterion").items()}
+        return {
+            seed: criteria[-1] for seed, criteria in self._by_seed(arm, task, "criterion").items()
+        }
 
     def _by_seed(self, arm: str, task: str, column: str) -> dict[int, list[str]]:
         """Return a column of the decisions in a task by seed."""
-        found: dict[int, list[str]] = {}
+        values: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
             for row in self.store.decisions(unit).select(["seed", column]).to_pylist():
-                found.setdefault(row["seed"], []).append(row[column])
-        return dict(sorted(found.items()))
+                values.setdefault(row["seed"], []).append(row[column])
+        return dict(sorted(values.items()))
 
 
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
@@ -470,18 +579,20 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     total = min(study.record.total or 0 for study in studies)
     for study in studies:
         check_total(study, total)
-    found = {SCRATCH: _arm(studies[0], SCRATCH, total, seeds)}
+    arms = {SCRATCH: _arm(studies[0], SCRATCH, total, seeds)}
     failed: dict[str, Exception] = {}
     for study, prefix in zip(studies, _prefixes(studies), strict=True):
-        for name in study.record.arms:
+        for name, arm in study.record.arms.items():
             label = f"{prefix}{name}"
+            if arm.control_of in study.failed:
+                continue
             if name in study.failed:
                 failed[label] = StudyError(study.failed[name])
             elif name != SCRATCH:
-                found[label] = _arm(study, name, total, seeds)
+                arms[label] = _arm(study, name, total, seeds)
     threshold, level = first.threshold, first.threshold_from
     if threshold is None:
-        threshold, level = midpoint(found[SCRATCH].curve), MIDPOINT
+        threshold, level = midpoint(arms[SCRATCH].curve), MIDPOINT
     budget = min(study.record.budget or 0 for study in studies)
     planned = set.intersection(*(set(study.record.seeds) for study in studies))
     lacking, interim = any(study.lacks_arms for study in studies), ""
@@ -490,7 +601,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
     spans = budget, total, threshold, window
-    return Comparison(first.target, found, *spans, failed, interim=interim, threshold_from=level)
+    return Comparison(first.target, arms, *spans, failed, interim=interim, threshold_from=level)
 
 
 def _prefixes(studies: Sequence[StudyResults]) -> list[str]:
@@ -521,11 +632,13 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
             f"an arm must have steps left for its target: {place} took {most:,} of its "
             f"{record.total:,} in its sources, and the smallest total is {total:,}; {SAME_TOTAL}"
         )
-    arm = Arm.of(result, spent, total, record.eval_freq, scratch=record.arms[name].scratch)
+    scratch, control = record.arms[name].scratch, bool(record.arms[name].control_of)
+    kind: Any = {"scratch": scratch, "control": control, "level": study.level(name)}
+    arm = Arm.of(result, spent, total, record.eval_freq, **kind)
     unlearnt = {
         task: np.array([ended[seed] == UNLEARNT for seed in result.seeds])
         for task in record.arms[name].nodes
-        if task != record.target and (ended := study.ended_by(name, task))
+        if not control and task != record.target and (ended := study.ended_by(name, task))
     }
     arm = replace(arm, unlearnt=unlearnt)
     return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))

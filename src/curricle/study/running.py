@@ -1,43 +1,57 @@
 """Running a study: its units on any executor, each stored as soon as it is trained."""
 
+import json
 import os
 import platform
 import subprocess
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import metadata
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from curricle.checks import whole_number
-from curricle.errors import SettingError
+from curricle.checks import BEYOND_64_BITS, whole_number
+from curricle.comparison.plan import Unit, numbered_seeds
+from curricle.comparison.running import Failures, Scheduler
+from curricle.curriculum.sources import StoredValues, sources_read
+from curricle.errors import SettingError, StoreError
 from curricle.files import Place, place_at
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
 from curricle.progress import check_progress, interruptible
 from curricle.study.analysis import analyse, curricula_record, study_record
-from curricle.study.arms import Arms
+from curricle.study.arms import Arms, UnitInput, seeds_of, units_of
 from curricle.study.config import Study, StudyConfig, study_of
 from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of
 from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
-from curricle.study.packing import Packing, Taken, files_of, pack
 from curricle.study.progress import Progress, shown_units
 from curricle.study.record import RunRecord, StudyRecord, plain
-from curricle.study.results import StudyResults
-from curricle.study.scheduling import Scheduler
-from curricle.study.serialization import UnitResult
+from curricle.study.results import (
+    ANALYSIS,
+    StudyResults,
+    failure_error,
+    failure_rows,
+    read_failures,
+    write_failures,
+)
+from curricle.study.serialization import SNAPSHOTS, group_of
 from curricle.study.store import (
-    Failures,
+    Packing,
+    StoredSource,
     StoredUnit,
     StudyStore,
+    Taken,
+    files_of,
     holds_study,
     lost_errors,
+    pack,
+    stored_values,
     write_errors,
-    write_failures,
 )
 from curricle.study.tuning import (
     BEGUN,
@@ -52,7 +66,6 @@ from curricle.study.tuning import (
     tuned_study,
     with_trials,
 )
-from curricle.study.units import Unit, given_to_all, numbered_seeds, seeds_of, units_of
 from curricle.text import counted
 
 # -- What a run finds in its folder: the units that it uses, and why it does not use others --------
@@ -134,7 +147,9 @@ def _stale(arms: Arms, done: Done) -> Iterator[str]:
 def different_versions(runs: Iterable[RunRecord], run: RunRecord) -> Iterator[str]:
     """Yield a sentence for each library that had another version in earlier runs into a folder."""
     for library, version in run.versions.items():
-        others = {one.versions[library] for one in runs if library in one.versions} - {version}
+        others = {earlier.versions[library] for earlier in runs if library in earlier.versions} - {
+            version
+        }
         if others and library != "curricle":
             yield (
                 f"{library} was {' and '.join(sorted(others))} in earlier runs and is {version}: "
@@ -244,8 +259,9 @@ def run_study(
         # first: where a cluster is refused, no folder is made
         places = _workers(study, arms, workers, executor, on, report, ending)
         record = study_record(study, arms)
-        described = _description(study, arms, record)
-        opened = StudyStore.opened(path, described, resume=resume, check=False)
+        opened = StudyStore.opened(
+            path, _description(study, arms, record), resume=resume, check=False
+        )
         store = ending.enter_context(opened)
         ending.enter_context(lost_errors())
         show = ending.enter_context(shown_units(progress))
@@ -257,22 +273,28 @@ def run_study(
             store = store.redescribed(_description(study, arms, record))
             training = Training(store, places, show)
         done = _begun(store, study, arms, report)
-        tracking = _tracking(store, study, arms, trackers, report)
+        tracking = Trackers(trackers, report)
+        beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
+        tracking.start(study.name, _settings(study, arms), beside)
         ending.callback(tracking.close)
-        failures, per_file = Failures(arms.keys), files_of(record)
+        failures, per_file = Failures(arms.needs), files_of(record)
         for unit, result in training.results(study, arms, done, per_file, failures, shard):
             if trackers:
-                tracking.record(unit.arm, unit.task, _learnt(store, arms, unit, result))
-        write_failures(store, failures.rows())
+                if isinstance(result, StoredUnit):
+                    result = store.result(result, unit.seeds)
+                node = arms.curricula[unit.arm].node(unit.task)
+                learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
+                tracking.record(unit.arm, unit.task, learnt)
+        write_failures(store, failure_rows(failures))
         if not failures:
             store.remove_checkpoints()
         pack(store, per_file)
-        found = StudyResults(path)
-        found.write_tables()
-        analyse(found, arms)
+        results = StudyResults(store)
+        results.write_tables()
+        analyse(results, arms)
     if failures:
-        raise failures.error()
-    return found
+        raise failure_error(failures)
+    return results
 
 
 def _check_settings(workers: Any, shard: Any, report: Any, resume: Any) -> None:
@@ -283,7 +305,7 @@ def _check_settings(workers: Any, shard: Any, report: Any, resume: Any) -> None:
         raise SettingError(f"report must be a function of a sentence: got {report!r}")
     if not isinstance(resume, bool):
         raise SettingError(f"resume must be True or False: got {resume!r}")
-    whole = isinstance(shard, tuple | list) and [type(one) for one in shard] == [int, int]
+    whole = isinstance(shard, tuple | list) and [type(part) for part in shard] == [int, int]
     if not (whole and 1 <= shard[0] <= shard[1]):
         raise SettingError(f"a shard is (i, n), whole numbers, i from 1 to n: got {shard!r}")
 
@@ -309,7 +331,12 @@ class Training:
         """Yield each unit of a study that is not done with its result, when it is stored."""
         units = tuple(units_of(study, arms, done, shard))
         packing, workers = Packing(self.store, done, per_file), self.workers
-        scheduler = Scheduler(given_to_all(study, arms), arms, packing, workers, failures)
+        data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
+
+        def send(unit: Unit) -> "Future[Any]":
+            return self._sent(unit, arms, packing, data)
+
+        scheduler = Scheduler(send, packing, workers, failures)
 
         def report(stored: Unit | None) -> None:
             now = scheduler.number(), workers.repeated, workers.link
@@ -319,6 +346,25 @@ class Training:
         for unit, result in scheduler.results(units):
             yield unit, result
             report(unit)
+
+    def _sent(
+        self, unit: Unit, arms: Arms, packing: Packing, data: tuple[str, str, str]
+    ) -> "Future[Any]":
+        """Send a unit; workers that see the study's files read and write large ones themselves."""
+        workers, store, curriculum = self.workers, self.store, arms.curricula[unit.arm]
+        values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
+        read, seen = sources_read(curriculum, unit.task), workers.see(store.path)
+        for name, key in unit.sources.items():
+            units = {seed: packing.done[key][seed] for seed in unit.seeds}
+            if seen and packing.is_large(key, unit.seeds):
+                stored[name] = StoredSource(units, name in read)
+            else:
+                values[name] = stored_values(packing.arrays, units, unit.seeds, read=name in read)
+        kept = curriculum.node(unit.task).deep and (seen or workers.share_folders)
+        checkpoints = store.checkpoints(unit) if kept else None
+        written = seen and packing.is_large(unit.key, unit.seeds)
+        place = store.path if written else None
+        return workers.train(UnitInput(*data, unit, values, checkpoints, stored, place))
 
 
 def _tuned(
@@ -334,23 +380,23 @@ def _tuned(
         trials, begun = replace(training, store=store), list[str]()
 
         def train(config: StudyConfig, of_trials: Arms, words: str) -> StudyStore:
-            begun.extend(of_trials.keys[one, of_trials.target] for one in of_trials.curricula)
+            begun.extend(of_trials.keys[arm, of_trials.target] for arm in of_trials.curricula)
             now = BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun))
             store.write_record(BEGUN, now)
-            failures = Failures(of_trials.keys)
+            failures = Failures(of_trials.needs)
             per_file = files_of(curricula_record(of_trials.curricula, of_trials.keys))
             done = store.finished()
-            given = config, of_trials, done, per_file, failures
-            deque(trials.results(*given, tuning=words), maxlen=0)
+            of_trial = config, of_trials, done, per_file, failures
+            deque(trials.results(*of_trial, tuning=words), maxlen=0)
             pack(store, per_file)
             if failures:
-                raise failures.error()
+                raise failure_error(failures)
             return store
 
-        found = tune(study, train, choose)
+        record = tune(study, train, choose)
         store.remove_checkpoints()
-    training.store.write_record(TUNING, found)
-    return tuned_study(study, found)
+    training.store.write_record(TUNING, record)
+    return tuned_study(study, record)
 
 
 def _description(study: StudyConfig, arms: Arms, record: StudyRecord) -> dict[str, Any]:
@@ -367,20 +413,6 @@ def _settings(study: StudyConfig, arms: Arms) -> dict[str, Any]:
     }
 
 
-def _tracking(
-    store: StudyStore,
-    study: StudyConfig,
-    arms: Arms,
-    trackers: Sequence[str | Tracker],
-    report: Callable[[str], Any],
-) -> Trackers:
-    """Return the trackers of a run, which write beside its folder."""
-    beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
-    opened = Trackers(trackers, report)
-    opened.start(study.name, _settings(study, arms), beside)
-    return opened
-
-
 def _workers(
     study: StudyConfig,
     arms: Arms,
@@ -395,16 +427,16 @@ def _workers(
         raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise SettingError(f"executor must be a concurrent.futures.Executor: got {executor!r}")
-    each = with_trials(study, arms)
+    all_arms = with_trials(study, arms)
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))
         link = f", {engine.link}" if engine.link else ""
         report(f"{on}: {counted(engine.number(), 'worker')}{link}")
-        engine.carry(each, study.folder)
+        engine.carry(all_arms, study.folder)
         return engine
     number = workers or os.cpu_count() or 1
     if executor is None:  # do not wait for units whose results would be thrown away
-        threads = 1 if any(arms.live for arms in each) else number
+        threads = 1 if any(arms.live for arms in all_arms) else number
         executor = ending.enter_context(interruptible(threads))
     return ExecutorWorkers(executor, number)
 
@@ -413,19 +445,11 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
     """Note a run in its folder, and return the units there that it uses."""
     done, remarks = usable_units(store, arms, remove_damaged=True)
     run = _provenance(study)
-    for sentence in (*remarks, *different_versions(store.runs(), run)):
+    runs = store.runs()
+    for sentence in (*remarks, *different_versions(runs, run)):
         report(sentence)
-    store.add_run(run)
+    store.write_runs([*runs, run])
     return done
-
-
-def _learnt(
-    store: StudyStore, arms: Arms, unit: Unit, result: UnitResult | StoredUnit
-) -> LearningResult:
-    if isinstance(result, StoredUnit):
-        result = store.result(result, unit.seeds)
-    node = arms.curricula[unit.arm].node(unit.task)
-    return LearningResult.of_arrays(result.arrays, node.task, node.learner)
 
 
 def _provenance(study: StudyConfig) -> RunRecord:
@@ -451,7 +475,7 @@ def _provenance(study: StudyConfig) -> RunRecord:
 def _commit(folder: Path) -> str | None:
     """Return the Git commit a folder is at, marked if files differ; None if it is in none."""
     try:
-        found = subprocess.run(
+        described = subprocess.run(
             ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
             cwd=folder,
             capture_output=True,
@@ -461,4 +485,84 @@ def _commit(folder: Path) -> str | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return found.stdout.strip() or None
+    return described.stdout.strip() or None
+
+
+# -- Merging the parts of a study that were run in several folders ---------------------------------
+
+
+def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
+    """Merge the parts of a study, run in several folders, into one folder; return its results.
+
+    The parts do not change. A unit that several have is taken once, since equal units have equal
+    results.
+
+    Parameters
+    ----------
+    path : path
+        Made if need be; or a folder of the same study, whose units stay.
+    parts : sequence of path
+
+    Raises
+    ------
+    StoreError
+        When folders hold different studies, or one is damaged or in use; what was merged before is
+        whole then.
+    """
+    if isinstance(parts, str | Place):
+        raise StoreError(f"folders to merge must be a list: got {str(parts)!r} alone")
+    if not parts:
+        raise StoreError("there must be at least one folder to merge: got none")
+    studies = [StudyResults(part) for part in parts]
+    stores = [study.store for study in studies]
+    units_of_parts = [store.units() for store in stores]
+    for study, units in zip(studies, units_of_parts, strict=True):
+        stores[0].check(study.store.description)
+        if study.record.keys != studies[0].record.keys:
+            raise StoreError(
+                f"{study.store.path} holds units of other code, kept with --keep-stale: parts that "
+                "are merged must be of the same"
+            )
+        for unit in units:  # damage is found before anything is written
+            study.store.result(unit, unit.seeds, study.most_bytes)
+    # That of the first seeds, which a part has finished, is that of all.
+    by_seed = sorted(studies, key=lambda study: min(study.seeds, default=BEYOND_64_BITS))
+    analysis = next((study.analysis for study in by_seed if study.analysis), None)
+    with StudyStore.opened(path, stores[0].description, resume=True) as target:
+        failures, before = read_failures(target), target.runs()
+        runs = [*before]
+        done = target.finished()
+        stored = [*done.values(), *(unit.seeds for units in units_of_parts for unit in units)]
+        first = min(chain.from_iterable(stored), default=0)
+        for store, units in zip(stores, units_of_parts, strict=True):
+            target = target.redescribed(store.description)
+            # Those that are there belong to a part that was merged before.
+            runs += [run for run in store.runs() if run not in before]
+            target.write_runs(runs)
+            _take(target, done, store, units, first)
+            failures += [row for row in read_failures(store) if row not in failures]
+        target = target.redescribed(stores[0].description)  # with the seeds of all parts
+        pack(target, files_of(studies[0].record))
+        merged = StudyResults(target)
+        merged.write_tables()
+        if analysis is not None:
+            target.write_record(ANALYSIS, analysis)
+        if (tuning := read_tuning(stores[0])) is not None:
+            target.write_record(TUNING, tuning)
+        write_failures(target, failures)
+    return merged
+
+
+def _take(
+    target: StudyStore, done: Done, store: StudyStore, units: Sequence[StoredUnit], first: int
+) -> None:
+    """Copy the seeds of a part's units that a folder lacks; `first` is the first seed of all."""
+    for unit in units:
+        there = done.setdefault(unit.key, {})
+        new = tuple(seed for seed in unit.seeds if seed not in there)
+        if new:
+            result = store.result(unit, new)
+            if first not in new:  # a study keeps the snapshots of its first seed alone
+                learnt = {k: v for k, v in result.arrays.items() if group_of(k) != SNAPSHOTS}
+                result = result._replace(arrays=learnt)
+            there |= dict.fromkeys(new, target.write_unit(unit.about, result))

@@ -30,8 +30,9 @@ DECISION_SCHEMA = {
 """Columns of a unit's decisions, and their types."""
 OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")
 """An array of one seed, by its row."""
-OF_UNITS = ("source_steps", "scale", "refusal")
-"""Arrays by seed that a unit has beside those of its result, the last two if it was calibrated."""
+OF_UNITS = ("source_steps", "scale", "refusal", "level", "level_base")
+"""Arrays by seed that a unit has beside those of its result: two if it was calibrated, two if it is
+a control that knows nothing."""
 LARGEST_TABLE = 2**28
 """Bytes of a table at most."""
 

@@ -4,11 +4,11 @@ import errno
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import cached_property
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
+from time import monotonic
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -17,16 +17,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from filelock import FileLock, Timeout
 
+from curricle.comparison.plan import Unit, seed_ranges
+from curricle.curriculum.node import Node
 from curricle.curriculum.sources import StoredValues
-from curricle.errors import (
-    CurricleError,
-    EngineError,
-    LostStoreError,
-    StoreError,
-    StudyError,
-    in_words,
-    reason,
-)
+from curricle.errors import LostStoreError, StoreError, reason
 from curricle.files import (
     PART,
     ArrayArchive,
@@ -46,9 +40,16 @@ from curricle.files import (
     write_whole,
 )
 from curricle.learning.saved_result import checkpoints_of, values_of
-from curricle.statistics.curves import SCRATCH
 from curricle.study.dependencies import differences, shown
-from curricle.study.record import Plain, RunRecord, UnitRecord, plain, read_record
+from curricle.study.record import (
+    CurriculaRecord,
+    Plain,
+    RunRecord,
+    UnitRecord,
+    plain,
+    read_record,
+)
+from curricle.study.schema import seeds_in_ranges
 from curricle.study.serialization import (
     DECISION_SCHEMA,
     GROUPS,
@@ -58,10 +59,11 @@ from curricle.study.serialization import (
     UnitResult,
     as_parquet,
     group_of,
+    joined_units,
     of_seeds,
     read_parquet,
 )
-from curricle.study.units import Unit, seed_ranges, seeds_in
+from curricle.tasks.mdp import generative_model
 from curricle.text import counted
 
 # -- Folders of results: what they are called, which ones may be written to, and errors of writing
@@ -81,11 +83,11 @@ def check_ours(path: Place, resume: bool) -> None:
     """
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
-    for one in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
-        if one.is_symlink() and one.is_dir() and one.suffix != PART:
-            raise StoreError(f"folders in one of results must be no links: delete {one}")
+    for entry in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
+        if entry.is_symlink() and entry.is_dir() and entry.suffix != PART:
+            raise StoreError(f"folders in one of results must be no links: delete {entry}")
     ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
-    if not ours and any(one.suffix != PART and one.name != LOCK for one in path.iterdir()):
+    if not ours and any(entry.suffix != PART and entry.name != LOCK for entry in path.iterdir()):
         raise StoreError(
             f"results need an empty folder or one of earlier results: {path} holds other files"
         )
@@ -194,8 +196,8 @@ def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
 
     Snapshots are compressed, other arrays are not.
     """
-    each = result.arrays.items()
-    ordered = {name: one for group in GROUPS for name, one in each if group_of(name) == group}
+    arrays = result.arrays.items()
+    ordered = {name: array for group in GROUPS for name, array in arrays if group_of(name) == group}
     others = {
         DECISIONS: as_parquet(result.decisions.combine_chunks()),
         ABOUT: as_json(plain(about)),
@@ -229,6 +231,11 @@ def decisions_in(archive: ArrayArchive, seeds: int) -> pa.Table:
     return read_parquet(archive.content(DECISIONS, size), DECISION_SCHEMA, most)
 
 
+def seeds_in(ranges: str) -> tuple[int, ...] | None:
+    """Return the seeds of :func:`seed_ranges`; None if a text is none, or of too many."""
+    return tuple(seeds_in_ranges(ranges.replace("+", ","))) or None
+
+
 def place_of(key: str, task: str, seeds: str) -> str:
     """Return a unit's place among the units, from the words for its seeds."""
     name, words = f"seeds-{seeds}", re.sub(r"[^\w-]+", "_", task)[:KEPT]
@@ -239,6 +246,9 @@ def place_of(key: str, task: str, seeds: str) -> str:
 
 # -- The results store: a folder with a description of what its results depend on, and whole files
 
+MOST_KEPT = 2**28
+"""Bytes of curves and decisions that are kept of files that were read as a whole: so a run of a
+finished study reads each once."""
 SCHEMA_VERSION = 3
 """Of the folder's layout; a folder of another version is refused."""
 LARGEST_JSON = 2**24
@@ -267,24 +277,13 @@ class StoredUnit:
     @cached_property
     def about(self) -> UnitRecord:
         """What its file says of it; StoreError where that is damaged or of another unit."""
-        found: UnitRecord = read_unit(self.path, about_in)
-        if not self._is_place_of(found):
+        about: UnitRecord = read_unit(self.path, about_in)
+        if not self.is_place_of(about):
             raise damage(self.path)
-        return found
+        return about
 
-    @property
-    def whole(self) -> bool:
-        """Whether it is as it was stored, all of it read; StoreError where it cannot be read.
-
-        A file system that does not answer damages nothing: what is damaged is deleted.
-        """
-        try:
-            with read_errors(self.path), opened_archive(self.path, whole=True) as archive:
-                return self._is_place_of(about_in(archive))
-        except (Damaged, ValueError):
-            return False
-
-    def _is_place_of(self, about: UnitRecord) -> bool:
+    def is_place_of(self, about: UnitRecord) -> bool:
+        """Return whether its place is that of a unit."""
         place = place_of(about.key, about.task, seed_ranges(about.seeds))
         return place == f"{self.path.parent.name}/{self.path.name}"
 
@@ -373,8 +372,12 @@ class StudyStore:
     DIR holds results of other settings: seeds is 30 there and 5 here; choose another folder
     """
 
-    def __init__(self, path: str | Place):
+    def __init__(self, path: str | Place, description: dict[str, Any] | None = None):
         self.path = place_at(path)
+        self._kept, self._room = dict[Place, tuple[NamedArrays, pa.Table]](), MOST_KEPT
+        if description is not None:  # it has just been written
+            self.description = description
+            return
         with read_errors(self.path):
             if not (self.path / STUDY).exists():
                 lacks = f"{self.path} has none"
@@ -385,9 +388,9 @@ class StudyStore:
         self.description = self.read_sealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
-            found = "no schema version" if version is None else f"schema version {version}"
+            there = "no schema version" if version is None else f"schema version {version}"
             raise StoreError(
-                f"{self.path / STUDY} has {found} and this Curricle reads {SCHEMA_VERSION}: run "
+                f"{self.path / STUDY} has {there} and this Curricle reads {SCHEMA_VERSION}: run "
                 "the study again into a new folder, or read it with the version that wrote it"
             )
 
@@ -444,7 +447,9 @@ class StudyStore:
                     "with --resume, or choose another folder"
                 )
             if "configuration" in description:
-                there, here = (one["configuration"] for one in (store.description, description))
+                there, here = (
+                    described["configuration"] for described in (store.description, description)
+                )
                 if there.get("snapshots") != here["snapshots"] and store.units():
                     raise StoreError(
                         f"snapshots are kept while a unit is trained: {path} holds units with "
@@ -458,7 +463,7 @@ class StudyStore:
                 for part in [*path.rglob(f".*{PART}")]:  # a killed run left it, incomplete
                     part.unlink(missing_ok=True)
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
-        return cls(path)
+        return cls(path, description)
 
     def redescribed(self, description: Mapping[str, Any]) -> "StudyStore":
         """Return the folder, which must be open, with another description of the same study."""
@@ -493,10 +498,10 @@ class StudyStore:
 
     def read_sealed(self, name: str) -> dict[str, Any]:
         """Return what ``sealed`` was called on; StoreError if the file has changed since."""
-        found = unsealed(self._bytes(name, LARGEST_JSON))
-        if found is None:
+        content = unsealed(self._bytes(name, LARGEST_JSON))
+        if content is None:
             raise damage(self.path / name)
-        return found
+        return content
 
     def write_record(self, name: str, record: Plain) -> None:
         """Write a record with its own checksum."""
@@ -504,8 +509,8 @@ class StudyStore:
 
     def record(self, name: str, model: type[Record]) -> Record:
         """Return what :meth:`write_record` wrote; StoreError if it is damaged."""
-        found = self.read_sealed(name)
-        return self.checked(name, lambda: read_record(model, found))
+        content = self.read_sealed(name)
+        return self.checked(name, lambda: read_record(model, content))
 
     def _bytes(self, name: str, most: int) -> bytes:
         with read_errors(self.path / name):
@@ -515,15 +520,15 @@ class StudyStore:
         """Write a tidy table, a dict of column name to values of one length, as Parquet."""
         self.write(name, as_parquet(pa.table(dict(columns))))
 
-    def add_run(self, run: RunRecord) -> None:
-        """Add a run to the list of runs."""
-        self.write_json(RUNS, [plain(one) for one in (*self.runs(), run)])
+    def write_runs(self, runs: Iterable[RunRecord]) -> None:
+        """Write the list of runs."""
+        self.write_json(RUNS, [plain(run) for run in runs])
 
     def runs(self) -> list[RunRecord]:
         """Return the runs so far."""
-        found = self.read_json(RUNS) if self.has(RUNS) else []
-        rows = found if isinstance(found, list) else [found]
-        return self.checked(RUNS, lambda: [read_record(RunRecord, one) for one in rows])
+        content = self.read_json(RUNS) if self.has(RUNS) else []
+        rows = content if isinstance(content, list) else [content]
+        return self.checked(RUNS, lambda: [read_record(RunRecord, row) for row in rows])
 
     def checked(self, name: str | Place, read: Callable[[], Result]) -> Result:
         """Return what a function reads of a file; its ValueError becomes a StoreError with both."""
@@ -541,24 +546,45 @@ class StudyStore:
     def units(self) -> list[StoredUnit]:
         """Return the units in the store, by path."""
         with read_errors(self.path):
-            found: list[Any] = [*self.path.glob(f"{UNITS}/*/*{ENDING}")]
-        return [StoredUnit.at(path) for path in sorted(found)]
+            files: list[Any] = [*self.path.glob(f"{UNITS}/*/*{ENDING}")]
+        return [StoredUnit.at(path) for path in sorted(files)]
 
     def finished(self, without: Collection[Place] = ()) -> dict[str, dict[int, StoredUnit]]:
         """Return the unit that holds each seed, key -> seed -> unit, `without` some files."""
-        found: dict[str, dict[int, StoredUnit]] = {}
+        finished: dict[str, dict[int, StoredUnit]] = {}
         for stored in self.units():
             if stored.path not in without:
-                found.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
-        return found
+                finished.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
+        return finished
 
     def damaged_units(self) -> list[Place]:
-        """Return the files of units that are damaged; all are read."""
-        return [stored.path for stored in self.units() if not stored.whole]
+        """Return the files of units that are damaged; all are read, and curves are kept."""
+        return [stored.path for stored in self.units() if not self.is_whole(stored)]
+
+    def is_whole(self, stored: StoredUnit) -> bool:
+        """Return whether a unit is as it was stored; StoreError where it cannot be read.
+
+        A file system that does not answer damages nothing: what is damaged is deleted.
+        """
+        try:
+            with read_errors(stored.path), opened_archive(stored.path, whole=True) as archive:
+                if not stored.is_place_of(about_in(archive)):
+                    return False
+                with suppress(ValueError):  # whoever needs what is wrong there says so
+                    run = groups_in(archive, (RUN,), None)
+                    kept = run, decisions_in(archive, len(stored.seeds))
+                    size = sum(array.nbytes for array in run.values()) + kept[1].nbytes
+                    if size <= self._room:
+                        self._room -= size
+                        self._kept[stored.path] = kept
+                return True
+        except (Damaged, ValueError):
+            return False
 
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return where it is."""
         stored = written_unit(self.path, unit, result)
+        self._kept.pop(stored.path, None)
         remove_folder(self.checkpoints(unit))
         return stored
 
@@ -574,10 +600,14 @@ class StudyStore:
 
     def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
         """Return the arrays of some groups, such as ``run``, of a unit, without pickles."""
+        if groups == (RUN,) and stored.path in self._kept:
+            return self._kept[stored.path][0]
         return arrays_in(stored, *groups, most=most)
 
     def decisions(self, stored: StoredUnit) -> pa.Table:
         """Return the table of a unit's decisions."""
+        if stored.path in self._kept:
+            return self._kept[stored.path][1]
         return read_unit(stored.path, lambda archive: decisions_in(archive, len(stored.seeds)))
 
     def result(
@@ -587,7 +617,7 @@ class StudyStore:
 
         `most` is as in :meth:`arrays`.
         """
-        if not stored.whole:
+        if not self.is_whole(stored):
             raise damage(stored.path)
 
         def read(archive: ArrayArchive) -> tuple[NamedArrays, pa.Table]:
@@ -625,122 +655,163 @@ def stored_values(
     names = (RUN, VALUES) if read else (RUN,)
     arrays = {path: arrays_of(stored, *names) for path, stored in units.items()}
     rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
-    each = [values_of(found, k) for found, k in rows]
+    of_seeds = [values_of(held, k) for held, k in rows]
     values: Any = None  # not needed, or not saved: training raises an error then
-    if all(one is not None for one in each):
-        values = np.stack(each) if isinstance(each[0], np.ndarray) else each
-    steps = np.array([found["steps_used"][k] for found, k in rows])
-    scales = [float(found["scale"][k]) for found, k in rows if "scale" in found]
+    if all(value is not None for value in of_seeds):
+        values = np.stack(of_seeds) if isinstance(of_seeds[0], np.ndarray) else of_seeds
+    steps = np.array([held["steps_used"][k] for held, k in rows])
+    scales = [float(held["scale"][k]) for held, k in rows if "scale" in held]
     return StoredValues(values, steps, scales)
 
 
-# -- Units that failed: the arms that need them are left out, the others are trained and compared --
+# -- Small units of a task in one file -------------------------------------------------------------
+#
+# A unit of some kilobytes costs more to store and to read than to train. So those that end within a
+# second are written together, and a file holds a block of seeds in the end. What the folder holds
+# after a run does not depend on when its units ended: each block is one file then.
 
-FAILURES = "failures.json"
-"""The units that failed in the last run, in its folder; there is no such file if none did."""
-Keys = Mapping[tuple[str, str], str]
-"""The key of each arm's tasks, as in :class:`Arms`."""
+FULL = 2**22
+"""Bytes of a file of several units, about: it is read in some milliseconds."""
+NUMBER, TABLES, CURVES = 8, 2, 5
+"""Bytes of a number, and how many a seed has for each pair (S x A) and for each checkpoint."""
+BETWEEN = 1.0
+"""Seconds between two writes, while small units end faster: as much as a killed run repeats."""
+MOST_FILES = 32
+"""Of a block of seeds until they are merged during a run."""
+REMEMBERED = 8
+"""Files of several units whose arrays are kept: more of their seeds are asked for next."""
+
+Block = tuple[str, int]
+"""A unit's key, and the number of its block of seeds."""
+Taken = tuple[Unit, UnitResult | StoredUnit]
+"""A unit, and its result or the file to which its worker has written it."""
 
 
-@dataclass
-class Failures:
-    """The units that failed in a run."""
+def seeds_per_file(node: Node) -> int:
+    """Return how many seeds of a task a file holds; 1 for networks and large tables.
 
-    keys: Keys
-    each: list[tuple[Unit, BaseException]] = field(default_factory=list)
-    """In the order in which they failed."""
-    executor_failed: bool = False
-    """Whether one of them was never trained, as the executor failed."""
-    _kept: set[str] = field(default_factory=set, init=False)
-    """The keys that arms without a failure need, once there is one."""
+    It depends on the study alone: on the pairs (S x A) of the task and its checkpoints.
+    """
+    return 1 if node.deep else max(1, FULL // bytes_a_seed(node))
+
+
+def bytes_a_seed(node: Node) -> int:
+    """Return the bytes of what a seed learns in tables, and of its curves, at most."""
+    model = generative_model(node.task)
+    tables = TABLES * model.states.size * model.actions.size
+    checkpoints = node.most_steps // node.eval_freq + 1
+    return NUMBER * (tables + CURVES * checkpoints)
+
+
+def files_of(record: CurriculaRecord) -> dict[str, int]:
+    """Return how many seeds a file of each key of a study holds."""
+    nodes = (node for arm in record.arms.values() for node in arm.nodes.values())
+    return {node.key: node.seeds_per_file for node in nodes}
+
+
+class Packing:
+    """The units of a run on their way into files.
+
+    `done`, key -> seed -> unit, gets those that are stored; `per_file` is as :func:`files_of`.
+    """
+
+    def __init__(
+        self,
+        store: StudyStore,
+        done: dict[str, dict[int, StoredUnit]],
+        per_file: Mapping[str, int],
+    ):
+        self.store, self.done, self.per_file = store, done, per_file
+        self._waiting = dict[Block, list[tuple[Unit, UnitResult]]]()
+        self._receipts = list[tuple[Unit, StoredUnit]]()
+        self._files = dict[Block, list[StoredUnit]]()
+        """Those that this run has written."""
+        self._large = False
+        self._written = -BETWEEN
+        self._remembered = lru_cache(REMEMBERED)(store.arrays)
+
+    def arrays(self, stored: StoredUnit, *groups: str) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays of some groups of a file, as :meth:`StudyStore.arrays`."""
+        large = self.is_large(stored.key, stored.seeds)
+        return (self.store.arrays if large else self._remembered)(stored, *groups)
+
+    def is_large(self, key: str, seeds: Sequence[int]) -> bool:
+        """Return whether so many seeds have a file for themselves."""
+        return self.per_file[key] <= len(seeds)
+
+    def add(self, unit: Unit, result: UnitResult | StoredUnit) -> None:
+        """Take a unit that was trained; StoreError if its worker wrote it to another place."""
+        if isinstance(result, UnitResult):
+            self._waiting.setdefault(_block(unit, self.per_file), []).append((unit, result))
+        else:
+            with read_errors(result.path):
+                if not result.path.exists():
+                    raise StoreError(
+                        f"workers must write to the place of the run: {result.path} is not there"
+                    )
+            self._receipts.append((unit, result))
+        self._large |= self.is_large(unit.key, unit.seeds)
+
+    @property
+    def seconds(self) -> float:
+        """How long the units that were taken may still wait; 0 for those of large tables."""
+        left = 0.0 if self._large else self._written + BETWEEN - monotonic()
+        return max(0.0, left)
+
+    def write(self) -> list[Taken]:
+        """Write what was taken, and return it."""
+        if not self:
+            return []
+        waiting, self._waiting, self._large = self._waiting, {}, False
+        receipts, self._receipts = self._receipts, []
+        for unit, stored in receipts:
+            self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
+        for block, taken in waiting.items():
+            unit = taken[0][0]
+            result = joined_units([result for _, result in taken])
+            self._store(block, unit, result)
+        self._written = monotonic()
+        return [*receipts, *(result for taken in waiting.values() for result in taken)]
 
     def __bool__(self) -> bool:
-        return bool(self.each)
+        return bool(self._waiting or self._receipts)
 
-    def add(self, unit: Unit, error: Exception) -> None:
-        """Note that a unit failed; a BrokenExecutor's cause is why."""
-        if isinstance(error, BrokenExecutor):
-            self.executor_failed = True
-            self.each.append((unit, error.__cause__ or error))
-        else:
-            self.each.append((unit, error))
-        lost = arms_of(self.keys, {one.key for one, _ in self.each})
-        none = self.executor_failed or SCRATCH in lost
-        self._kept = {key for (arm, _), key in self.keys.items() if not none and arm not in lost}
-
-    def keeps(self, unit: Unit) -> bool:
-        """Return whether an arm without a failure needs a unit; without scratch nothing is kept."""
-        return not self.each or unit.key in self._kept
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return what :func:`failed_arms` reads; it is no arm's fault that an executor failed."""
-        if self.executor_failed:
-            return []
-        return [
-            {
-                "key": unit.key,
-                "seeds": list(unit.seeds),
-                "error": f"{unit.label}: {without_folders(in_words(error))}",
-            }
-            for unit, error in self.each
-        ]
-
-    def error(self) -> StudyError:
-        """Return one error for all; its cause is the first that is not the library's own."""
-        (unit, first), *others = self.each
-        text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
-        for other, error in others:
-            if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
-                text += f"; {other.label} failed too: {in_words(error)}"
-        lost = any(isinstance(error, EngineError) for _, error in self.each)
-        found = EngineError(text) if lost else StudyError(text)
-        foreign = [error for _, error in self.each if not isinstance(error, CurricleError)]
-        found.__cause__ = foreign[0] if foreign else None
-        return found
+    def _store(self, block: Block, unit: Unit, result: UnitResult) -> None:
+        files = self._files.setdefault(block, [])
+        files.append(self.store.write_unit(unit, result))
+        if len(files) > MOST_FILES:
+            files[:] = [merged_files(self.store, files)]
+        self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))
 
 
-def without_folders(text: str) -> str:
-    """Return an error's text with the names of files only: folders are those of one machine."""
-    quoted = re.sub(r"""(['"])(?:[A-Za-z]:)?[/\\][^'"\n]*[/\\]([^'"\n/\\]+)\1""", r"\1\2\1", text)
-    return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
+def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
+    """Merge the files of each block of seeds in a folder into one; `per_file` is as `files_of`."""
+    blocks = dict[Block, list[StoredUnit]]()
+    for file in store.units():
+        if file.key in per_file:
+            blocks.setdefault(_block(file, per_file), []).append(file)
+    for files in blocks.values():
+        if len(files) > 1:
+            merged_files(store, files)
 
 
-def arms_of(keys: Keys, some: Collection[str]) -> set[str]:
-    """Return the arms that need a unit with one of these keys."""
-    return {arm for (arm, _), key in keys.items() if key in some}
+def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
+    """Write the units of some files of a block as one, delete the others and return it.
+
+    A seed that several have, as after a run that was killed here, is taken once.
+    """
+    parts, taken = list[UnitResult](), set[int]()
+    for file in files:
+        if new := set(file.seeds) - taken:
+            parts.append(store.result(file, new))
+            taken |= new
+    merged = store.write_unit(files[0].about, joined_units(parts))
+    with write_errors(store.path):
+        for file in files:
+            if file.path != merged.path:
+                file.path.unlink()
+    return merged
 
 
-def read_failures(store: StudyStore) -> list[dict[str, Any]]:
-    """Return the rows of :meth:`Failures.rows` that a folder holds; StoreError if damaged."""
-    found = store.read_json(FAILURES) if store.has(FAILURES) else []
-    try:
-        return [
-            {"key": str(row["key"]), "seeds": [*map(int, row["seeds"])], "error": str(row["error"])}
-            for row in found
-        ]
-    except (TypeError, KeyError, ValueError, OverflowError):
-        raise StoreError(
-            f"{store.path / FAILURES} must list units that failed, each with key, seeds and error: "
-            "delete it, and show leaves out no arm"
-        ) from None
-
-
-def failed_arms(
-    rows: Iterable[Mapping[str, Any]], keys: Keys, stored: Mapping[str, Mapping[int, Any]]
-) -> dict[str, str]:
-    """Return the first error of each arm that needs a unit that failed and is not stored since."""
-    found: dict[str, str] = {}
-    for row in rows:
-        if not set(row["seeds"]) <= set(stored.get(row["key"], ())):
-            for arm in sorted(arms_of(keys, [row["key"]])):
-                found.setdefault(arm, row["error"])
-    return found
-
-
-def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
-    """Write the failures of a run in the place of those of an earlier one."""
-    if rows:
-        store.write_json(FAILURES, rows)
-    else:
-        with write_errors(store.path):
-            (store.path / FAILURES).unlink(missing_ok=True)
+def _block(unit: Any, per_file: Mapping[str, int]) -> Block:
+    return unit.key, min(unit.seeds) // per_file[unit.key]

@@ -13,9 +13,8 @@ import numpy as np
 from pydantic import Field, JsonValue, model_validator
 
 from curricle.arrays import FloatArray
-from curricle.comparison.arms import Arm
-from curricle.comparison.comparing import most_source_steps
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.plan import most_source_steps
 from curricle.errors import SettingError
 from curricle.learning.result import LearningResult, joined_results
 from curricle.statistics.curves import SCRATCH, mean_return
@@ -232,7 +231,7 @@ def trial_study(study: StudyConfig, chosen: Chosen, total: int | None = None) ->
         name: with_values(tables[arm], tune.placed(arm, values))
         for name, (arm, values) in chosen.items()
     }
-    fields: dict[str, Any] = dict.fromkeys(("scratches", "variants", "tune"))
+    fields: dict[str, Any] = dict.fromkeys(("scratches", "variants", "tune", "controls"))
     fields |= {"scratch": False, "scratch_learners": {}, "snapshots": 0, "own_learners": True}
     return study.varied(arms=arms, seeds=list(tune.seeds), total=total, **fields)
 

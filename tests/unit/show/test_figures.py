@@ -8,8 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import curricle as cr
-from curricle.comparison.arms import Arm
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import Arm, Comparison
 from curricle.errors import CurriculumError, SettingError
 from curricle.show.grids import draw_potential, draw_sources, shared_limits
 from curricle.show.plots import draw_comparison, draw_forecast, draw_learning_curves, plot, save

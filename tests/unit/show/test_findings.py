@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from curricle.comparison.arms import Arm
-from curricle.comparison.comparison import Comparison
-from curricle.comparison.levels import Level
+from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.controls import Level
 from curricle.show.findings import findings, forest, headline, table, too_few
 from curricle.statistics.curves import Curve
 

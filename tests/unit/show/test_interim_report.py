@@ -12,8 +12,10 @@ import pytest
 from curricle.errors import StoreError, StudyError
 from curricle.show import report as module
 from curricle.show.report import InterimReport, arms_so_far, stored_page
+from curricle.study import run_study
 from curricle.study.results import StudyResults
 from curricle.study.store import in_use, locked
+from tests.studies import CORNER, reader
 
 
 class Followed:
@@ -245,7 +247,8 @@ def test_whoever_looks_whether_a_run_is_at_work_keeps_none_from_beginning(live):
 
 def results(total=9, failed=(), learners=(), **seeds):
     """Results as far as the choice of arms reads them: arm -> number of seeds it has finished."""
-    arms = {arm: SimpleNamespace(nodes=("maze",), scratch=arm in learners) for arm in seeds}
+    kind = {"nodes": ("maze",), "control_of": ""}
+    arms = {arm: SimpleNamespace(scratch=arm in learners, **kind) for arm in seeds}
     keys = {(arm, "maze"): arm for arm in seeds}
     record = SimpleNamespace(total=total, seeds=range(100), arms=arms, keys=keys)
     stored = {arm: dict.fromkeys(range(n)) for arm, n in seeds.items()}
@@ -271,3 +274,15 @@ def results(total=9, failed=(), learners=(), **seeds):
 )
 def test_the_arms_with_most_results_in_common_are_compared(study, arms):
     assert arms_so_far(study) == arms
+
+
+def test_a_control_waits_for_the_arm_that_it_is_of(tmp_path):
+    changes = ["seeds=2", "tasks.maze.budget=400", "window=1", 'controls=["placebo"]']
+    study = reader(tmp_path)(CORNER, set=changes)
+    results = run_study(study, tmp_path / "out", progress=False)
+    assert arms_so_far(results) == ["scratch", "transfer", "transfer, placebo"]
+    target = results.record.keys["transfer", "maze"]
+    for unit in results.store.units():
+        if unit.key == target:
+            unit.path.unlink()
+    assert arms_so_far(StudyResults(tmp_path / "out")) == []

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison.arms import Arm
+from curricle.comparison.comparison import Arm
 from curricle.errors import SettingError
 from curricle.show.findings import forecast_sections
 from curricle.show.graph import CARD, graphs

@@ -18,22 +18,20 @@ from pathlib import Path
 from socket import create_connection
 from tempfile import mkdtemp
 from threading import Lock
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from curricle.errors import CurricleError, EngineError, ForeignError, SettingError, in_words
 from curricle.files import Place, RemotePath, remove_folder
-from curricle.study.arms import Arms
+from curricle.study.arms import Arms, UnitInput, train_unit
 from curricle.study.own_code import PACKAGES, own_files
 from curricle.study.serialization import UnitResult
 from curricle.study.store import (
-    StoredSource,
     StoredUnit,
     arrays_in,
     lost_errors,
     stored_values,
     written_unit,
 )
-from curricle.study.units import UnitInput, train_unit
 
 # -- What a worker on another machine does: take the study's own modules, and train a unit ---------
 
@@ -41,22 +39,6 @@ FOLDERS = dict[str, Path]()
 """The folders of modules that this process has written, by a digest of their files."""
 WRITING, LIVE = Lock(), Lock()
 Result = TypeVar("Result")
-
-
-class SentUnit(NamedTuple):
-    """A unit with all that a worker needs which has no folder of the study."""
-
-    given: UnitInput
-    files: Mapping[str, bytes]
-    """The study's own modules, by path in its folder."""
-    versions: Mapping[str, str]
-    """Of the run: a worker that came later is compared with them too."""
-    live: bool
-    """Whether units must not run side by side in one process."""
-    stored: Mapping[str, StoredSource] = {}
-    """The sources that the worker reads itself."""
-    place: Place | None = None
-    """The study's folder, where the worker writes the result itself."""
 
 
 def called(function: Callable[[Any], Result], argument: Any) -> Result:
@@ -68,21 +50,21 @@ def called(function: Callable[[Any], Result], argument: Any) -> Result:
     try:
         return function(argument)
     except Exception as error:
-        found = _sendable(error)
-    raise found  # out here it has no context, which some engines send too
+        sendable = _sendable(error)
+    raise sendable  # out here it has no context, which some engines send too
 
 
 def _sendable(error: Exception) -> Exception:
     """Return an error, or one in the same words that can be sent, without the errors before it."""
-    told = "".join(traceback.format_exception(error))
+    text = "".join(traceback.format_exception(error))
     error.__cause__ = error.__context__ = error.__traceback__ = None
     if not _survives(error):
         kind: type[Exception] = ForeignError
         if isinstance(error, CurricleError):  # its class is the user's own, below one of ours
             ours = CurricleError.__module__
-            kind = next(each for each in type(error).__mro__ if each.__module__ == ours)
+            kind = next(parent for parent in type(error).__mro__ if parent.__module__ == ours)
         error = kind(in_words(error))
-    error.add_note(told)
+    error.add_note(text)
     return error
 
 
@@ -97,12 +79,12 @@ def _survives(error: Exception) -> bool:
     return same and PACKAGES.encode() not in content
 
 
-def train_apart(given: UnitInput) -> UnitResult:
+def train_apart(sent: UnitInput) -> UnitResult:
     """Return what a unit's seeds learn; what it raises can be sent from this process."""
-    return called(train_unit, given)
+    return called(train_unit, sent)
 
 
-def train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
+def train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
     """Return what a unit's seeds learn, or the file that it is written to.
 
     EngineError where versions differ from those of the run; LostStoreError where sources cannot be
@@ -111,25 +93,21 @@ def train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
     return called(_train_sent, sent)
 
 
-def _train_sent(sent: SentUnit) -> UnitResult | StoredUnit:
+def _train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
     if differ := difference(sent.versions, versions_here()):
         raise EngineError(f"worker {platform.node()} has {differ}")
-    folder = written(sent.files)
-    unit = sent.given.unit
+    unit, sources = sent.unit, dict(sent.sources)
     with lost_errors():
-        read = {
-            name: stored_values(arrays_in, one.units, unit.seeds, read=one.read)
-            for name, one in sent.stored.items()
-        }
-    given = sent.given._replace(folder=str(folder), sources={**sent.given.sources, **read})
+        for name, source in sent.stored.items():
+            sources[name] = stored_values(arrays_in, source.units, unit.seeds, read=source.read)
     with LIVE if sent.live else nullcontext():
-        result = train_unit(given)
+        result = train_unit(sent._replace(folder=str(written(sent.files)), sources=sources))
     if sent.place is None:
         return result
     with lost_errors():
         stored = written_unit(sent.place, unit, result)
-    if given.checkpoints is not None:
-        remove_folder(given.checkpoints)
+    if sent.checkpoints is not None:
+        remove_folder(sent.checkpoints)
     return stored
 
 
@@ -138,16 +116,16 @@ def versions_here() -> dict[str, str]:
 
     Of Python these are the first two numbers: the third changes no result.
     """
-    found = {name: metadata.version(name) for name in ("curricle", "numba")}
-    return {**found, "Python": ".".join(platform.python_version_tuple()[:2])}
+    versions = {name: metadata.version(name) for name in ("curricle", "numba")}
+    return {**versions, "Python": ".".join(platform.python_version_tuple()[:2])}
 
 
 def difference(here: Mapping[str, str], there: Mapping[str, str]) -> str:
     """Return how versions differ, in words; nothing if they are equal."""
-    each = [
+    differences = [
         f"{k} {there.get(k)} and the run has {here[k]}" for k in here if there.get(k) != here[k]
     ]
-    return ", ".join(each)
+    return ", ".join(differences)
 
 
 def written(files: Mapping[str, bytes]) -> Path:
@@ -189,12 +167,12 @@ class ExecutorWorkers:
         """Return False: the process that runs the study reads and writes for them."""
         return False
 
-    def train(self, given: UnitInput, stored: Any = None, place: Any = None) -> "Future[Any]":
+    def train(self, sent: UnitInput) -> "Future[Any]":
         """Return the future result of a unit."""
         # Threads hand on what is raised as it is.
         train = train_unit if isinstance(self.executor, ThreadPoolExecutor) else train_apart
         try:
-            return self.executor.submit(train, given)
+            return self.executor.submit(train, sent)
         except Exception as error:
             broken = BrokenExecutor("the executor took no unit")
             broken.__cause__ = error
@@ -247,34 +225,26 @@ class Engine(ABC):
     def close(self, whole: bool) -> None:
         """Leave the engine; one that was started here ends. `whole`: nothing was interrupted."""
 
-    def carry(self, each: Sequence[Arms], folder: Path) -> None:
+    def carry(self, all_arms: Sequence[Arms], folder: Path) -> None:
         """Send the own modules of a study in a folder along with the units of all its arms.
 
         Modules elsewhere on Python's path are not sent: workers import their own, which must be the
         same (:func:`arms_from_json`).
         """
-        found = own_files([list(arms.dependencies.values()) for arms in each], folder)
+        files = own_files([list(arms.dependencies.values()) for arms in all_arms], folder)
         root = folder.resolve()
         self.files = {
-            name: file.read_bytes() for name, file in found.items() if root / name == file.resolve()
+            name: file.read_bytes() for name, file in files.items() if root / name == file.resolve()
         }
-        self.versions, self.live = versions_here(), any(arms.live for arms in each)
+        self.versions, self.live = versions_here(), any(arms.live for arms in all_arms)
 
     def see(self, place: Place) -> bool:
         """Return whether workers read and write the study's files themselves: those at a URL."""
         return isinstance(place, RemotePath)
 
-    def train(
-        self,
-        given: UnitInput,
-        stored: Mapping[str, StoredSource] | None = None,
-        place: Place | None = None,
-    ) -> "Future[Any]":
-        """Return the future result of a unit, or the file that it was written to.
-
-        Workers that see the study's files read the sources that are `stored`, and write at `place`.
-        """
-        sent = SentUnit(given, self.files, self.versions, self.live, stored or {}, place)
+    def train(self, sent: UnitInput) -> "Future[Any]":
+        """Return the future result of a unit, or the file that it was written to."""
+        sent = sent._replace(files=self.files, versions=self.versions, live=self.live)
         try:
             return self.submit(train_sent, sent)
         except Exception as error:
@@ -309,9 +279,9 @@ def answers(host: str, port: int) -> bool:
 
 def failed(error: Exception) -> "Future[Any]":
     """Return a future that has failed."""
-    found = Future[Any]()
-    found.set_exception(error)
-    return found
+    future = Future[Any]()
+    future.set_exception(error)
+    return future
 
 
 # -- Opening the engine that a word names, and comparing its workers with this machine -------------
