@@ -379,7 +379,7 @@ class VisitedPairs:
     def values(self, phi: AnyPotential) -> FloatArray:
         """Return phi of these pairs, a float64 array with one value for each."""
         if not isinstance(phi, ObservationPotential):
-            return np.asarray(phi.rows(self.states))
+            return np.asarray(phi.pairs(self.states))
         seen = ObservationTarget(self.task, GreedyEvaluation()).observations(phi)
         return np.asarray(phi.pairs(seen) if phi.of_actions else phi.v(seen))
 

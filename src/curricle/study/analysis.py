@@ -212,7 +212,8 @@ def analyse(study: StudyResults, arms: Arms) -> None:
     seeds = study.seeds[:MOST_SEEDS]
     keys = sorted(item for item in study.record.keys.items() if item[0][0] in curricula)
     of = blake2b(repr((keys, seeds)).encode(), digest_size=DIGEST_BYTES).hexdigest()
-    if study.analysis is not None and study.analysis.of == of:
+    written = study.analysis  # reads the file
+    if written is not None and written.of == of:
         return
     results = {}
     for arm, curriculum in curricula.items():
