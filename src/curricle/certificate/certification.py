@@ -265,16 +265,14 @@ def compare_actions(
 
 
 def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
-    """Return whether all actions that may be optimal in a state, (N, A), are proven equally good.
-
-    States whose values are not known to differ are split until in each block these actions have the
-    same chances of the same rewards and blocks (bisimulation: Givan, Dean, Greig 2003).
-    """
+    """Return whether the actions that may be optimal, (N, A), are proven equal in each state."""
     mdp, block = met.mdp, np.empty(len(unshaped.values), np.int64)
     order = np.argsort(unshaped.values)
     apart = np.diff(unshaped.values[order]) > 2 * unshaped.error_bound
     block[order] = np.append(0, np.cumsum(apart))
     block[mdp.terminal] = -1
+    # Blocks are split until in each these actions have the same chances of the same rewards and
+    # blocks (bisimulation: Givan, Dean, Greig 2003).
     kinds, paid = np.unique(mdp.reward + 1j * mdp.probability, return_inverse=True)
     blocks = 0
     for _ in range(MOST_REFINEMENTS):
@@ -292,11 +290,7 @@ def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool
 
 
 def total_loss(unshaped: Solution, met: Reachable, chosen: BoolArray) -> float:
-    """Return the largest possible loss of a policy of `chosen` actions, (N, A).
-
-    max_s V*(s) - V_worst(s), where V_worst is the lowest value that such a policy has, and the
-    errors of both.
-    """
+    """Return max_s V*(s) - V_worst(s) of policies of `chosen` actions, (N, A), and both errors."""
     mdp = met.mdp
     row = mdp.outcome_row.copy()
     rows = row[met.states]
@@ -407,13 +401,7 @@ def _decided(
     theorem: str | None,
     behind: Origin | None,
 ) -> tuple[bool | None, tuple[str, ...]]:
-    """Return whether the optimal actions are the same, and where that is undecided.
-
-    A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that was
-    given is off by its residual besides, so that a difference of two actions changes by up to twice
-    that in every step of an episode. Up to there no known difference is certain; and where F was
-    given none that is too small to be known, unless it is proven to be 0.
-    """
+    """Return whether the optimal actions are the same, and where that is undecided."""
     if compared.lost.any() or compared.given_up.any():
         return False, ()
     by_values = theorem is None or behind is not None  # the very rewards, with their rounding
@@ -421,6 +409,8 @@ def _decided(
         return True, ()
     if theorem is None:
         return None, (too_close(met, unshaped, shaped, compared),)
+    # A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that was
+    # given is off by its residual, twice in a difference of two actions, in every step.
     off = 3 * EPSILON * shaped.largest + (0.0 if behind is None else behind.plain.worst)
     reach = 2 * off * _longest(met.mdp)
     vanishing = (compared.short > compared.error) & (compared.short <= reach + compared.error)

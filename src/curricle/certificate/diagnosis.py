@@ -40,10 +40,7 @@ def negligible(f: FloatArray) -> float:
 
 
 def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
-    """Return the Phi that F must have if it is ``discount`` Phi(s') - Phi(s), and the residual.
-
-    `f` is (E,). Phi at the ends is 0, or follows from the transitions into them.
-    """
+    """Return the only Phi that F, (E,), can come from, and the residual; Phi of ends 0, or free."""
     steps = _order(met, ends_are_zero, discount < 1)
     source, target = met.source, met.target
     # Forward at a small discount numbers may overflow. Then nothing fits.
@@ -68,17 +65,14 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
 # -- from F to Phi ---------------------------------------------------------------------------------
 
 
+# Phi is 0; follows from that of s', or from that of s; is the discounted sum along transitions that
+# follow each other for ever; or is an unknown number, on which later states may depend.
 ZERO, BACKWARD, FORWARD, CYCLE, FREE = range(5)
 NO_TRANSITIONS = np.zeros(0, np.int64)
 
 
 class Step(NamedTuple):
-    """Some states whose Phi follows at once.
-
-    ZERO: it is 0. FREE: it is an unknown number, on which later states may depend. The other kinds
-    use one transition for each state. BACKWARD: Phi of s from that of s'. FORWARD: Phi of s' from
-    that of s. CYCLE: the discounted sum along transitions that follow each other for ever.
-    """
+    """Some states whose Phi follows at once, by one transition for each but ZERO and FREE."""
 
     kind: int
     states: npt.NDArray[np.integer[Any]]
@@ -86,12 +80,7 @@ class Step(NamedTuple):
 
 
 def _order(met: Reachable, ends_are_zero: bool, discounted: bool) -> list[Step]:
-    """Return steps that give Phi of all reachable states.
-
-    Errors shrink backward along transitions and grow forward, so that forward is the last resort.
-    Each group of states that no transition joins to known ones has one free number; the other
-    transitions among them determine it.
-    """
+    """Return steps that give Phi of all reachable states."""
     terminal, known, steps = met.mdp.terminal, ~met.met, list[Step]()
 
     def add(kind: int, states: Any, transitions: IntArray = NO_TRANSITIONS) -> None:
@@ -115,6 +104,7 @@ def _order(met: Reachable, ends_are_zero: bool, discounted: bool) -> list[Step]:
         if cycle.size:
             add(CYCLE, met.source[cycle], cycle)
         add_backward()
+    # Errors grow forward, so that this comes last. Groups that nothing joins have a free number.
     while not known.all():
         ahead = np.flatnonzero(known[met.source] & ~known[met.target])
         if ahead.size:
@@ -178,10 +168,7 @@ class Origin:
 
 
 def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
-    """Return the potential behind F, (E,), or a sentence on why there is none.
-
-    `task` gives states and actions their names.
-    """
+    """Return the potential behind F, (E,), or a sentence on why there is none."""
     discount, enough = met.mdp.discount, negligible(f)
     plain = fit(met, f, discount)
     if plain.worst <= enough:
@@ -243,11 +230,7 @@ def _unequal_paths(task: Any, met: Reachable, f: FloatArray, plain: Fit) -> str:
 def several_entries(
     task: Any, pairs: tuple[AnyInts, AnyInts, AnyInts], phi: FloatArray, starts: IntArray
 ) -> tuple[float, str | None]:
-    """Return how far phi of the ways into a state differs at most, and a sentence if it does.
-
-    Ways are transitions s, a, s', (n,) each, with phi(s, a), (n,), and the start of an episode in
-    one of `starts`, with 0.
-    """
+    """Return how far phi, (n,), of ways into one state differs, and a sentence if it does."""
     source, action, target = pairs
     entered = np.append(target, starts)
     phi = np.append(phi, np.zeros(len(starts)))

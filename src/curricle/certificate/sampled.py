@@ -1,8 +1,4 @@
-"""A reward of your own, or look-back advice, checked on sampled steps of a large task.
-
-Random rollouts can refute that a potential is behind F; they cannot prove that one is. Where F is
-made of a potential there is nothing to sample: a theorem decides.
-"""
+"""A reward of your own, or look-back advice, refuted (never proven) on sampled steps of a task."""
 
 import numpy as np
 
@@ -23,8 +19,7 @@ from curricle.tasks.spaces import state_name
 Checked = tuple[int, float, tuple[str, ...]]
 """Steps taken, the largest distance of a sum of F from that of a potential, and sentences."""
 LONGEST = 200  # steps of a rollout at most
-BRANCHES, DEPTH = 40, 3
-"""Rollouts from one state, and their steps, among which two paths may meet."""
+BRANCHES, DEPTH = 40, 3  # rollouts from one state, and their steps, among which two paths may meet
 
 
 def sampled(
@@ -102,11 +97,7 @@ def _rewards(shaped: ShapedTask, rollouts: RandomRollouts) -> FloatArray:
 def _meeting(
     shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray, enough: float
 ) -> tuple[float, str]:
-    """Return how far sums of F over paths of equal length between two states differ, and where.
-
-    With a potential all of them are gamma^n Phi(s') - Phi(s). The search ends with the shortest
-    paths whose sums differ by more than `enough`.
-    """
+    """Return how far sums of F over paths of equal length between two states differ, and where."""
     worst, sentence = 0.0, ""
     for n in range(1, DEPTH + 1):
         among = np.flatnonzero(rollouts.length >= n)

@@ -46,10 +46,8 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
 
 CHARACTERS = "<>EB#."
-FACING = {"<": -1, ">": 1}
-"""How the agent is drawn -> the columns that a step goes."""
-LARGEST_SPACE = 1_000_000
-"""States at most; they are found one by one."""
+FACING = {"<": -1, ">": 1}  # how the agent is drawn -> the columns that a step goes
+LARGEST_SPACE = 1_000_000  # states at most; they are found one by one
 LEVELS = (
     """
     .........................
@@ -110,11 +108,6 @@ class BlockDude(DomainWithStart):
     discount, time_limit
         As in :class:`FiniteMDP`.
 
-    Raises
-    ------
-    TaskError
-        When the map, a reward or the start makes no sense; later, when there are too many states.
-
     Examples
     --------
     >>> task = BlockDude(level=1)
@@ -167,12 +160,7 @@ class BlockDude(DomainWithStart):
         """Return the part in the half-open range `columns`, in this map's coordinates.
 
         `agent` is the column in which the agent begins, on top of what is drawn there; by default
-        it begins where it is.
-
-        Raises
-        ------
-        TaskError
-            When the part exceeds the map or does not have the exit and the agent.
+        it begins where it is. The part must have the exit and the agent.
 
         Examples
         --------
@@ -360,8 +348,7 @@ class BlockDude(DomainWithStart):
 
 # -- the family: levels and their parts around the exit --------------------------------------------
 
-WIDTH = 25
-"""Columns of the levels."""
+WIDTH = 25  # columns of the levels
 PARTS: dict[int, tuple[int, ...]] = {
     1: (10, 11, 12, *range(15, WIDTH)),
     2: tuple(range(17, WIDTH)),
@@ -375,16 +362,12 @@ def part_of_level(
     columns: Annotated[int | None, Rule(2, WIDTH - 1, "larger")] = None,
     **rules: Any,
 ) -> BlockDude:
-    """Return one of BURLAP's levels, or the part that has these columns from the exit on.
-
-    Where the agent's column is not among them, it begins in the last one, on top of what is there.
-    """
+    """Return one of BURLAP's levels, or so many of its columns from the exit on."""
     whole = BlockDude(level, **rules)
     if columns is None:
         return whole
     (agent,) = (line.find(letter) for line in whole.level for letter in "<>" if letter in line)
-    inside = agent < columns
-    begins = None if inside else columns - 1
+    begins = None if agent < columns else columns - 1
     return whole.crop(columns=(0, columns), agent=begins, start=whole.start)
 
 

@@ -26,8 +26,7 @@ from curricle.tasks.domain import (
 from curricle.tasks.family import ComponentsByName, Rule
 from curricle.tasks.mdp import FiniteMDP
 
-ROWS, COLUMNS = 4, 12
-"""Of Gymnasium's cliff."""
+ROWS, COLUMNS = 4, 12  # of Gymnasium's cliff
 LARGEST_SIDE = 1000
 
 
@@ -48,11 +47,6 @@ class CliffWalking(CellDomain):
         ``(row, column)`` cells; all are equally likely.
     discount, time_limit
         As in :class:`FiniteMDP`; Gymnasium's has no time limit.
-
-    Raises
-    ------
-    TaskError
-        When a size or a number is out of range, or a start is no place to stand.
 
     Examples
     --------

@@ -31,8 +31,7 @@ from curricle.tasks.family import FamilyMember, Parameter, Rule
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Decoded, Space
 
-LARGEST_SIZE = 1000
-"""Rows of a sea at most: half a million states."""
+LARGEST_SIZE = 1000  # rows of a sea at most: half a million states
 LARGEST_SEED = 2**32 - 1
 
 
@@ -63,11 +62,6 @@ class DeepSea(GridDomain):
     discount, time_limit
         As in :class:`FiniteMDP`.
 
-    Raises
-    ------
-    TaskError
-        When a size, a probability, a reward or a start is invalid.
-
     Examples
     --------
     >>> sea = DeepSea(size=3, discount=1.0)
@@ -95,13 +89,7 @@ class DeepSea(GridDomain):
     LISTED = True
 
     def bottom(self, rows: int, *, start: Any = "uniform") -> Self:
-        """Return the lowest rows of the sea, with as many of the last columns; moves cost as there.
-
-        Examples
-        --------
-        >>> DeepSea(size=10).bottom(3).states.label(0)
-        'row=7 column=7'
-        """
+        """Return the lowest rows, with as many of the last columns; moves cost as in the whole."""
         least = whole_number("the rows of a part of a sea", rows, 1, TaskError)
         number("the rows of a part of a sea", least, TaskError, 1, self.size)
         cut = self.size - least
@@ -185,11 +173,7 @@ class DeepSea(GridDomain):
 
 
 def _from_the_ground(target: FamilyMember, source: FamilyMember) -> Any:
-    """Return how a sea reads another: cells counted from the ground, right moves as right ones.
-
-    Columns are counted from the right, where the treasure is. What lies farther off than the source
-    has is unmapped.
-    """
+    """Return how a sea reads another: counted from the ground and the right, right as right."""
     down = target["size"] - source["size"]
     whole, other = target.task, source.task
 

@@ -26,8 +26,7 @@ from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
 
 KINDS: tuple[type, ...] = (bool, int, float, str)
-MOST_LISTED = 10_000
-"""Values of a parameter that are listed one by one at most."""
+MOST_LISTED = 10_000  # values of a parameter that are listed one by one at most
 
 Harder = Literal["larger", "smaller", "later"]
 
@@ -196,13 +195,7 @@ class Parameter:
         return tuple(range(int(first), int(end), step))
 
     def listed(self) -> str:
-        """Return the values in words.
-
-        Examples
-        --------
-        >>> Parameter("size", int, low=2, high=9).listed(), Parameter("wet", bool).listed()
-        ('2..9', 'True, False')
-        """
+        """Return the values in words, such as "2..9" or "True, False"."""
         if self.values is not None:
             shown = [str(value) for value in self.values[:12]]
             listed = ", ".join([*shown, *(["..."] if len(self.values) > len(shown) else [])])
@@ -233,10 +226,7 @@ class Rule(NamedTuple):
 
 
 def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
-    """Return the type that each parameter is annotated with, its rule, and whether None fits.
-
-    Of a class these are those of its fields. A type of several kinds stays as it is annotated.
-    """
+    """Return each annotated type (without None, if that leaves one), its rule, and if None fits."""
     known = dict[str, tuple[Any, Rule, bool]]()
     for name, hint in get_type_hints(function, include_extras=True).items():
         kind, rule = hint, Rule()
@@ -253,11 +243,7 @@ def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
 def complete_parameters(
     declared: tuple[Parameter, ...], function: Callable[..., Any], family: str
 ) -> tuple[Parameter, ...]:
-    """Return the parameters of a family's function, in its order, with what annotations say.
-
-    What is declared overrides annotations. Without an annotation a parameter has the kind of its
-    default. One whose kind no family has keeps its default and is no parameter of the family.
-    """
+    """Return the parameters of a family's function, in its order, with what annotations say."""
     signature, rules = inspect.signature(function).parameters, rules_of(function)
     by_name = {parameter.name: parameter for parameter in declared}
     variadic = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
@@ -294,7 +280,7 @@ def complete_parameters(
                     f"parameter {name!r} of {family} must have a kind: declare it, or annotate it "
                     "as int, float, bool, str or Literal[...]"
                 )
-            else:
+            else:  # no kind of a family's: it keeps its default
                 continue
         if rule.varies or name in by_name:
             parameters.append(parameter)
@@ -455,14 +441,9 @@ class TaskFamily(Frozen):
     def members(self, /, **values: Any) -> Iterator["FamilyMember"]:
         """Yield members, one for each combination of the given values.
 
-        A parameter has one value or several in a list, tuple, range or other iterable. One that is
-        left out has its default or, if it has none, each of its values. Combinations that the
-        family's constraint refuses are left out.
-
-        Raises
-        ------
-        TaskError
-            On an unknown parameter, a wrong value, or too many values to list.
+        A parameter has one value or several in an iterable. One that is left out has its default
+        or, if it has none, each of its values. Combinations that the constraint refuses are left
+        out.
         """
         for name in values:
             self.parameter(name)
@@ -537,9 +518,8 @@ class TaskFamily(Frozen):
 class FamilyMember(Frozen):
     """The address of one task of a family: the family and the value of each of its parameters.
 
-    Made by calling a :class:`TaskFamily`. Members hash, compare, print and pickle by their
-    parameters; the task is built when it is first asked for. Printed are the parameters that differ
-    from the function's defaults, and those that have none; `parameters` holds all.
+    Made by calling a :class:`TaskFamily`. The task is built when it is first asked for. Printed are
+    the parameters that differ from the function's defaults, and those that have none.
 
     Attributes
     ----------
@@ -585,13 +565,7 @@ class FamilyMember(Frozen):
 
     @cached_property
     def task(self) -> Any:
-        """The task.
-
-        Raises
-        ------
-        TaskError
-            When the family's function returns no task. What it raises itself is not changed.
-        """
+        """The task; TaskError if the family's function returns none."""
         made = self.family.factory(**self.parameters)
         if not is_observation_task(made):
             generative_model(made)

@@ -96,11 +96,6 @@ class GridWorld(MapDomain, CellDomain):
     discount, time_limit
         As in :class:`FiniteMDP`.
 
-    Raises
-    ------
-    TaskError
-        On a ragged map, an unknown character, no treasure, no start, or an unknown rule.
-
     Examples
     --------
     >>> maze = GridWorld('''
@@ -162,13 +157,7 @@ class GridWorld(MapDomain, CellDomain):
         return self.states.names
 
     def state(self, row: int, column: int) -> int:
-        """Return the number of the state in which the agent is at (row, column).
-
-        Examples
-        --------
-        >>> GridWorld("S#T").state(0, 2)
-        1
-        """
+        """Return the number of the state in which the agent is at (row, column)."""
         number = int(self.states_at(row, column))
         if number == MISSING:
             raise TaskError(f"a state needs a free cell of the map: got ({row}, {column})")
@@ -236,12 +225,11 @@ def random_maze(
 ) -> GridWorld:
     r"""Return a random maze: a square with the treasure in a corner, walls, pits and fires.
 
-    It grows from the treasure outwards, one row and one column at a time. Each of their cells gets
-    an object with the given chances; then objects are taken away at random until every free cell
-    of them has a way to the treasure that enters neither pit nor fire. So every maze is solvable
-    from every free cell, and **a smaller maze with the same seed is the part of a larger one around
-    the treasure**, as the paper's source tasks are parts of their target. The treasure has the
-    coordinates (0, 0) in all of them.
+    It grows from the treasure outwards, one row and one column at a time. Objects are taken away at
+    random until every free cell has a way to the treasure that enters neither pit nor fire. So
+    every maze is solvable from every free cell, and **a smaller maze with the same seed is the part
+    of a larger one around the treasure**, as the paper's source tasks are parts of their target.
+    The treasure has the coordinates (0, 0) in all of them.
 
     Parameters
     ----------
@@ -260,11 +248,6 @@ def random_maze(
         As in :class:`Rewards`.
     discount, time_limit
         As in :class:`GridWorld`.
-
-    Raises
-    ------
-    TaskError
-        When a value is out of range, or the chances sum to more than 1.
 
     Examples
     --------
@@ -292,7 +275,9 @@ def random_maze(
     cells = {(0, 0): "T"}
     for n in range(1, size):
         _grow(cells, n, {"#": walls, "P": pits, "F": fires}, seed)
-    far = _farthest(cells)
+    free = {cell for cell, character in cells.items() if character == "."}
+    distance = _distances([(0, 0)], free)
+    far = max(distance, key=lambda cell: (distance[cell], cell))
     if start == "far":
         cells[far] = "S"
     vertical, horizontal = corner.split("-")
@@ -310,13 +295,12 @@ def random_maze(
 
 
 def _grow(cells: dict[Cell, str], n: int, chances: dict[str, float], seed: int) -> None:
-    """Add the cells at distance n, the larger of the distances in rows and columns.
-
-    Each of them borders on one at distance n - 1, of which at least one is free and has a way to
-    the treasure. So if all objects were taken away, all would have one.
-    """
+    """Add the cells at distance n, the larger of the distances in rows and columns."""
+    # Each borders on one at distance n - 1, of which at least one is free and has a way to the
+    # treasure. So if all objects were taken away, all would have one.
     shell = [(n, column) for column in range(n)] + [(row, n) for row in range(n + 1)]
-    draws = _draws(seed, n)
+    states = count(stream_start(seed, f"maze/{n}"), int(STRIDE))
+    draws = (uniform(splitmix64(state % 2**64)) for state in states)
     for cell in shell:
         drawn, cells[cell] = next(draws), "."
         for character, chance in chances.items():
@@ -349,13 +333,6 @@ def _lines(cells: dict[Cell, str], *, down: bool, right: bool) -> list[str]:
     return lines if down else lines[::-1]
 
 
-def _farthest(cells: dict[Cell, str]) -> Cell:
-    """Return the free cell whose way to the treasure is the longest."""
-    free = {cell for cell, character in cells.items() if character == "."}
-    distance = _distances([(0, 0)], free)
-    return max(distance, key=lambda cell: (distance[cell], cell))
-
-
 def _distances(first: list[Cell], free: set[Cell]) -> dict[Cell, int]:
     """Return the steps from the first cells to each free one that has a way from there."""
     waiting, distance = deque(first), dict.fromkeys(first, 0)
@@ -372,12 +349,6 @@ def _beside(cell: Cell) -> Iterator[Cell]:
     """Yield the cells that share an edge with one, off the map too."""
     row, column = cell
     yield from ((row - 1, column), (row, column + 1), (row + 1, column), (row, column - 1))
-
-
-def _draws(seed: int, n: int) -> Iterator[float]:
-    """Yield uniform numbers of the stream of the shell n."""
-    for state in count(stream_start(seed, f"maze/{n}"), int(STRIDE)):
-        yield float(uniform(splitmix64(state % 2**64)))
 
 
 def _chances_sum(parameters: dict[str, Any]) -> str | None:

@@ -40,8 +40,7 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Decoded, Space, whole
 
 SMALLEST_ROOM, LARGEST_ROOM = 4, 1000
-LARGEST_SPACE = 5_000_000
-"""States at most; keys and locks double them."""
+LARGEST_SPACE = 5_000_000  # states at most; keys and locks double them
 
 
 def _room(side: int) -> tuple[str, ...]:
@@ -80,11 +79,6 @@ class KeyLockPit(MapDomain):
         Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit
         As in :class:`FiniteMDP`.
-
-    Raises
-    ------
-    TaskError
-        On a map, a reward, a start or keys of a lock that make no sense.
 
     Examples
     --------
@@ -145,14 +139,7 @@ class KeyLockPit(MapDomain):
 
     @classmethod
     def room(cls, size: int = 8, **rules: Any) -> Self:
-        """Return a square room: the key in the north-west, the lock behind pits in the south-east.
-
-        Parameters
-        ----------
-        size : int
-            Cells per side, 4 to 1000.
-        **rules
-            The other parameters of the class.
+        """Return a square room, 4 to 1000 cells per side, with a key, and a lock behind pits.
 
         Examples
         --------
@@ -168,12 +155,8 @@ class KeyLockPit(MapDomain):
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in this map's coordinates.
 
-        Objects outside the part are removed; a key outside counts as held.
-
-        Raises
-        ------
-        TaskError
-            When the part exceeds the map, is empty, or has no key and no lock.
+        Objects outside the part are removed; a key outside counts as held. A key or a lock must be
+        left.
 
         Examples
         --------
@@ -317,7 +300,6 @@ class KeyLockPit(MapDomain):
 def _square_room(
     size: Annotated[int, Rule(SMALLEST_ROOM, LARGEST_ROOM, "larger")] = 8, **rules: Any
 ) -> KeyLockPit:
-    """Return the square room of :meth:`KeyLockPit.room`."""
     return KeyLockPit.room(size, **rules)
 
 

@@ -31,8 +31,7 @@ from curricle.tasks.spaces import Component, Space, whole_by_type
 PROBABILITY_TOLERANCE = 1e-8
 SINGLE_PRECISION = 1e-6
 """How far from 1 probabilities of float32 may sum; then they are divided by their sum."""
-NO_LIMIT = np.int64(2**62)
-"""Steps that stand for no limit in compiled loops."""
+NO_LIMIT = np.int64(2**62)  # steps that stand for no limit in compiled loops
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,11 +391,9 @@ def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, IntArray, FloatA
 
 
 def terminal_states(lists: list[list[Any]], first: list[int]) -> BoolArray:
-    """Collect the ``terminated`` flags of outcome lists into one flag a state.
-
-    Only states that can be reached from the `first` count: tables such as Taxi's also list
-    impossible states, whose flags contradict the others.
-    """
+    """Return the ``terminated`` flags of outcome lists as one flag for each state."""
+    # Only states that can be reached from the `first` count: tables such as Taxi's also list
+    # impossible states, whose flags contradict the others.
     flags, met, starts = dict[int, bool](), list(first), set(first)
     for s in met:  # which grows meanwhile
         for a, pair in enumerate(lists[s]):
@@ -442,11 +439,7 @@ def check_rows(
     outcome_row: npt.NDArray[np.integer[Any]],
     terminal: BoolArray,
 ) -> None:
-    """Raise TaskError naming the first pair whose outcome row breaks a rule.
-
-    The arguments are tables of a :class:`FiniteMDP`. Rows that only terminal states use may hold
-    anything.
-    """
+    """Raise TaskError naming the first pair whose outcome row breaks a rule."""
     sums = probability.sum(axis=1)
     small = (reward >= -LARGEST_REWARD) & (reward <= LARGEST_REWARD)
     rules = (
@@ -487,10 +480,7 @@ class Task(Protocol):
 
 
 class GenerativeModel(Protocol):
-    """What learning needs of a task: spaces, horizon, and a generative model for compiled loops.
-
-    `terminal`, (S,) bool, is None where it is unknown.
-    """
+    """What learning needs of a task: spaces, horizon, and a generative model for compiled loops."""
 
     @property
     def states(self) -> Space: ...  # noqa: D102
@@ -553,11 +543,7 @@ def same_task(task: Task, other: Task) -> bool:
 
 
 def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntArray]:
-    """Return where the edges of a graph of S states and Y outcome rows begin and end.
-
-    A state leads to the rows of its `allowed` actions, none where it is terminal, and a row, whose
-    node is S plus its number, to the states of its outcomes.
-    """
+    """Return where the edges of a graph of S states and Y rows (node S + y) begin and end."""
     pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
     if allowed is not None:
         pairs &= allowed
@@ -586,12 +572,9 @@ def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
 
 
 def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
-    """Return the states from which `allowed` actions can avoid all terminal states for ever.
-
-    This is the largest set of states each of which has an allowed action whose every outcome stays
-    in the set. It is empty exactly if every allowed policy is proper, which is to end with
-    probability 1 (Bertsekas, Tsitsiklis 1991).
-    """
+    """Return the states from which `allowed` actions can avoid all terminal states for ever."""
+    # The largest set whose states can stay in it. It is empty exactly if every allowed policy ends
+    # with probability 1, is proper (Bertsekas, Tsitsiklis 1991).
     staying = ~mdp.terminal
     impossible = mdp.probability == 0
     while True:
@@ -606,10 +589,7 @@ def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
 
 
 def steps_to(mdp: Any, goal: BoolArray, among: BoolArray | None = None) -> FloatArray:
-    """Return the fewest steps with which each of some states may reach `goal`, (S,); or infinity.
-
-    Both are (S,) bool; `among` is all states by default, and no way leads through others.
-    """
+    """Return the fewest steps to `goal` that lead only through `among`, (S,) each; or infinity."""
     among = np.ones(len(goal), bool) if among is None else among
     steps = np.where(goal & among, 0.0, np.inf)
     while True:

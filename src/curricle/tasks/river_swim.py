@@ -26,10 +26,9 @@ from curricle.tasks.domain import Discount, DomainWithStart, TimeLimit, family_o
 from curricle.tasks.family import FamilyMember, Rule
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
-from curricle.tasks.spaces import Component, Decoded, Space, whole
+from curricle.tasks.spaces import Component, Space, whole
 
-LARGEST_SIZE = 1_000_000
-"""Positions of a river at most."""
+LARGEST_SIZE = 1_000_000  # positions of a river at most
 LARGEST_OF_FAMILY = 10_000
 
 
@@ -58,11 +57,6 @@ class RiverSwim(DomainWithStart):
         The leftmost position. A crop keeps the positions of the whole river.
     discount, time_limit
         As in :class:`FiniteMDP`.
-
-    Raises
-    ------
-    TaskError
-        When a size, a probability, a reward or a start is invalid.
 
     Examples
     --------
@@ -113,11 +107,6 @@ class RiverSwim(DomainWithStart):
         """Return the part of the river in a half-open range of its positions.
 
         Its first and last positions are banks; the reward of a bank that is not part of it is 0.
-
-        Raises
-        ------
-        TaskError
-            When the part exceeds the river or has fewer than 2 positions.
         """
         part = whole(positions, "a crop's positions")
         end = self.origin + self.size
@@ -183,11 +172,7 @@ def _river(size: Annotated[int, Rule(2, LARGEST_OF_FAMILY, "larger")] = 6, **rul
 def _from_the_right_bank(target: FamilyMember, source: FamilyMember) -> Any:
     """Return how a river reads another: counted from the right bank, and not past the left one."""
     shift = target["size"] - source["size"]
-
-    def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
-        return {"position": np.maximum(states["position"] - shift, 0)}, actions
-
-    return function
+    return lambda states, moves: ({"position": np.maximum(states["position"] - shift, 0)}, moves)
 
 
 def _chances_of_a_river(parameters: dict[str, Any]) -> str | None:

@@ -24,8 +24,7 @@ from curricle.text import counted
 Decoded = dict[str, IntArray]
 """Component name -> integer values, one per point (what :meth:`Space.decode` returns)."""
 
-MISSING = -1
-"""What :meth:`Space.encode` gives for values that are no point of the space."""
+MISSING = -1  # what :meth:`Space.encode` gives for values that are no point of the space
 
 
 def whole(values: npt.ArrayLike, name: str) -> IntArray:
@@ -235,17 +234,7 @@ class Space(Frozen):
         )
 
     def decode(self, index: npt.ArrayLike | None = None) -> Decoded:
-        """Return the component values of the points numbered `index` (default: all of them).
-
-        Parameters
-        ----------
-        index : int array of any shape, optional
-
-        Returns
-        -------
-        dict
-            Name -> int64 array of the shape of `index`.
-        """
+        """Return the int64 values of each component at the points `index`, or at all of them."""
         self._check_numbered()
         if index is None:
             check_memory("all points of a space", 8 * self.size * len(self.names), TaskError)
@@ -261,17 +250,9 @@ class Space(Frozen):
         return {c.name: v + c.low for c, v in zip(self.components, values, strict=True)}
 
     def encode(self, **values: npt.ArrayLike) -> IntArray:
-        """Return the numbers of the points with these component values, `MISSING` where none.
+        """Return the numbers of the points with these values, by component; `MISSING` where none.
 
-        Parameters
-        ----------
-        **values : int arrays, broadcast together
-            One per component, by name.
-
-        Raises
-        ------
-        TaskError
-            When a component is missing or unknown, or the space has 2^63 points or more.
+        Values are int arrays, which broadcast together.
         """
         self._check_numbered()
         if set(values) != set(self.names):
@@ -286,7 +267,12 @@ class Space(Frozen):
             shapes = ", ".join(str(array.shape) for array in arrays)
             raise TaskError(f"components' shapes must broadcast together: got {shapes}") from None
         if self.points is not None:
-            return self._look_up(np.stack(columns, axis=-1))
+            rows = np.stack(columns, axis=-1)
+            records, numbers = self._sorted
+            wanted = _records(rows.reshape(-1, len(self.names)))
+            nearest = np.minimum(np.searchsorted(records, wanted), len(records) - 1)
+            points = np.where(records[nearest] == wanted, numbers[nearest], MISSING)
+            return points.reshape(rows.shape[:-1])
         number = np.zeros(columns[0].shape, dtype=np.int64)
         inside = np.ones(columns[0].shape, dtype=bool)
         for component, column, stride in zip(self.components, columns, self.strides, strict=True):
@@ -296,14 +282,7 @@ class Space(Frozen):
         return np.where(inside, number, MISSING)
 
     def encode_one(self, values: tuple[Any, ...]) -> int:
-        """Return what :meth:`encode` does, for one point given as a tuple; much faster.
-
-        Examples
-        --------
-        >>> space = Space([Component("row", 2), Component("column", 3)])
-        >>> space.encode_one((1, 2)), space.encode_one((2, 0))
-        (5, -1)
-        """
+        """Return what :meth:`encode` does, for one point given as a tuple; much faster."""
         if self.points is not None:
             return self._numbers.get(values, MISSING)
         if len(values) != len(self.components):
@@ -320,13 +299,6 @@ class Space(Frozen):
     def _numbers(self) -> dict[tuple[int, ...], int]:
         """The number of each point that is listed."""
         return {values: i for i, values in enumerate(map(tuple, self.points.tolist()))}
-
-    def _look_up(self, rows: IntArray) -> IntArray:
-        records, numbers = self._sorted
-        wanted = _records(rows.reshape(-1, len(self.names)))
-        nearest = np.minimum(np.searchsorted(records, wanted), len(records) - 1)
-        points = np.where(records[nearest] == wanted, numbers[nearest], MISSING)
-        return points.reshape(rows.shape[:-1])
 
     def label(self, index: int) -> str:
         """Return the point as text, ``name=value`` for each component."""

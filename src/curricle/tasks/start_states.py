@@ -59,10 +59,7 @@ class GoalDistance:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TaskWithStart(Frozen):
-    """A task whose episodes start elsewhere; made by :func:`with_start`.
-
-    It has the states, actions and tables of the task, and its layout if it has one.
-    """
+    """A task whose episodes start elsewhere; made by :func:`with_start`."""
 
     task: Any
     start: FloatArray  # (S,) the probability of starting in each state
@@ -203,7 +200,14 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
 def goal_states(task: Any, goal: Goal = None) -> BoolArray:
     """Return which states are the goal, (S,) bool; the parameters are those of goal_distance."""
     mdp = tables(task)
-    states = _entered_best(mdp) if goal is None else _named_goal(mdp, goal)
+    if goal is not None:
+        states = _named_goal(mdp, goal)
+    else:  # the terminal states that are entered with the largest reward of all
+        used = np.zeros(len(mdp.probability), dtype=bool)
+        used[mdp.outcome_row[~mdp.terminal]] = True
+        ends = used[:, None] & (mdp.probability > 0) & mdp.terminal[mdp.next_state]
+        best = mdp.reward[ends].max(initial=-np.inf)
+        states = _flags(len(mdp.terminal), mdp.next_state[ends & (mdp.reward == best)])
     if not states.any():
         raise TaskError(
             "a goal needs at least one state: none is terminal and can be entered; give the goal"
@@ -211,15 +215,6 @@ def goal_states(task: Any, goal: Goal = None) -> BoolArray:
             else f"a goal needs at least one state: got {goal!r}"
         )
     return states
-
-
-def _entered_best(mdp: FiniteMDP) -> BoolArray:
-    """Return the terminal states that are entered with the largest reward of all, (S,) bool."""
-    used = np.zeros(len(mdp.probability), dtype=bool)
-    used[mdp.outcome_row[~mdp.terminal]] = True
-    ends = used[:, None] & (mdp.probability > 0) & mdp.terminal[mdp.next_state]
-    best = mdp.reward[ends].max(initial=-np.inf)
-    return _flags(len(mdp.terminal), mdp.next_state[ends & (mdp.reward == best)])
 
 
 def _flags(n_states: int, states: Any) -> BoolArray:
@@ -264,7 +259,15 @@ def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
     """Return the start distribution that a description means, (S,) float64."""
     n_states = len(mdp.terminal)
     if isinstance(start, GoalDistance):
-        return _equally(_ring(mdp, start))
+        far = goal_distance(mdp, start.goal)
+        possible = reachable_states(mdp) & ~mdp.terminal
+        ring = (far >= start.low) & (far <= (start.high or 0)) & possible
+        if not ring.any():
+            most = far[possible].max(initial=MISSING)
+            reached = f"the farthest lies {most} steps off" if most > 0 else "there is no way to it"
+            steps = f"{start.low}..{start.high} steps"
+            raise TaskError(f"no state to start in lies {steps} from the goal: {reached}")
+        return _equally(ring)
     if isinstance(start, str):
         if start not in WORDS:
             raise TaskError(
@@ -286,19 +289,6 @@ def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
     if chances.shape != (n_states,):
         raise TaskError(f"start probabilities must have shape ({n_states},): got {chances.shape}")
     return chances
-
-
-def _ring(mdp: FiniteMDP, ring: GoalDistance) -> BoolArray:
-    far = goal_distance(mdp, ring.goal)
-    possible = reachable_states(mdp) & ~mdp.terminal
-    states = (far >= ring.low) & (far <= (ring.high or 0)) & possible
-    if not states.any():
-        most = far[possible].max(initial=MISSING)
-        reached = f"the farthest lies {most} steps off" if most > 0 else "there is no way to it"
-        raise TaskError(
-            f"no state to start in lies {ring.low}..{ring.high} steps from the goal: {reached}"
-        )
-    return states
 
 
 def _equally(states: BoolArray) -> FloatArray:

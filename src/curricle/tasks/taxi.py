@@ -53,11 +53,6 @@ class Taxi(Domain):
     discount, time_limit
         As in :class:`FiniteMDP`.
 
-    Raises
-    ------
-    TaskError
-        When a value is out of range.
-
     Examples
     --------
     >>> Taxi().states

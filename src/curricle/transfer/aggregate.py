@@ -52,10 +52,8 @@ def _built_in(
 
 
 def built_in(function: Aggregate) -> BuiltIn | None:
-    """Return what the library knows of one of its own aggregates; None of any other function.
-
-    By identity: an aggregate may be any object that can be called, also one without a hash.
-    """
+    """Return what the library knows of one of its own aggregates; None of any other function."""
+    # By identity: an aggregate may be any object that can be called, also one without a hash.
     return next((known for known in BUILT_IN.values() if known.function is function), None)
 
 

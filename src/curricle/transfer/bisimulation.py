@@ -54,10 +54,7 @@ def model_for_refinement(mdp: Any, mean_reward: FloatArray | None = None) -> Mod
 
 
 def refined(models: Sequence[Model]) -> list[Blocks]:
-    """Return the coarsest blocks of several tasks whose pairs agree in reward and next block.
-
-    The tasks must have one discount for Q* to be equal in a block.
-    """
+    """Return the coarsest blocks of tasks of one discount that agree in rewards and next blocks."""
     joint = _joined(models)
     states = np.where(joint.terminal, 0, 1)
     rewards, before = levels(joint.mean_reward), len(np.unique(states))
@@ -180,8 +177,7 @@ def scratch(n, m):
 def transport_cost(p, q, parent, order, space):
     """Return min sum_ij c_ij x_ij over x >= 0 with row sums p and column sums q.
 
-    `space.cost` has c in its first n rows and m columns. The tree in `parent` and `order`, (n + m,)
-    uint8, is where the search starts (`UNSET`: nowhere) and becomes that of the optimum.
+    The tree, `parent` and `order` (n + m,) uint8, starts the search and becomes the optimum's.
     """
     n, m = len(p), len(q)
     cost, dual = space.cost, space.dual
@@ -318,10 +314,7 @@ class Quotient(NamedTuple):
 
 
 def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotient, Blocks]:
-    """Return a task up to bisimulation, and the block and kind of each of its states and pairs.
-
-    The block of the terminal states has one pair, which pays nothing and leads to itself.
-    """
+    """Return a task up to bisimulation, and the block and kind of each of its states and pairs."""
     (blocks,) = refined([model])
     live = np.flatnonzero(blocks.pairs.ravel() >= 0)
     kinds, first, kind = np.unique(
@@ -380,11 +373,7 @@ def work_of_a_round(target: Quotient, source: Quotient) -> int:
 def fixed_point(
     target: Quotient, source: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
 ) -> tuple[Distances, float]:
-    """Return the distances, and how far from the fixed point they may be.
-
-    Iteration ends where that is at most `tolerance` times the largest distance, or after the most
-    rounds: the distances are then further from the fixed point, by no more than is said.
-    """
+    """Return the distances, and how far from the fixed point they may be."""
     nodes = target.chance.shape[1] + source.chance.shape[1]
     random = target.chance.shape[1] > 1 and source.chance.shape[1] > 1
     pairs = np.empty((len(target.reward), len(source.reward)))

@@ -162,11 +162,6 @@ def lax_bisimulation(
 def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mapping to the nearest pair, and that to the nearest state and its nearest pair.
 
-    Raises
-    ------
-    MappingError
-        As :func:`lax_bisimulation`.
-
     Examples
     --------
     >>> from curricle import GridWorld

@@ -201,11 +201,7 @@ def fitted_scale(rollouts: GreedyRollouts) -> tuple[float, float]:
 
 
 def _inner(left: FloatArray, right: FloatArray) -> float:
-    """Return the inner product, its sum rounded once.
-
-    BLAS rounds differently on different processors, and a scale that differs in its last bit leads
-    to other trajectories.
-    """
+    """Return the inner product, its sum rounded once: BLAS rounds as the processor does."""
     return math.fsum(left * right)
 
 

@@ -81,10 +81,7 @@ class Part:
     def _settle(
         self, unsettled: list[tuple[int, int]], guess: bool
     ) -> list[tuple[int, int]] | None:
-        """Settle a move to a state that the part knows, or the likeliest; return what it leads to.
-
-        None where nothing can be settled. States of which all is settled leave the list.
-        """
+        """Settle a move to a known state, or a guess; return the new pairs, None if nothing is."""
         best = None
         for s, u in list(unsettled):
             open_moves = False
@@ -252,11 +249,7 @@ def _beginnings(target: Moves, source: Moves) -> list[tuple[int, int]]:
 
 
 def _left_over(part: Part, s: int, a: int, u: int, left: list[int]) -> int | None:
-    """Return one of the source's moves left for a move without a counterpart, and take it.
-
-    One that stays, for a move out of the part; or one that ends, too, or that leads to the same
-    state, at another reward.
-    """
+    """Take and return one of the source's moves left for a move without a counterpart."""
     to = int(part.target.after[s, a])
     ends = to != STAYS and bool(part.target.terminal[to])
     for b in left:

@@ -39,11 +39,7 @@ class TaskMapping(ABC):
 
     @abstractmethod
     def pairs(self, values: Any, batch: Any, scale: float = 1.0, shift: float = 0.0) -> FloatArray:
-        """Return phi(s, a) = scale Q_source(f(s, a)) + shift of every action, (n, A) float64.
-
-        `values` are a :class:`ValueSource`. phi is `shift` where ended, and where unmapped
-        `unmapped_value` or NaN.
-        """
+        """Return phi(s, a) = scale Q_source(f(s, a)) + shift of every action, (n, A) float64."""
 
     @property
     @abstractmethod
@@ -226,11 +222,7 @@ def number_or_nan(unmapped_value: float | None) -> float:
 def transferred(
     values: FloatArray, index: IntArray, unmapped_value: float | None, scale: float, shift: float
 ) -> FloatArray:
-    """Return scale Q + shift of mapped pairs, shift of ended ones, and `unmapped_value` elsewhere.
-
-    `values` are Q of the source pairs; they count where `index` is at least 0. Elsewhere it is
-    `ENDED`, where Q is 0, or `UNMAPPED`. It broadcasts against `values`.
-    """
+    """Return scale Q + shift where mapped, shift where ended, and `unmapped_value` elsewhere."""
     unmapped_value = number_or_nan(unmapped_value)
     fixed = np.where(index == UNMAPPED, unmapped_value, shift)
     return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))

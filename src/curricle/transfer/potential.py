@@ -121,10 +121,7 @@ class MappedPotential(PairPotential):
 
 
 def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
-    """Return whether every state of a task is looked up within the values of its sources.
-
-    Compiled loops do not look where they read.
-    """
+    """Return whether every state of a task is looked up within its sources: loops do not look."""
     if not isinstance(lookup, ValueLookup) or not states.is_box:
         return False
     n, c = len(lookup.first), len(states.components)
@@ -178,11 +175,7 @@ def combined_potential(
     function: Aggregate,
     unknown_value: float = 0.0,
 ) -> MappedPotential | StateActionPotential:
-    """Return the aggregated potential of N transfers, as an array where it cannot be looked up.
-
-    `source_values` are N (S', A') float arrays; phi is `unknown_value` where no source knows
-    anything.
-    """
+    """Return the aggregated potential of N transfers, as an array if it cannot be looked up."""
     mapped = mapped_potential(task, transfers, source_values, function, unknown_value)
     if mapped is not None:
         return mapped

@@ -52,7 +52,7 @@ NAN = float("nan")
 class GreedyRollouts(Frozen):
     """E greedy episodes with n steps in all, and what the potential predicts at each step."""
 
-    states: IntArray  # (n,)
+    states: IntArray  # (n,); empty, as actions are, where states are not numbered
     actions: IntArray  # (n,)
     predicted: FloatArray  # (n,) phi(s_t, a_t)
     return_to_go: FloatArray  # (n,) discounted rewards from step t to the end of its episode
@@ -74,12 +74,7 @@ def greedy_rollouts(
     stream: str = "greedy_rollouts",
     max_steps: int | None = None,
 ) -> GreedyRollouts:
-    """Return episodes of the greedy policy of a potential in its task.
-
-    Each is truncated at the task's time limit or, without one, where rewards are discounted by a
-    factor below 1e-9. All stop after `max_steps`, the last of them truncated there. Ties are broken
-    at random where states are numbered; elsewhere ``states`` and ``actions`` are empty.
-    """
+    """Return episodes of a potential's greedy policy in its task, at most `max_steps` in all."""
     if isinstance(potential, ObservationPotential):
         seen = greedy_episodes(
             potential, episodes=episodes, seed=seed, stream=stream, max_steps=max_steps

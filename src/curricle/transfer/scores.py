@@ -207,11 +207,7 @@ SETTLED = 1e-9  # two constants are one if they differ by less, in units of the 
 
 
 def fitted_constant(stated: FloatArray, factor: FloatArray) -> float:
-    """Return the constant at which the expectile of ``stated - factor * constant`` is 0.
-
-    These are the Bellman residuals of n states for fixed greedy policies, (n,) each; 0 where the
-    constant does not act.
-    """
+    """Return the constant at which the expectile of ``stated - factor * constant``, (n,), is 0."""
     constant = 0.0
     for _ in range(SWEEPS):
         weight = np.where(stated > factor * constant, EXPECTILE, 1 - EXPECTILE)

@@ -35,11 +35,6 @@ class Calibrate:
         curriculum it is a twentieth of what the target's budget leaves for learning by default, and
         at most a quarter of it; episodes are at most a twentieth of a budget in episodes.
 
-    Raises
-    ------
-    SettingError
-        When a number is out of range.
-
     Examples
     --------
     >>> Calibrate(max_steps=5_000)

@@ -76,13 +76,10 @@ def numbered(space: Space) -> list[IntArray]:
 
 
 def path_order(weight: FloatArray) -> IntArray | None:
-    """Return the position of each value on the path of the largest weights, (n,); None if none.
-
-    `weight`, (n, n), says how often either of two values follows the other. Pairs of values are
-    joined from the heaviest on, each value to two others at most, never in a ring. That is a path
-    if it reaches all values and no pair left out weighs as much as one on it: falls that lead far
-    back do not hide the order of a row, but the cells of a grid have none.
-    """
+    """Return the position of each value on the path of the largest weights, (n,); None if none."""
+    # Pairs of values are joined from the heaviest on, each value to two others at most, never in a
+    # ring. It is a path if no pair left out weighs as much: falls that lead far back do not hide
+    # the order of a row, but the cells of a grid have none.
     first, second = np.triu_indices(len(weight), 1)
     part, beside = np.arange(len(weight)), [list[int]() for _ in weight]
     lightest, heaviest = np.inf, 0.0  # on the path; left out
@@ -336,10 +333,7 @@ class _Match:
 
 
 def warp(costs: FloatArray, step: float) -> IntArray:
-    """Return the cheapest way that never turns back, (n,): a column for each row of a table.
-
-    Dynamic time warping with free ends.
-    """
+    """Return the cheapest way that never turns back, (n,): a column for each row (time warping)."""
     ahead = np.arange(costs.shape[1])[:, None] - np.arange(costs.shape[1])  # to, from
     price = np.where(ahead >= 0, step * abs(ahead - 1), np.inf)
     total, came = costs[0], list[IntArray]()
