@@ -59,9 +59,8 @@ def certify(
 ) -> Certificate | SampledCertificate:
     """Return whether a shaping leaves the optimal actions of a task as they are.
 
-    Both problems are solved, and the actions optimal in one or the other compared in every
-    reachable state, allowing for the proven error of both solutions. The values that a policy acts
-    on under shaping are
+    Both problems are solved, and their optimal actions compared in every reachable state, allowing
+    for the proven error of both solutions. The values that a policy acts on under shaping are
 
     - :class:`StateShaping`: Q* for rewards r + F, F = gamma Phi(s') - Phi(s); by theory Q* - Phi
       (Ng, Harada, Russell 1999);
@@ -99,10 +98,6 @@ def certify(
     progress : bool or callable, optional
         True shows a bar that moves until the answer is there; a function is called with the answer.
 
-    Returns
-    -------
-    Certificate or SampledCertificate
-
     Raises
     ------
     PotentialError
@@ -111,8 +106,7 @@ def certify(
     SettingError
         If a shaping does not take such a potential, or the potential is another task's.
     TaskError
-        If ``method="exact"`` is given for a task without tables, or the task has no numbered
-        states.
+        If the task has no numbered states, or for ``method="exact"`` no tables.
 
     Notes
     -----
@@ -122,11 +116,9 @@ def certify(
     actions that can be optimal in one problem fall short by more in the other. Between the two it
     is undecided, unless a theorem proves the shaping safe: F comes from a potential that is 0 at
     the ends, with the task's discount; or advice has a last weight of 0 or one value for all
-    actions. It is undecided also then if a known difference of two actions above the tolerance
-    vanishes, in double precision, beside what the potential adds to it in all steps of an episode.
-    A bonus or reward is taken as its numbers are, which rounding keeps from being F of a potential
-    exactly: actions too close to be told apart must therefore be proven equally good, by leading
-    alike, or it is undecided. Where states are not compared, a finding says so.
+    actions. It is undecided also where a difference of two actions vanishes, in double precision,
+    beside what the potential adds to it; and under a bonus or reward, which rounding keeps from
+    being F of a potential exactly, where actions too close to be told apart do not lead alike.
 
     Examples
     --------
@@ -355,8 +347,13 @@ def too_close(
 def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
     met, shaping = shaped.met, shaped.shaping
     findings, name = _findings(shaped), shaping.name
-    if shaping.one_way_in and (several := _several_entries(shaped)) is not None:
-        return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
+    if shaping.one_way_in:
+        on = ~met.mdp.terminal[met.target]
+        ways = met.source[on], met.action[on], met.target[on]
+        starts = np.flatnonzero(met.mdp.start > 0)
+        _, several = several_entries(shaped.task, ways, shaped.phi[ways[:2]], starts)
+        if several is not None:
+            return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
     unshaped, behind = shaped.unshaped, None
     if shaping.any_reward:
         f = met.reward(shaped.reward())
@@ -434,15 +431,6 @@ def _longest(mdp: FiniteMDP) -> float:
         return 1 / (1 - mdp.discount)
     steps = solve(replace(mdp, reward=frozen(np.ones_like(mdp.reward))))
     return float(steps.values.max()) + steps.error_bound
-
-
-def _several_entries(shaped: ComparedTask) -> str | None:
-    """Return a sentence about a state whose ways in have several phi; None without one."""
-    met = shaped.met
-    on = ~met.mdp.terminal[met.target]
-    pairs = met.source[on], met.action[on], met.target[on]
-    phi = shaped.phi[pairs[:2]]
-    return several_entries(shaped.task, pairs, phi, np.flatnonzero(met.mdp.start > 0))[1]
 
 
 # -- without a comparison of states ----------------------------------------------------------------

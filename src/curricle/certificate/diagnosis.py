@@ -175,10 +175,15 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
         form = f"F = {discount:g} Phi(s') - Phi(s)"
         sentence = f"{form} with Phi = 0 at the ends, to {plain.worst:.1g}"
         return Origin(plain, plain, (sentence,))
-    by_action = _depends_on_action(task, met, f)
-    open_ended = None if by_action else fit(met, f, discount, ends_are_zero=False)
-    if open_ended is None or open_ended.worst > enough:
-        return Origin(plain, None, (by_action or _unequal_paths(task, met, f, plain),))
+    move = met.source.astype(np.int64) * len(met.met) + met.target
+    apart, *pair = widest(move[:, None], f)
+    if apart > enough:
+        here, there = int(met.source[pair[0]]), int(met.target[pair[0]])
+        by_action = different_by_action(task, here, there, f[pair], met.action[pair])
+        return Origin(plain, None, (by_action,))
+    open_ended = fit(met, f, discount, ends_are_zero=False)
+    if open_ended.worst > enough:
+        return Origin(plain, None, (_unequal_paths(task, met, f, plain),))
     ends = met.ends[abs(open_ended.potential[met.ends]) > enough]
     return Origin(plain, open_ended, (nonzero_ends(task, ends, open_ended.potential[ends]),))
 
@@ -192,16 +197,6 @@ def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray, rule: str = ", must
     if len(ends) > NAMED:
         parts.append(f"Phi is not 0 at {len(ends) - NAMED:,} more ends")
     return "; ".join(parts)
-
-
-def _depends_on_action(task: Any, met: Reachable, f: FloatArray) -> str | None:
-    """Return the sentence about a move for which F depends on the action; None without one."""
-    move = met.source.astype(np.int64) * len(met.met) + met.target
-    apart, *pair = widest(move[:, None], f)
-    if apart <= negligible(f):
-        return None
-    here, there = int(met.source[pair[0]]), int(met.target[pair[0]])
-    return different_by_action(task, here, there, f[pair], met.action[pair])
 
 
 def different_by_action(task: Any, here: int, there: int, f: FloatArray, actions: AnyInts) -> str:

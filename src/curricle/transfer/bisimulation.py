@@ -59,9 +59,13 @@ def refined(models: Sequence[Model]) -> list[Blocks]:
     states = np.where(joint.terminal, 0, 1)
     rewards, before = levels(joint.mean_reward), len(np.unique(states))
     while True:
-        rows = _row_classes(joint, rewards, states)
+        # Rows are alike in their reward and the chance of each block; states in the set of rows.
+        entered, chances = merged_outcomes(states[joint.next_state], joint.probability)
+        rows = numbered_rows(np.column_stack([rewards, entered, levels(chances)]))
         pairs = np.where(joint.terminal[:, None], -1, rows[joint.outcome_row])
-        states = numbered_rows(np.column_stack([states, _as_sets(pairs)]))
+        ordered = np.sort(pairs, axis=1)
+        ordered[:, 1:][ordered[:, 1:] == ordered[:, :-1]] = -1
+        states = numbered_rows(np.column_stack([states, np.sort(ordered, axis=1)]))
         blocks = int(states.max()) + 1
         if blocks == before:
             break
@@ -110,19 +114,6 @@ def merged_outcomes(
         np.take_along_axis(np.where(kept, blocks, -1), order, axis=1),
         np.take_along_axis(np.where(kept, totals, 0.0), order, axis=1),
     )
-
-
-def _row_classes(joint: Model, rewards: IntArray, states: IntArray) -> IntArray:
-    """Return a number for each outcome row: its reward and the chance of each block."""
-    blocks, chances = merged_outcomes(states[joint.next_state], joint.probability)
-    return numbered_rows(np.column_stack([rewards, blocks, levels(chances)]))
-
-
-def _as_sets(pairs: IntArray) -> IntArray:
-    """Return the different classes of each state's pairs, in order, padded with -1."""
-    ordered = np.sort(pairs, axis=1)
-    ordered[:, 1:][ordered[:, 1:] == ordered[:, :-1]] = -1
-    return np.sort(ordered, axis=1)
 
 
 def _joined(models: Sequence[Model]) -> Model:
@@ -374,6 +365,8 @@ def fixed_point(
     target: Quotient, source: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
 ) -> tuple[Distances, float]:
     """Return the distances, and how far from the fixed point they may be."""
+    # Iteration ends where the error is at most `tolerance` times the largest distance, or after the
+    # most rounds: the distances are then further off, by no more than is said.
     nodes = target.chance.shape[1] + source.chance.shape[1]
     random = target.chance.shape[1] > 1 and source.chance.shape[1] > 1
     pairs = np.empty((len(target.reward), len(source.reward)))
@@ -395,7 +388,15 @@ def fixed_point(
             break
         helps, last = helps and change < last, change
         if helps:
-            chosen = coupled(target, source, distances, rests_on)
+            y, z = rests_on.T
+            counts = np.maximum(target.width[y], source.width[z])
+            both = (target.width[y] > 1) & (source.width[z] > 1)
+            counts = np.where(both, target.width[y] + source.width[z] - 1, counts)
+            first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+            cell, mass = np.empty(first[-1], np.int64), np.empty(first[-1])
+            n_source = states.shape[1]
+            fill_couplings(target, source, distances.tree, rests_on, n_source, first, cell, mass)
+            chosen = Choices(first, cell, mass, abs(target.reward[y] - source.reward[z]))
             follow(chosen, states.reshape(-1), discount, SWEEPS)
     return distances, error
 
@@ -467,22 +468,6 @@ def hausdorff(some, others, pairs, least):
                     row = y
                     break
     return largest, row, column
-
-
-def coupled(
-    target: Quotient, source: Quotient, distances: Distances, rests_on: IntArray
-) -> Choices:
-    """Return the pairs that distances rest on, with their optimal couplings."""
-    y, z = rests_on.T
-    counts = np.maximum(target.width[y], source.width[z])
-    both = (target.width[y] > 1) & (source.width[z] > 1)
-    counts = np.where(both, target.width[y] + source.width[z] - 1, counts)
-    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    cell, mass = np.empty(first[-1], np.int64), np.empty(first[-1])
-    fill_couplings(
-        target, source, distances.tree, rests_on, distances.states.shape[1], first, cell, mass
-    )
-    return Choices(first, cell, mass, abs(target.reward[y] - source.reward[z]))
 
 
 @compiled_once

@@ -207,7 +207,9 @@ def _nearest(
     between, error = fixed_point(target, source, tasks.target_mdp.discount, tolerance, bars)
     solutions = tasks.target_solution, tasks.source_solution
     error += sum(solution.error_bound for solution in solutions)  # a source is rewritten by its V*
-    first = _first_pairs(source_blocks, len(source.reward))
+    known, at = np.unique(source_blocks.pairs.ravel(), return_index=True)
+    first = np.full(len(source.reward), ENDED)  # pair of each kind, but of the end's
+    first[known[known >= 0]] = at[known >= 0]
     live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
 
     kind, distance = between.pairs.argmin(axis=1), between.pairs.min(axis=1)
@@ -224,11 +226,3 @@ def _nearest(
     by_state = first[np.take_along_axis(choices, distances.argmin(axis=2), axis=1)]
     lax = LaxBisimulation(frozen(states), frozen(index), frozen(bound), error)
     return lax, np.where(live, by_state, ENDED)
-
-
-def _first_pairs(blocks: Blocks, kinds: int) -> IntArray:
-    """Return the first pair of each kind, `ENDED` for the kind that has none: the end."""
-    kind, first = np.unique(blocks.pairs.ravel(), return_index=True)
-    pairs = np.full(kinds, ENDED)
-    pairs[kind[kind >= 0]] = first[kind >= 0]
-    return pairs

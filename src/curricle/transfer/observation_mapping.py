@@ -249,7 +249,10 @@ class ObservationMapping(TaskMapping):
 
     def __post_init__(self) -> None:
         if not self.description:
-            object.__setattr__(self, "description", self._describe())
+            functions = {"observations": self.observations, "actions": self.actions}
+            functions |= {} if self.status is None else {"status": self.status}
+            names = [f"{part} {_function_name(how)}" for part, how in functions.items()]
+            object.__setattr__(self, "description", ", ".join(names))
         instance("target of an observation mapping", self.target, ObservationTask, MappingError)
         check_unmapped_value(self.unmapped_value)
         if self.observations is None and not is_observation_task(self.source):
@@ -272,11 +275,6 @@ class ObservationMapping(TaskMapping):
     def is_identity(self) -> bool:
         """Whether observations and actions are left as they are, all of them mapped."""
         return self.observations is None and self.actions is None and self.status is None
-
-    def _describe(self) -> str:
-        parts = {"observations": self.observations, "actions": self.actions}
-        parts |= {} if self.status is None else {"status": self.status}
-        return ", ".join(f"{part} {_function_name(how)}" for part, how in parts.items())
 
     @property
     def _source_actions(self) -> int | None:

@@ -198,10 +198,16 @@ def mapped_potential(
     combine = None if known is None else known.code
     if combine is None or len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
         return None
-    tables = [_padded_table(edge, q) for edge, q in zip(transfers, source_values, strict=True)]
-    actions, strides = list[IntArray](), list[IntArray]()
-    for edge, table, of_components in zip(transfers, tables, offsets, strict=True):
-        width, action = table.shape[1], edge.mapping.actions
+    tables, actions, strides = list[FloatArray](), list[IntArray](), list[IntArray]()
+    for edge, values, of_components in zip(transfers, source_values, offsets, strict=True):
+        # What the target reads of a source, (S' + 1, A' + 1).
+        q = np.pad(np.asarray(values, dtype=np.float64), (0, 1))
+        index = np.zeros(q.shape, dtype=np.int64)
+        index[:-1][terminal_states(edge.mapping.source)] = ENDED
+        index[-1], index[:, -1] = UNMAPPED, UNMAPPED
+        unmapped_value = edge.mapping.unmapped_value
+        tables.append(transferred(q, index, unmapped_value, edge.scale, edge.shift))
+        width, action = q.shape[1], edge.mapping.actions
         actions.append(np.where(action == MISSING, width - 1, action))
         strides += [
             np.where(offset == MISSING, -1, offset * width) for offset in reversed(of_components)
@@ -238,16 +244,6 @@ def _starts(arrays: Sequence[npt.NDArray[Any]]) -> IntArray:
     """Return where each array begins when they are put one after the other."""
     ends: IntArray = np.cumsum([array.size for array in arrays])
     return np.concatenate([[0], ends[:-1]])
-
-
-def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> FloatArray:
-    """Return what a target reads of a source, (S' + 1, A' + 1)."""
-    mapping = transfer.mapping
-    q = np.pad(np.asarray(source_values, dtype=np.float64), (0, 1))
-    index = np.zeros(q.shape, dtype=np.int64)
-    index[:-1][terminal_states(mapping.source)] = ENDED
-    index[-1], index[:, -1] = UNMAPPED, UNMAPPED
-    return transferred(q, index, mapping.unmapped_value, transfer.scale, transfer.shift)
 
 
 # -- over observations -----------------------------------------------------------------------------

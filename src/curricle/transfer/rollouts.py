@@ -29,11 +29,11 @@ from curricle.planning.greedy import (
 )
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.simulator import EpisodeEnds, GreedyPolicy, StepRecord, simulate
-from curricle.planning.solution import Solution, right_choices
+from curricle.planning.solution import right_choices
 from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
 from curricle.tasks.kernel import compiled, splitmix64, stream_start
 from curricle.tasks.live import open_model
-from curricle.tasks.mdp import Task, generative_model, reachable_states, tables
+from curricle.tasks.mdp import generative_model, reachable_states, tables
 from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
 from curricle.text import brief_repr
 from curricle.transfer.potential import ObservationPotential
@@ -450,7 +450,14 @@ def potential_quality(
     """Return how a potential compares with the values of its target."""
     if isinstance(target, ObservationTarget):
         assert isinstance(potential, ObservationPotential)
-        return _of_observations(potential, target, seed)
+        if not potential.of_actions:
+            return PotentialQuality(NAN, NAN, NAN, NAN, NAN)
+        episodes = target.episodes
+        rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
+        first = np.cumsum(rollouts.lengths) - rollouts.lengths
+        discounted = target.evaluation.discounted
+        returns = rollouts.return_to_go[first] if discounted else rollouts.returns
+        return _by_rollouts(rollouts, float(returns.mean()), seed)
     assert not isinstance(potential, ObservationPotential)
     start = greedy_start(potential, target.evaluation, seed=seed)
     if target.solution is None:
@@ -458,34 +465,24 @@ def potential_quality(
         rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
         return _by_rollouts(rollouts, start, seed)
     mdp = tables(target.task)
-    alive = ~mdp.terminal
-    phi, q = potential.values[alive], target.solution.action_values[alive]
-    underestimate, state = _largest_underestimate(potential, target.solution, target.task)
+    alive, solution = ~mdp.terminal, target.solution
+    phi, q = potential.values[alive], solution.action_values[alive]
+    below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
+    below[~(reachable_states(mdp, solution.optimal) & alive)] = 0.0
+    state = int(below.argmax())
+    underestimate, state = (float(below[state]), state) if below[state] > 0 else (0.0, -1)
     return PotentialQuality(
         start=start,
         # A difference within the proven error of Q* does not count.
-        optimistic=float((phi > q + target.solution.error_bound).mean()),
+        optimistic=float((phi > q + solution.error_bound).mean()),
         excess=float((phi - q).mean()),
-        mean_absolute_value=float(abs(target.solution.values[alive]).mean()),
+        mean_absolute_value=float(abs(solution.values[alive]).mean()),
         rank=_rank_correlation(phi.ravel(), q.ravel(), seed),
-        greedy_agreement=float(right_choices(phi, target.solution.optimal[alive]).mean()),
+        greedy_agreement=float(right_choices(phi, solution.optimal[alive]).mean()),
         largest_underestimate=underestimate,
         most_underestimated_state=state,
         exact=True,
     )
-
-
-def _of_observations(
-    potential: ObservationPotential, target: ObservationTarget, seed: int
-) -> PotentialQuality:
-    if not potential.of_actions:
-        return PotentialQuality(NAN, NAN, NAN, NAN, NAN)
-    episodes = target.episodes
-    rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
-    first = np.cumsum(rollouts.lengths) - rollouts.lengths
-    discounted = target.evaluation.discounted
-    returns = rollouts.return_to_go[first] if discounted else rollouts.returns
-    return _by_rollouts(rollouts, float(returns.mean()), seed)
 
 
 def _by_rollouts(rollouts: GreedyRollouts, start: float, seed: int) -> PotentialQuality:
@@ -498,18 +495,6 @@ def _by_rollouts(rollouts: GreedyRollouts, start: float, seed: int) -> Potential
         mean_absolute_value=float(abs(return_to_go).mean()),
         rank=_rank_correlation(rollouts.predicted, return_to_go, seed),
     )
-
-
-def _largest_underestimate(
-    potential: PairPotential, solution: Solution, task: Task
-) -> tuple[float, int]:
-    """Return the largest min(V*, 0) - max_a phi where optimal policies lead, and its state."""
-    mdp = tables(task)
-    visited = reachable_states(mdp, solution.optimal)
-    below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
-    below[~visited | mdp.terminal] = 0.0
-    state = int(below.argmax())
-    return (float(below[state]), state) if below[state] > 0 else (0.0, -1)
 
 
 def _rank_correlation(phi: FloatArray, truth: FloatArray, seed: int) -> float:

@@ -149,13 +149,6 @@ def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, floa
     return of_policy.start_value, share(tasks.judged), share(known)
 
 
-def state_map(mapping: StateActionMapping, phi: FloatArray) -> IntArray:
-    """Return the source state that the best pair of each target state reads, (S,) int64."""
-    known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
-    pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
-    return np.where(pair >= 0, pair // mapping.source.actions.size, pair)
-
-
 def _dynamics_error(
     mapping: StateActionMapping, phi: FloatArray, tasks: TaskPair, seed: int
 ) -> float:
@@ -170,7 +163,9 @@ def _dynamics_error(
     s, a = mapped.T
     # Blocks of the source; 0 is its end (where the target's is too), -1 has no counterpart.
     block = np.where(terminal_states(source), 0, 1 + tasks.source_blocks)
-    stands_for = state_map(mapping, phi)
+    known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
+    pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
+    stands_for = np.where(pair >= 0, pair // mapping.source.actions.size, pair)  # (S,)
     after = np.where(stands_for >= 0, block[np.maximum(stands_for, 0)], -1)
     after[mdp.terminal | (stands_for == ENDED)] = 0
     row = mdp.outcome_row[s, a]
