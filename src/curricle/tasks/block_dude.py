@@ -170,25 +170,20 @@ class BlockDude(DomainWithStart):
         rows = (self.origin[0], self.origin[0] + len(self.level))
         part = cut(self.level, self.origin, rows, columns)
         if agent is not None:
-            part = self._with_agent(part, agent - columns[0])
+            column, letter = agent - columns[0], "<" if self._first.facing < 0 else ">"
+            part = [line.replace(letter, ".") for line in part]
+            if not 0 <= column < len(part[0]):
+                raise TaskError(
+                    f"the agent's column must lie in a crop of {len(part[0])} columns: got number "
+                    f"{column}"
+                )
+            drawn = [line[column] for line in part]
+            free = next((row for row, cell in enumerate(drawn) if cell != "."), len(drawn)) - 1
+            if free < 0 or "E" in drawn[free + 1 : free + 2]:
+                raise TaskError("the agent needs a free cell above what is drawn in its column")
+            line = part[free]
+            part[free] = f"{line[:column]}{letter}{line[column + 1 :]}"
         return replace(self, level=part, start=start, origin=(self.origin[0], columns[0]))
-
-    def _with_agent(self, part: list[str], column: int) -> list[str]:
-        """Return a part of the map with the agent on top of a column."""
-        letter = "<" if self._first.facing < 0 else ">"
-        lines = [line.replace(letter, ".") for line in part]
-        if not 0 <= column < len(lines[0]):
-            raise TaskError(
-                f"the agent's column must lie in a crop of {len(lines[0])} columns: got number "
-                f"{column}"
-            )
-        drawn = [line[column] for line in lines]
-        free = next((row for row, cell in enumerate(drawn) if cell != "."), len(drawn)) - 1
-        if free < 0 or "E" in drawn[free + 1 : free + 2]:
-            raise TaskError("the agent needs a free cell above what is drawn in its column")
-        line = lines[free]
-        lines[free] = f"{line[:column]}{letter}{line[column + 1 :]}"
-        return lines
 
     def _row(self, height: Any) -> Any:
         return self.origin[0] + len(self.level) - height

@@ -139,7 +139,23 @@ class GridDomain(DomainWithStart):
     """Whether the space of cells lists them even where none is a wall."""
 
     def _check(self) -> None:
-        self._read_start()
+        """Check the start, which is a word of its annotation or cells, and sort its cells."""
+        valid = rules_of(type(self))["start"][1].values or ()
+        known = ", ".join(map(repr, valid))
+        if isinstance(self.start, str):
+            if self.start not in valid:
+                raise TaskError(f"start must be {known} or cells: got {self.start!r}")
+        else:
+            try:
+                cells = np.array(list(self.start))
+            except (TypeError, ValueError):
+                cells = np.empty(0)
+            if cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
+                raise TaskError(
+                    f"start must be {known} or cells such as [(2, 1)]: got {self.start!r}"
+                )
+            listed = tuple(sorted({(int(row), int(column)) for row, column in cells}))
+            object.__setattr__(self, "start", listed)
         self._start_states()
 
     @property
@@ -226,23 +242,6 @@ class GridDomain(DomainWithStart):
     def _where(self) -> tuple[str, ...]:
         """The components of a state that say where the agent is."""
         return "row", "column"
-
-    def _read_start(self) -> None:
-        """Check the start, which is a word of its annotation or cells, and sort its cells."""
-        valid = rules_of(type(self))["start"][1].values or ()
-        known = ", ".join(map(repr, valid))
-        if isinstance(self.start, str):
-            if self.start not in valid:
-                raise TaskError(f"start must be {known} or cells: got {self.start!r}")
-            return
-        try:
-            cells = np.array(list(self.start))
-        except (TypeError, ValueError):
-            cells = np.empty(0)
-        if cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
-            raise TaskError(f"start must be {known} or cells such as [(2, 1)]: got {self.start!r}")
-        listed = tuple(sorted({(int(row), int(column)) for row, column in cells}))
-        object.__setattr__(self, "start", listed)
 
     def _start_states(self) -> IntArray:
         """Return the states in which episodes start; TaskError where there are none."""

@@ -90,7 +90,22 @@ class Parameter:
             one_of(f"harder {of}", self.harder, get_args(Harder), TaskError)
         instance(f"optional {of}", self.optional, bool, TaskError)
         if self.values is not None:
-            object.__setattr__(self, "values", self._checked_values(of))
+            if isinstance(self.values, str) or not hasattr(self.values, "__iter__"):
+                raise TaskError(f"the values {of} must be a list: got {self.values!r}")
+            values = tuple(self.values)
+            kinds = {type(value) for value in values}
+            if not values or not kinds <= {*KINDS} or len(set(map(_key, values))) < len(values):
+                raise TaskError(
+                    f"the values {of} must be different numbers, words or flags, at least one: got "
+                    f"{values!r}"
+                )
+            if (self.kind, self.low, self.high) != (None, None, None):
+                raise TaskError(f"the values {of} say all: leave out kind, low and high")
+            if self.harder in ("larger", "smaller") and str in kinds:
+                raise TaskError(
+                    f"harder {of} must be 'later', the order of its values, which are words"
+                )
+            object.__setattr__(self, "values", values)
         elif self.harder == "later" and self.kind is not None:
             raise TaskError(f"harder='later' {of} needs values in that order: there are none")
         for name in ("low", "high"):
@@ -98,24 +113,6 @@ class Parameter:
                 number(f"{name} {of}", getattr(self, name), TaskError)
         if self.low is not None and self.high is not None and self.low > self.high:
             raise TaskError(f"low {of} must be at most high: got {self.low} and {self.high}")
-
-    def _checked_values(self, of: str) -> tuple[Any, ...]:
-        if isinstance(self.values, str) or not hasattr(self.values, "__iter__"):
-            raise TaskError(f"the values {of} must be a list: got {self.values!r}")
-        values = tuple(self.values)
-        kinds = {type(value) for value in values}
-        if not values or not kinds <= {*KINDS} or len(set(map(_key, values))) < len(values):
-            raise TaskError(
-                f"the values {of} must be different numbers, words or flags, at least one: got "
-                f"{values!r}"
-            )
-        if (self.kind, self.low, self.high) != (None, None, None):
-            raise TaskError(f"the values {of} say all: leave out kind, low and high")
-        if self.harder in ("larger", "smaller") and str in kinds:
-            raise TaskError(
-                f"harder {of} must be 'later', the order of its values, which are words"
-            )
-        return values
 
     @property
     def required(self) -> bool:

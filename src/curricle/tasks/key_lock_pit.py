@@ -108,34 +108,30 @@ class KeyLockPit(MapDomain):
 
     def _check(self) -> None:
         self._read_map(self.map, "KL", "a map needs a key K or a lock L")
+        keys, locks = len(self._keys), len(self._locks)
         if not isinstance(self.needs, str) or self.needs != "all":
-            object.__setattr__(self, "needs", self._read_needs())
-        things = len(self._keys) + len(self._locks)
+            needs: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else [None]
+            if len(needs) != locks or not all(isinstance(needed, list | tuple) for needed in needs):
+                raise TaskError(
+                    f"needs must be 'all' or a list of keys for each of the {locks} locks: got "
+                    f"{self.needs!r}"
+                )
+            checked = list[tuple[int, ...]]()
+            for needed in needs:
+                numbers = whole(list(needed), "the keys of a lock")
+                if numbers.ndim != 1 or ((numbers < 1) | (numbers > keys)).any():
+                    raise TaskError(
+                        f"the keys of a lock must be numbers from 1 to {keys}: got {needed!r}"
+                    )
+                checked.append(tuple(sorted(set(numbers.tolist()))))
+            object.__setattr__(self, "needs", tuple(checked))
+        things = keys + locks
         if 2**things * len(self.cells) > LARGEST_SPACE:
             raise TaskError(
                 f"a map may have at most {LARGEST_SPACE:,} states: {len(self.cells):,} cells and "
                 f"{things} keys and locks make up to 2^{things} times as many"
             )
         super()._check()
-
-    def _read_needs(self) -> tuple[tuple[int, ...], ...]:
-        """Return the keys of each lock, sorted; TaskError if they make no sense."""
-        keys, locks = len(self._keys), len(self._locks)
-        needs: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else [None]
-        if len(needs) != locks or not all(isinstance(needed, list | tuple) for needed in needs):
-            raise TaskError(
-                f"needs must be 'all' or a list of keys for each of the {locks} locks: got "
-                f"{self.needs!r}"
-            )
-        checked = list[tuple[int, ...]]()
-        for needed in needs:
-            numbers = whole(list(needed), "the keys of a lock")
-            if numbers.ndim != 1 or ((numbers < 1) | (numbers > keys)).any():
-                raise TaskError(
-                    f"the keys of a lock must be numbers from 1 to {keys}: got {needed!r}"
-                )
-            checked.append(tuple(sorted(set(numbers.tolist()))))
-        return tuple(checked)
 
     @classmethod
     def room(cls, size: int = 8, **rules: Any) -> Self:

@@ -88,11 +88,45 @@ class FiniteMDP(Frozen):
     time_limit: int | None = None
 
     def __post_init__(self) -> None:
-        self._check_ranges()
-        self._adopt_arrays()
+        instance("states", self.states, Space, TaskError)
+        instance("actions", self.actions, Space, TaskError)
+        one_a_state, table = (self.states.size,), np.shape(self.probability)
+        if len(table) != 2:
+            raise TaskError(f"probability must have shape (Y, O): got {table}")
+        # Indices are checked as they were given, before they are narrowed to 32 bits.
+        for name, label, size in (
+            ("outcome_row", "outcome_row", table[0]),
+            ("next_state", "next states", self.states.size),
+        ):
+            numbers = whole_by_type(getattr(self, name), label)
+            if numbers.size and (numbers.min() < 0 or numbers.max() >= size):
+                raise TaskError(
+                    f"{label} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
+                )
+        for name, dtype, shape in (
+            ("outcome_row", np.int32, (self.states.size, self.actions.size)),
+            ("probability", np.float64, table),
+            ("next_state", np.int32, table),
+            ("reward", np.float64, table),
+            ("terminal", np.bool_, one_a_state),
+            ("start", np.float64, one_a_state),
+        ):
+            array = _adopted(name, getattr(self, name), dtype)
+            if array.shape != shape:
+                raise TaskError(f"{name} must have shape {shape}: got {array.shape}")
+            if name in ("probability", "start"):
+                array = frozen(normalised(array))
+            object.__setattr__(self, name, array)
         check_rows(self.probability, self.reward, self.outcome_row, self.terminal)
         self._check_start()
-        self._check_discount()
+        check_horizon(self)
+        if self.discount == 1 and self.time_limit is None:
+            endless = np.flatnonzero(np.isinf(steps_to(self, self.terminal)))
+            if endless.size:
+                raise TaskError(
+                    "discount 1 needs a time limit or a way to an end from every state: none leads "
+                    f"there from state {endless[0]}"
+                )
 
     @classmethod
     def from_dense(
@@ -222,40 +256,6 @@ class FiniteMDP(Frozen):
             **rest,
         )
 
-    def _check_ranges(self) -> None:
-        """Check indices as they were given, before they are narrowed to 32 bits."""
-        instance("states", self.states, Space, TaskError)
-        instance("actions", self.actions, Space, TaskError)
-        if np.ndim(self.probability) != 2:
-            raise TaskError(f"probability must have shape (Y, O): got {np.shape(self.probability)}")
-        for name, label, size in (
-            ("outcome_row", "outcome_row", len(self.probability)),
-            ("next_state", "next states", self.states.size),
-        ):
-            numbers = whole_by_type(getattr(self, name), label)
-            if numbers.size and (numbers.min() < 0 or numbers.max() >= size):
-                raise TaskError(
-                    f"{label} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
-                )
-
-    def _adopt_arrays(self) -> None:
-        """Make the arrays frozen ones of the right type, and check their shapes."""
-        one_a_state, table = (self.states.size,), np.shape(self.probability)
-        for name, dtype, shape in (
-            ("outcome_row", np.int32, (self.states.size, self.actions.size)),
-            ("probability", np.float64, table),
-            ("next_state", np.int32, table),
-            ("reward", np.float64, table),
-            ("terminal", np.bool_, one_a_state),
-            ("start", np.float64, one_a_state),
-        ):
-            array = _adopted(name, getattr(self, name), dtype)
-            if array.shape != shape:
-                raise TaskError(f"{name} must have shape {shape}: got {array.shape}")
-            if name in ("probability", "start"):
-                array = frozen(normalised(array))
-            object.__setattr__(self, name, array)
-
     def _check_start(self) -> None:
         bad = np.flatnonzero(~(np.isfinite(self.start) & (self.start >= 0)))
         if bad.size:
@@ -271,16 +271,6 @@ class FiniteMDP(Frozen):
                 f"an episode must not start in a terminal state: state {bad[0]} has start "
                 f"probability {self.start[bad[0]]:g}"
             )
-
-    def _check_discount(self) -> None:
-        check_horizon(self)
-        if self.discount == 1 and self.time_limit is None:
-            endless = np.flatnonzero(np.isinf(steps_to(self, self.terminal)))
-            if endless.size:
-                raise TaskError(
-                    "discount 1 needs a time limit or a way to an end from every state: none leads "
-                    f"there from state {endless[0]}"
-                )
 
     @property
     def mdp(self) -> Self:

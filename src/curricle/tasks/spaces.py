@@ -82,24 +82,21 @@ class Component:
         whole_number(f"the highest value {of}", low + size - 1, low, TaskError)
         object.__setattr__(self, "size", size)
         object.__setattr__(self, "low", low)
-        if self.labels is not None:
-            object.__setattr__(self, "labels", self._checked_labels())
-
-    def _checked_labels(self) -> tuple[str, ...]:
-        if isinstance(self.labels, str) or not isinstance(self.labels, Sequence):
-            raise TaskError(
-                f"labels of component {self.name!r} must be a list of text: got {self.labels!r}"
-            )
-        for label in self.labels:
-            text(f"a label of component {self.name!r}", label, TaskError)
-        if len(self.labels) != self.size:
+        labels: Any = self.labels
+        if labels is None:
+            return
+        if isinstance(labels, str) or not isinstance(labels, Sequence):
+            raise TaskError(f"labels {of} must be a list of text: got {labels!r}")
+        for label in labels:
+            text(f"a label {of}", label, TaskError)
+        if len(labels) != self.size:
             raise TaskError(
                 f"a component needs one label per value: {self.name!r} has {self.size} values "
-                f"and {len(self.labels)} labels"
+                f"and {len(labels)} labels"
             )
-        if len(set(self.labels)) != self.size:
-            raise TaskError(f"a component's labels must differ: {self.name!r} has {self.labels}")
-        return tuple(self.labels)
+        if len(set(labels)) != self.size:
+            raise TaskError(f"a component's labels must differ: {self.name!r} has {labels}")
+        object.__setattr__(self, "labels", tuple(labels))
 
     @property
     def high(self) -> int:
@@ -154,16 +151,14 @@ class Space(Frozen):
         names = [c.name for c in self.components]
         if not names or len(set(names)) != len(names):
             raise TaskError(f"components need different names, at least one: got {names}")
-        if self.points is not None:
-            points = whole(self.points, "points")
-            if points.ndim != 2 or points.shape[1] != len(names) or not len(points):
-                raise TaskError(
-                    f"points must have shape (S, {len(names)}), S at least 1: got {points.shape}"
-                )
-            object.__setattr__(self, "points", adopted(points, np.int64))
-            self._check_points()
-
-    def _check_points(self) -> None:
+        if self.points is None:
+            return
+        points = whole(self.points, "points")
+        if points.ndim != 2 or points.shape[1] != len(names) or not len(points):
+            raise TaskError(
+                f"points must have shape (S, {len(names)}), S at least 1: got {points.shape}"
+            )
+        object.__setattr__(self, "points", adopted(points, np.int64))
         for axis, component in enumerate(self.components):
             values = self.points[:, axis]
             bad = np.flatnonzero((values < component.low) | (values > component.high))

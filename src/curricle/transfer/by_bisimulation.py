@@ -14,7 +14,6 @@ from curricle.transfer.bisimulation import (
     MOST_WORK,
     WIDEST,
     Blocks,
-    Quotient,
     fixed_point,
     quotient,
     refined,
@@ -174,14 +173,15 @@ def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
     yield tasks.proposal(by_state, "lax bisimulation: nearest pair of the nearest state")
 
 
-def _quotients(tasks: TaskPair) -> list[tuple[Quotient, Blocks]]:
-    """Return both tasks up to bisimulation; MappingError where they are too large to compare."""
+def _nearest(
+    tasks: TaskPair, tolerance: float, bars: Bars = SILENT
+) -> tuple[LaxBisimulation, IntArray]:
+    """Return the distances between two tasks, and the nearest pair of the nearest state, (S, A)."""
     solutions, discount = (tasks.target_solution, tasks.source_solution), tasks.target_mdp.discount
-    both = [
+    (target, blocks), (source, source_blocks) = (
         quotient(model, discount, solution.values)
         for model, solution in zip(tasks.models, solutions, strict=True)
-    ]
-    target, source = (task for task, _ in both)
+    )
     if (size := len(target.reward) * len(source.reward)) > LARGEST_PAIRS:
         raise MappingError(
             f"lax bisimulation compares up to {LARGEST_PAIRS:,} pairs with pairs: these tasks have "
@@ -196,16 +196,7 @@ def _quotients(tasks: TaskPair) -> list[tuple[Quotient, Blocks]]:
         raise MappingError(
             f"lax bisimulation takes up to {WIDEST} outcomes of a pair: got {widest}"
         )
-    return both
-
-
-def _nearest(
-    tasks: TaskPair, tolerance: float, bars: Bars = SILENT
-) -> tuple[LaxBisimulation, IntArray]:
-    """Return the distances between two tasks, and the nearest pair of the nearest state, (S, A)."""
-    (target, blocks), (source, source_blocks) = _quotients(tasks)
-    between, error = fixed_point(target, source, tasks.target_mdp.discount, tolerance, bars)
-    solutions = tasks.target_solution, tasks.source_solution
+    between, error = fixed_point(target, source, discount, tolerance, bars)
     error += sum(solution.error_bound for solution in solutions)  # a source is rewritten by its V*
     known, at = np.unique(source_blocks.pairs.ravel(), return_index=True)
     first = np.full(len(source.reward), ENDED)  # pair of each kind, but of the end's

@@ -327,8 +327,20 @@ def _of_episodes(
     potential: ObservationPotential, seen: Sequence[ObservationEpisode]
 ) -> GreedyRollouts:
     """Return what is known of greedy episodes."""
-    columns = zip(*(_returns_to_go(episode, potential) for episode in seen), strict=True)
-    return_to_go, bootstrap_discount, bootstrapped_value = map(np.concatenate, columns)
+    task, columns = potential.task, []
+    for episode in seen:
+        n, total, value = len(episode.rewards), 0.0, 0.0
+        return_to_go, bootstrap_discount = np.empty(n), np.zeros(n)
+        for t in range(n - 1, -1, -1):
+            total = episode.rewards[t] + task.discount * total
+            return_to_go[t] = total
+        if not episode.terminated:
+            value = float(potential.v(stack(task.observations, [episode.last_observation]))[0])
+            bootstrap_discount = task.discount ** np.arange(n, 0, -1.0)
+        columns.append((return_to_go, bootstrap_discount, np.full(n, value)))
+    return_to_go, bootstrap_discount, bootstrapped_value = map(
+        np.concatenate, zip(*columns, strict=True)
+    )
     rewards = np.concatenate([episode.rewards for episode in seen])
     empty = frozen(np.zeros(0, np.int64))
     return GreedyRollouts(
@@ -343,21 +355,6 @@ def _of_episodes(
         returns=frozen(np.array([episode.rewards.sum() for episode in seen])),
         one_reward=bool((rewards == rewards[0]).all()),
     )
-
-
-def _returns_to_go(
-    episode: ObservationEpisode, potential: ObservationPotential
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return per step the return to go, the bootstrap's discount and the bootstrapped value."""
-    task, n = potential.task, len(episode.rewards)
-    return_to_go, total = np.empty(n), 0.0
-    for t in range(n - 1, -1, -1):
-        total = episode.rewards[t] + task.discount * total
-        return_to_go[t] = total
-    if episode.terminated:
-        return return_to_go, np.zeros(n), np.zeros(n)
-    value = float(potential.v(stack(task.observations, [episode.last_observation]))[0])
-    return return_to_go, task.discount ** np.arange(n, 0, -1.0), np.full(n, value)
 
 
 # -- targets whose optimum is unknown --------------------------------------------------------------
