@@ -6,12 +6,7 @@ from typing import Literal
 import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, frozen
-from curricle.certificate.diagnosis import (
-    Origin,
-    nonzero_ends,
-    origin,
-    several_entries,
-)
+from curricle.certificate.diagnosis import Origin, nonzero_ends, origin, several_entries
 from curricle.certificate.sampled import sampled
 from curricle.certificate.shaped_task import (
     ComparedTask,
@@ -244,18 +239,6 @@ class ActionComparison:
         return np.asarray(~same & (self.lost == 0) & (self.given_up == 0))
 
 
-def compare_actions(
-    met: Reachable, unshaped: Solution, shaped: ShapedValues, tolerance: float
-) -> ActionComparison:
-    """Return the comparison of Q* with the values under shaping in the reachable states."""
-    q = unshaped.action_values[met.states]
-    short = q.max(axis=1, keepdims=True) - q
-    shaped_short = shaped.values.max(axis=1, keepdims=True) - shaped.values
-    error, shaped_error = 2 * unshaped.error_bound, 2 * shaped.bound
-    optimal, chosen = short <= error, shaped_short <= shaped_error
-    return ActionComparison(optimal, chosen, short, shaped_short, error, shaped_error, tolerance)
-
-
 def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
     """Return whether the actions that may be optimal, (N, A), are proven equal in each state."""
     mdp, block = met.mdp, np.empty(len(unshaped.values), np.int64)
@@ -364,7 +347,12 @@ def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
         findings += behind.sentences
     else:
         values = shaping.acted_on(shaped)
-    compared = compare_actions(met, unshaped, values, tolerance)
+    q = unshaped.action_values[met.states]
+    short = q.max(axis=1, keepdims=True) - q
+    shaped_short = values.values.max(axis=1, keepdims=True) - values.values
+    error, shaped_error = 2 * unshaped.error_bound, 2 * values.bound
+    close = short <= error, shaped_short <= shaped_error
+    compared = ActionComparison(*close, short, shaped_short, error, shaped_error, tolerance)
     # At discount 1 the sum of F need not vanish in an episode without an end.
     endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0
     from_potential = behind is None or behind.fitting is behind.plain

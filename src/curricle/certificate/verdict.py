@@ -75,8 +75,7 @@ class Certificate(Frozen):
     ----------
     holds : bool or None
         True: the optimal actions are proven to be the same in every reachable state. False: a
-        counterexample is proven. None: neither, as two values lie closer to each other than they
-        are known, or as states could not be compared.
+        counterexample is proven. None: neither.
     shaping : str
         Name of its class.
     states : int
@@ -86,8 +85,8 @@ class Certificate(Frozen):
     tolerance : float
         The loss that is allowed for, in return units; 0 if none is.
     loss : float
-        The largest possible loss of one action that may be optimal in the shaped task. It contains
-        the errors of all values; NaN if states were not compared, like the next three.
+        The largest possible loss of one action that may be optimal in the shaped task, errors of
+        values included; NaN if states were not compared, like the next three.
     total_loss : float
         The largest possible loss of a policy that may be optimal in the shaped task.
     error_bound : float

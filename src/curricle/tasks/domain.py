@@ -166,7 +166,9 @@ class GridDomain(DomainWithStart):
     @property
     def _corner(self) -> Cell:
         """Row and column of the top-left cell."""
-        raise NotImplementedError
+        domain: Any = self
+        corner: Cell = domain.origin
+        return corner
 
     @property
     def _ending(self) -> str:
@@ -315,10 +317,6 @@ class MapDomain(GridDomain):
     @cached_property
     def _grid(self) -> npt.NDArray[np.str_]:
         return np.array([list(line) for line in self.map])
-
-    @property
-    def _corner(self) -> Cell:
-        return self.origin
 
 
 def cell_space(

@@ -12,15 +12,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from curricle.arrays import Frozen
-from curricle.checks import (
-    BEYOND_64_BITS,
-    fit_name,
-    instance,
-    number,
-    one_of,
-    text,
-    whole_number,
-)
+from curricle.checks import BEYOND_64_BITS, fit_name, instance, number, one_of, text, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
@@ -50,10 +42,9 @@ class Parameter:
     default : optional
         The value of members that do not give one; without a default it must be given.
     harder : {"larger", "smaller", "later"}, optional
-        Which values make harder tasks; "later" is the order of `values`. Without it values are not
-        ordered.
+        Which values make harder tasks, if any; "later" is the order of `values`.
     optional : bool
-        Whether None is a value too; where values are ordered, it is the hardest.
+        Whether None is a value too; it is the hardest.
 
     Raises
     ------
@@ -301,16 +292,14 @@ Unequal = Literal["unmapped", "clip", "scale"]
 class ComponentsByName:
     """Components of the source are read off those of the target by name.
 
-    Components with labels correspond label by label, others number by number. :func:`project` is
-    this mapping with ``unequal="unmapped"``.
+    Components with labels correspond label by label, others number by number.
 
     Parameters
     ----------
     unequal : {"unmapped", "clip", "scale"}
-        What becomes of values without labels where the ranges of a component differ. With
-        "unmapped" the numbers that the source lacks have no counterpart. With "clip" they become
-        its nearest number. With "scale" the target's whole range is spread over the source's:
-        low' + floor((v - low) size' / size).
+        Where the ranges of a component without labels differ, the numbers that the source lacks
+        have no counterpart, as in :func:`project`, or become its nearest number; or the target's
+        whole range is spread over the source's: low' + floor((v - low) size' / size).
     renaming : dict of str to str
         Source component -> target component, where the names differ.
 
@@ -345,8 +334,7 @@ class ComponentsByName:
 class TaskFamily(Frozen):
     """Tasks that one function makes from declared parameters.
 
-    Calling the family with parameters returns a :class:`FamilyMember`: an address, which builds no
-    task before its ``task`` is asked for.
+    Calling the family with parameters returns a :class:`FamilyMember`.
 
     Parameters
     ----------
@@ -355,16 +343,13 @@ class TaskFamily(Frozen):
     factory : callable
         Returns the task; called with every parameter by name.
     parameters : sequence of Parameter
-        What the signature of `factory` does not say. Parameters that are left out are taken from
-        the signature.
+        What the signature of `factory` does not say.
     mapping : ComponentsByName or callable, optional
-        How members map onto each other: :class:`ComponentsByName`, the default, or a function of
-        target and source (both :class:`FamilyMember`) that returns one of the following, or several
-        in a list: a :class:`ComponentsByName`, a function for :func:`from_function`, a mapping. See
-        :func:`family_mappings`.
+        How members map onto each other (:func:`family_mappings`): :class:`ComponentsByName`, the
+        default, or a function of target and source, both :class:`FamilyMember`, that returns such,
+        a function for :func:`from_function` or a mapping, or several in a list.
     constraint : callable, optional
-        A function of a dict of parameters that returns what is wrong with them as a sentence, None
-        where nothing is. For rules that several parameters make together.
+        From a dict of parameters to what is wrong with them together, a sentence, or None.
 
     Raises
     ------

@@ -1,11 +1,8 @@
 """Four rooms: a grid of rooms joined by hallways, in which moves slip.
 
 Sutton, Precup, Singh 1999, "Between MDPs and semi-MDPs: a framework for temporal abstraction in
-reinforcement learning", section 3 and figure 2: 104 cells on a 13x13 grid, walls included. A move
-north, east, south or west goes that way with probability 2/3 and each of the other three ways with
-1/9; a move into a wall leaves the agent where it is. Rewards are 0 but for entering the goal, and
-the discount is 0.9. One of the paper's goals is the hallway between the two rooms in the east, the
-default here. ::
+reinforcement learning", section 3 and figure 2, has the defaults and other goals besides: 104 cells
+on a 13x13 grid, walls included. A move into a wall leaves the agent where it is. ::
 
     #############
     #     #     #
@@ -65,8 +62,7 @@ class FourRooms(GridDomain):
     step_reward, goal_reward : float
         Of a step that does not / does enter the goal.
     start : "corner", "uniform" or cells
-        In the first free cell in reading order, in any cell but the goal, or in one of the given
-        ``(row, column)`` cells; all are equally likely.
+        In the first free cell, in any cell but the goal, or in one of these ``(row, column)``.
     rows, columns : (int, int), optional
         Half-open ranges: the part of the plan that the task has, all by default.
     discount, time_limit

@@ -1,10 +1,8 @@
 """FrozenLake: from the start to the goal over ice that has holes and may be slippery.
 
 Gymnasium's ``FrozenLake-v1`` (Towers et al. 2024; its rules in ``toy_text/frozen_lake.py``), with
-its maps, its random maps and its parameters, and the parts of a lake that Gymnasium does not have.
-On slippery ice a move goes where it was meant to with probability `success_rate`, and to either
-side with half of the rest. A move off the map stays where it is. Episodes end at the goal and in
-holes.
+its maps, its random maps and its parameters, and parts of a lake. A move off the map stays where it
+is. Episodes end at the goal and in holes.
 """
 
 from dataclasses import dataclass
@@ -47,12 +45,11 @@ class FrozenLake(MapDomain, CellDomain):
     slippery : bool
         Whether moves may go to either side.
     success_rate : float
-        Probability that a move on slippery ice goes where it was meant to.
+        Probability that a move on slippery ice goes where it was meant to, not to either side.
     goal_reward, hole_reward, step_reward : float
         Of entering the goal, a hole, any other cell.
     start : "map", "uniform" or cells
-        At an ``S``, on any cell that does not end the episode, or in one of the given
-        ``(row, column)`` cells; all are equally likely.
+        At an ``S``, on any cell that does not end the episode, or in one of these cells.
     origin : (int, int)
         Row and column of the top-left cell. A part keeps the coordinates of the whole lake.
     discount, time_limit

@@ -81,13 +81,11 @@ class GridWorld(MapDomain, CellDomain):
         ``P`` pit, ``#`` wall, ``.`` free.
     rewards : Rewards
     combine : {"sum", "worst"}
-        Whether all terms that apply to a step add up, the step reward included, or only the lowest
-        counts (the step reward then only where no other term applies).
+        Whether all terms that apply to a step add up, or only the lowest counts.
     ends : iterable of {"treasure", "pit", "fire"}
         Objects that end the episode when their cell is entered.
     start : "map", "uniform" or cells
-        At an ``S``, at any cell that does not end the episode, or at one of the given
-        ``(row, column)`` cells; all are equally likely.
+        At an ``S``, at any cell that does not end the episode, or at one of these cells.
     representation : {"absolute", "relative"}
         The components of a state: the agent's ``row`` and ``column``, or the position of each
         object relative to the agent (Svetlik et al. 2017; paper E4, F1).
@@ -285,10 +283,7 @@ def random_maze(
         _lines(cells, down=vertical == "north", right=horizontal == "west"),
         rewards=Rewards(step=step, treasure=treasure, fire=fire, near_fire=near_fire, pit=pit),
         start="map" if start == "far" else "uniform",
-        origin=(
-            0 if vertical == "north" else 1 - size,
-            0 if horizontal == "west" else 1 - size,
-        ),
+        origin=(0 if vertical == "north" else 1 - size, 0 if horizontal == "west" else 1 - size),
         discount=discount,
         time_limit=time_limit,
     )

@@ -3,11 +3,10 @@
 Narvekar, Sinapov, Stone 2017, "Autonomous task sequencing for customized curriculum design in
 reinforcement learning" (also Narvekar and Stone 2019, "Learning curriculum policies for
 reinforcement learning"). The agent moves one cell north, east, south or west; a wall or the edge
-leaves it where it is. In a cell with a key it can pick the key up (+500). In a cell with a lock it
-can open the lock (+1000), if it holds the keys that the lock depends on. Moving into a pit ends the
-episode (-200). All other actions cost 10, also picking up or opening where there is nothing to pick
-up or to open. The episode ends when all locks are open. The papers' beacons are features for
-function approximation and have no counterpart in a table.
+leaves it where it is. In a cell with a key it can pick the key up. In a cell with a lock it can
+open the lock, if it holds the keys that the lock depends on. The episode ends in a pit, or when all
+locks are open. The papers' beacons are features for function approximation and have no counterpart
+in a table.
 
 For source tasks a map may lack one of them: without locks the episode ends when all keys are held,
 and a lock without keys on the map is opened by an agent that holds none.
@@ -69,10 +68,9 @@ class KeyLockPit(MapDomain):
     key_reward, lock_reward, pit_reward : float
         Of picking up a key, of opening a lock and of falling into a pit.
     step_reward : float
-        Of every other action.
+        Of every other action, also of picking up or opening nothing.
     start : "map", "uniform" or cells
-        At an ``S``, in any state in which the episode goes on, or at one of the given
-        ``(row, column)`` cells; all are equally likely.
+        At an ``S``, in any state in which the episode goes on, or at one of these cells.
     keys_held : bool
         Whether episodes start with all keys held, as in the second half of a task.
     origin : (int, int)

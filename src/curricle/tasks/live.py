@@ -144,9 +144,8 @@ class Unopened(NamedTuple):
 class LiveMDP:
     """A task without tables or rules: every step is taken in an environment.
 
-    The same loops learn it, one seed after the other. Each seed has environments of its own, one to
-    learn in and one to evaluate policies in, seeded from its random stream and closed at the end.
-    :func:`from_gymnasium` makes these tasks; tasks of equal parts are equal.
+    Each seed has environments of its own, one to learn in and one to evaluate policies in, seeded
+    from its random stream and closed at the end. :func:`from_gymnasium` makes these tasks.
 
     Parameters
     ----------
@@ -167,8 +166,7 @@ class LiveMDP:
     Raises
     ------
     TaskError
-        When a space, a function or the horizon is invalid; while learning, when an observation
-        encodes to no state. Exceptions of an environment pass through.
+        While learning, when an observation encodes to no state. Exceptions of an environment pass.
 
     Examples
     --------

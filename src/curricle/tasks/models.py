@@ -239,6 +239,7 @@ class ComputedMDP:
     """An MDP whose successors are computed by a function, for tasks too large for tables.
 
     It can be learnt and can be a source or a target of transfer, but :func:`solve` needs tables.
+    Compiling takes some seconds in each process, as a user's code is not cached on disk.
 
     Parameters
     ----------
@@ -261,13 +262,8 @@ class ComputedMDP:
     Raises
     ------
     TaskError
-        When a space, a function or the horizon is invalid; while learning, when a function does
-        not compile, or returns a state that does not exist or a reward that is not finite.
-
-    Notes
-    -----
-    The functions are compiled into the learning loop when a task is first learnt. This takes some
-    seconds in each process, as code of a user is not cached on disk.
+        While learning, when a function does not compile, or returns a state that does not exist or
+        a reward that is not finite.
 
     Examples
     --------

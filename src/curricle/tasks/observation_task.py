@@ -79,9 +79,6 @@ def check_spaces(environment: gymnasium.Env[Any, Any]) -> None:
 class ObservationTask:
     """A task whose learner gets observations, as deep learners do; it has no tables.
 
-    Two tasks are equal where the same function makes their environments, with the same discount
-    and time limit.
-
     Parameters
     ----------
     make : callable

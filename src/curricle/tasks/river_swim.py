@@ -1,12 +1,8 @@
 """RiverSwim: a chain against a current, in which the small reward is near and the large one far.
 
 Strehl and Littman 2008, "An analysis of model-based interval estimation for Markov decision
-processes", figure 2: six positions from the left bank to the right one. Swimming left always
-succeeds. Swimming right moves one position on with probability 0.3, leaves the swimmer where it is
-with 0.6 and lets it be carried back with 0.1; at the left bank it succeeds with 0.3, at the right
-bank it stays there with 0.3. Swimming left at the left bank pays 5, staying at the right bank by
-swimming right pays 10,000, all else nothing. Episodes start at position 1 or 2. The task never
-ends; the paper learns 5,000 steps of it with discount 0.95.
+processes", figure 2, has the defaults. Swimming left always succeeds. The task never ends; the
+paper learns 5,000 steps of it with discount 0.95.
 
 Osband, Russo, Van Roy 2013 ("(More) efficient reinforcement learning via posterior sampling") have
 ``RiverSwim(forward=0.35, back=0.05, leave_bank=0.6, stay_at_end=0.6, left_reward=0.005,

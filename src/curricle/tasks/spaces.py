@@ -224,9 +224,7 @@ class Space(Frozen):
         for component in self.components:
             if component.name == name:
                 return component
-        raise TaskError(
-            f"a component must be one of {', '.join(self.names)}: got {name!r}",
-        )
+        raise TaskError(f"a component must be one of {', '.join(self.names)}: got {name!r}")
 
     def decode(self, index: npt.ArrayLike | None = None) -> Decoded:
         """Return the int64 values of each component at the points `index`, or at all of them."""

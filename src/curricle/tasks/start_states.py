@@ -105,7 +105,7 @@ class TaskWithStart(Frozen):
 
 
 def with_start(task: Any, start: Any) -> Any:
-    """Return the same task with episodes that start elsewhere.
+    """Return the same task with episodes that start elsewhere; mappings fit both.
 
     Parameters
     ----------
@@ -117,13 +117,6 @@ def with_start(task: Any, start: Any) -> Any:
         - :class:`GoalDistance`: in a ring around the goal;
         - a whole number, or an array of them: in these states, equally likely;
         - (S,) float array: with these probabilities, such as those of :func:`visit_distribution`.
-
-    Returns
-    -------
-    Task
-        A :class:`FiniteMDP` or :class:`TabulatedTask` of one, a :class:`GridWorld` of one where all
-        starts are equally likely, else a task like it. States and actions are those of
-        the task, so that mappings fit both.
 
     Raises
     ------
@@ -158,9 +151,8 @@ def with_start(task: Any, start: Any) -> Any:
 def goal_distance(task: Any, goal: Goal = None) -> IntArray:
     """Return the fewest steps from each state to the goal, (S,) int64; -1 where there is no way.
 
-    An outcome counts if its probability is positive: it is the smallest number of steps after which
-    some policy can have reached the goal, exact by breadth-first search from the goal backwards. No
-    way leads through a terminal state.
+    It is the smallest number of steps after which some policy can have reached the goal. No way
+    leads through a terminal state.
 
     Parameters
     ----------

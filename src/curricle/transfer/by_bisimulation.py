@@ -28,11 +28,9 @@ LARGEST = 20_000_000  # state-action pairs of both tasks up to which they are re
 def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mapping of each target pair to an equivalent source pair, if any pair has one.
 
-    Equivalent pairs have the same Q*. Refinement takes numbers that nearly agree as equal, so that
-    only pairs whose Q* agree as closely as both are known are mapped. A pair of the target in a
-    state that has an equivalent source state reads that state; others may still read a pair from
-    which both tasks go on alike. Where several source pairs are equivalent, such as images under a
-    symmetry, the first state's is taken.
+    Equivalent pairs have the same Q*, as closely as both are known. A pair of the target in a state
+    that has an equivalent source state reads that state; others may still read a pair from which
+    both tasks go on alike. Of several equivalent pairs the first is taken.
 
     Raises
     ------
@@ -118,9 +116,8 @@ def lax_bisimulation(
     The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the
     Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
     nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
-    solves the equation of the target's discount, which keeps the bound. The work grows with the
-    number of states that are not bisimilar to others (to 1e-9 of the largest number). It ends after
-    some minutes of one core at most, with a larger `error`; the bound holds in any case.
+    solves the equation of the target's discount. The work grows with the number of states that are
+    not bisimilar. It ends after some minutes at most; the bound, with `error`, holds in any case.
 
     Parameters
     ----------
@@ -138,8 +135,6 @@ def lax_bisimulation(
         When a task has no tables.
     MappingError
         When a discount is 1, the tasks are too large, or a pair has more than 120 outcomes.
-    SettingError
-        When `progress` is none of what it may be.
 
     Examples
     --------

@@ -36,8 +36,8 @@ UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
 class ComponentMapping(StateActionMapping):
     """A mapping given by names of components; made by :func:`project`.
 
-    The index array is made only when it is asked for, so that the mapping serves targets of any
-    size: learning reads the source through :meth:`lookups`.
+    The index array is made only when it is asked for; learning reads the source through
+    :meth:`lookups`, so that the mapping serves targets of any size.
 
     Parameters
     ----------
@@ -137,11 +137,9 @@ class ComponentMapping(StateActionMapping):
         return source_points(self.target.actions, self.source.actions, self.renaming, self.unequal)
 
     def lookups(self) -> list[IntArray] | None:
-        """Return how to compute a source state from a target state without arrays over all states.
+        """Return offsets of each target component's values, whose sum is the source state.
 
-        One table for each component of the target's states, with an offset for each of its values:
-        the source state is the sum of the offsets, and there is none where one is `MISSING`. None
-        where a space is not a whole box.
+        There is none where an offset is `MISSING`. None where a space is not a whole box.
         """
         target, source = self.target.states, self.source.states
         if not (target.is_box and source.is_box):
@@ -166,10 +164,9 @@ def project(
 ) -> ComponentMapping:
     """Return the mapping that reads the source's components off the target's by name (paper E7).
 
-    Each component of the source's states and actions takes its value from the target component
-    of the same name, or the one named in `renaming`. Components with labels correspond label by
-    label, so that (1,2) on a 5x5 grid is (1,2) on a 4x4 grid; a value the source does not have
-    leaves the pair unmapped.
+    Each component of the source's states and actions takes its value from the target component of
+    the same name, or the one named in `renaming`, label by label where both have labels; a value
+    that the source does not have leaves the pair unmapped.
 
     Parameters
     ----------
@@ -254,18 +251,13 @@ def identity(target: Task, source: Task | None = None) -> StateActionMapping: ..
 def identity(target: Any, source: Any = None) -> Any:
     """Return the mapping of each state and action to the same one of a task of the same shape.
 
-    Of one shape are tasks whose states and actions have as many components, with the same values in
-    the same order, whatever they are called: a slippery lake and one that is not. Observations must
-    have the same shape. Without a source it is the mapping of a task onto itself.
+    Of one shape are tasks whose components have the same values in the same order, whatever they
+    are called. Observations must have the same shape. The source is the target by default.
 
     Parameters
     ----------
     target, source : Task or ObservationTask
         Both with numbered states, or both seen through observations.
-
-    Returns
-    -------
-    StateActionMapping or ObservationMapping
 
     Raises
     ------
@@ -363,8 +355,8 @@ def family_mappings(
 ) -> tuple[Any, ...]:
     """Return how a member of a family maps onto another, as the family declares it.
 
-    Several mappings stand for several transfers: each predator of a pursuit can read the only one
-    of its source. What the family declares is checked against both tasks as any mapping is.
+    Several mappings, one at least, stand for several transfers: each predator of a pursuit can read
+    the only one of its source.
 
     Parameters
     ----------
@@ -373,11 +365,6 @@ def family_mappings(
     unmapped_value : float, optional
         As in :class:`StateActionMapping`. It is not given to mappings that a family's function made
         itself.
-
-    Returns
-    -------
-    tuple of StateActionMapping or ObservationMapping
-        At least one, from ``target.task`` to ``source.task``.
 
     Raises
     ------

@@ -122,10 +122,9 @@ def calibrate(
     ------
     CalibrationError
         When the episodes carry no information (phi was 0 in most of their steps, or they reached
-        nothing, or `max_steps` ended the first, or a fit would be 0 / 0), when no positive scale
-        explains the returns, or when the scale would raise values of phi well above those of the
-        steps it was fitted to. The last is common where rewards have both signs: a factor above 1
-        lowers low values, as wanted, and raises high ones. It is not judged for observations.
+        nothing, or `max_steps` ended the first), when no positive scale explains the returns, or
+        when it would raise values of phi well above those it was fitted to, as is common where
+        rewards have both signs. The last is not judged for observations.
 
     Examples
     --------

@@ -61,9 +61,6 @@ class TaskMapping(ABC):
 class StateActionMapping(Frozen, TaskMapping):
     """A mapping of target pairs (s, a) to source pairs, as an index array.
 
-    Made by :func:`identity`, :func:`same_position`, :func:`project`, :func:`relative_objects` or
-    :func:`from_function`, or from the array itself.
-
     Parameters
     ----------
     target, source : Task
@@ -252,10 +249,9 @@ def relative_objects(
 ) -> StateActionMapping:
     """Return Svetlik's mapping: states whose objects lie alike around the agent (paper E4, F1).
 
-    A target state matches a source state if every object of the source lies, relative to the
-    agent, where the target has an object of its class: s_target = [s_source, rest]. That is, the
-    source's map fits the target's at some shift. Where several shifts fit, the smallest (upwards,
-    then to the left) is taken.
+    A target state matches a source state if every object of the source lies, relative to the agent,
+    where the target has an object of its class: s_target = [s_source, rest]. Of several shifts of
+    the source's map that fit, the smallest (upwards, then to the left) is taken.
 
     Examples
     --------
@@ -295,9 +291,8 @@ def from_function(
     Raises
     ------
     MappingError
-        When the function asks for a component that the target does not have, or does not return
-        all of the source's; or the target has more than 1,000,000,000 pairs, which would all be
-        listed.
+        When the function asks for or returns other components than the tasks have, or the target
+        has more than 1,000,000,000 pairs.
 
     Examples
     --------

@@ -363,7 +363,14 @@ class ObservationMapping(TaskMapping):
             )
         if not is_observation_task(self.source):
             seen = _integers("states", seen)
-            if self._any_not_mapped(seen):
+            n_states = self.source.states.size
+            if not (seen.view(np.uint64) < n_states).all():  # both bounds at once
+                bad = np.flatnonzero((seen < ENDED) | (seen >= n_states))
+                if bad.size:
+                    raise MappingError(
+                        f"a mapping's states must lie in 0..{n_states - 1}, or be UNMAPPED or "
+                        f"ENDED: observation {bad[0]} gives {seen[bad[0]]}"
+                    )
                 status = seen if status is None else np.where(seen < 0, seen, status)
                 seen = np.maximum(seen, 0)
         if batch_size(seen) != n or (status is not None and status.shape != (n,)):
@@ -373,18 +380,6 @@ class ObservationMapping(TaskMapping):
                 f"counterparts and status of shape {shape}"
             )
         return seen, status
-
-    def _any_not_mapped(self, states: IntArray) -> bool:
-        """Return whether a state is UNMAPPED or ENDED; MappingError if one is out of range."""
-        if (states.view(np.uint64) < self.source.states.size).all():  # both bounds at once
-            return False
-        bad = np.flatnonzero((states < ENDED) | (states >= self.source.states.size))
-        if bad.size:
-            raise MappingError(
-                f"a mapping's states must lie in 0..{self.source.states.size - 1}, or be UNMAPPED "
-                f"or ENDED: observation {bad[0]} gives {states[bad[0]]}"
-            )
-        return True
 
     def _actions(self, observations: Any, n: int) -> IntArray:
         """Return the source's action for each pair, (n, A)."""

@@ -25,12 +25,7 @@ from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import ObservationTask
 from curricle.tasks.spaces import MISSING, Space
 from curricle.text import brief_repr
-from curricle.transfer.aggregate import (
-    Aggregate,
-    aggregate,
-    built_in,
-    mean,
-)
+from curricle.transfer.aggregate import Aggregate, aggregate, built_in, mean
 from curricle.transfer.by_components import ComponentMapping
 from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, terminal_states, transferred
 from curricle.transfer.observation_mapping import ObservationMapping, ValueSource, no_actions
@@ -253,10 +248,8 @@ def _starts(arrays: Sequence[npt.NDArray[Any]]) -> IntArray:
 class ObservationPotential:
     """phi(s, a) = scale g(phi_1, ..., phi_N) + shift, read for n observations at once.
 
-    g skips the sources whose mapping leaves an observation unmapped.
-
-    It is a :class:`ValueSource` itself. Where all sources have action values, and the actions are
-    numbered, Phi(s) = max_a phi(s, a); else it is the aggregate of the sources' V(s).
+    It is a :class:`ValueSource`. Where all sources have action values, and actions are numbered,
+    Phi(s) = max_a phi(s, a); else it is the aggregate of the sources' V(s).
 
     Parameters
     ----------

@@ -227,9 +227,8 @@ def fitted_unmapped_value(
     It is the constant u at which the expectile of max_a (T phi)(s, a) - max_a phi(s, a), over the
     states of the target that can be reached, is 0; phi being the source's exact values where the
     mapping has any and u elsewhere, T the target's Bellman operator. It is not below what the worst
-    reward for ever is worth. It is None where all is mapped; where u would not be below 0, which is
-    what unmapped pairs are worth without; and where no way leads from some state to what is mapped,
-    so that its worth is not known.
+    reward for ever is worth. It is None where all is mapped, where u would not be below 0, and
+    where no way leads from some state to what is mapped.
 
     Parameters
     ----------
