@@ -1,9 +1,8 @@
 """The potential behind a shaping reward, or why there is none, in sentences.
 
 If F(s, a, s') = gamma Phi(s') - Phi(s) and Phi is 0 at the ends, then the discounted sum of F is
--Phi(s) along *every* path from s: Phi is the value of any policy for rewards -F. One path from each
-state thus gives the only possible Phi, and all other transitions tell whether it fits (Ng, Harada,
-Russell 1999).
+-Phi(s) along *every* path from s. One path from each state thus gives the only possible Phi, and
+all other transitions tell whether it fits (Ng, Harada, Russell 1999).
 """
 
 from dataclasses import dataclass
@@ -63,7 +62,6 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
 
 
 # -- from F to Phi ---------------------------------------------------------------------------------
-
 
 # Phi is 0; follows from that of s', or from that of s; is the discounted sum along transitions that
 # follow each other for ever; or is an unknown number, on which later states may depend.
@@ -153,7 +151,6 @@ def _potential(
 
 # -- sentences -------------------------------------------------------------------------------------
 
-
 AnyInts = npt.NDArray[np.integer[Any]]
 NAMED = 3  # ends that are named; the others are counted
 
@@ -183,7 +180,16 @@ def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
         return Origin(plain, None, (by_action,))
     open_ended = fit(met, f, discount, ends_are_zero=False)
     if open_ended.worst > enough:
-        return Origin(plain, None, (_unequal_paths(task, met, f, plain),))
+        worst = int(abs(plain.residual).argmax())
+        here, there = int(met.source[worst]), int(met.target[worst])
+        by_there = f[worst] - discount * plain.potential[there]
+        sentence = (
+            f"not potential-based: from {state_name(task.states, here)} on, the discounted sum of "
+            f"F is {by_there + 0.0:.4g} by way of {state_name(task.states, there)} and "
+            f"{0.0 - plain.potential[here]:.4g} on another path; with a potential it is -Phi on "
+            "every path"
+        )
+        return Origin(plain, None, (sentence,))
     ends = met.ends[abs(open_ended.potential[met.ends]) > enough]
     return Origin(plain, open_ended, (nonzero_ends(task, ends, open_ended.potential[ends]),))
 
@@ -206,19 +212,6 @@ def different_by_action(task: Any, here: int, there: int, f: FloatArray, actions
     return (
         f"not potential-based: from {state_name(task.states, here)} to "
         f"{state_name(task.states, there)}, F is {by}; with a potential the action does not matter"
-    )
-
-
-def _unequal_paths(task: Any, met: Reachable, f: FloatArray, plain: Fit) -> str:
-    """Return the sentence about a state from which F has different sums on two paths."""
-    worst = int(abs(plain.residual).argmax())
-    here, there = int(met.source[worst]), int(met.target[worst])
-    by_there = f[worst] - plain.discount * plain.potential[there]
-    return (
-        f"not potential-based: from {state_name(task.states, here)} on, the discounted sum of F is "
-        f"{by_there + 0.0:.4g} by way of {state_name(task.states, there)} and "
-        f"{0.0 - plain.potential[here]:.4g} on another path; with a potential it is -Phi on every "
-        "path"
     )
 
 

@@ -27,8 +27,7 @@ class Counterexample:
     actions : (str, str)
         Their names.
     lost : float
-        Value in the task that the shaped task's action loses; 0 if both are optimal there and
-        only the second is in the shaped task.
+        Value in the task that the shaped task's action loses; 0 if both are optimal there.
     values, shaped_values : (float, float)
         Values of both in the task, and those that a policy acts on in the shaped task.
     """

@@ -14,9 +14,8 @@ game for graphing calculators. The world is seen from the side.
 Everything else leaves the state as it is. The episode ends at the exit. BURLAP's reward is -1 a
 step.
 
-Below the map is solid ground, above it open sky. Columns beside the map cannot be entered; BURLAP
-fails there for all actions but moves. The blocks are alike, so that states which differ only in
-which block is where are one state (BURLAP's hashing independent of object identifiers), and only
+Below the map is solid ground, above it open sky. Columns beside the map cannot be entered. The
+blocks are alike, so that states which differ only in which block is where are one state, and only
 states that can be reached are in the table.
 """
 
@@ -161,11 +160,6 @@ class BlockDude(DomainWithStart):
 
         `agent` is the column in which the agent begins, on top of what is drawn there; by default
         it begins where it is. The part must have the exit and the agent.
-
-        Examples
-        --------
-        >>> BlockDude(1).crop(columns=(0, 12), agent=10).level[2:]
-        ('...#.......#', 'E..#...#.B>#')
         """
         rows = (self.origin[0], self.origin[0] + len(self.level))
         part = cut(self.level, self.origin, rows, columns)
@@ -282,10 +276,7 @@ class BlockDude(DomainWithStart):
 
     @cached_property
     def states(self) -> Space:
-        """The agent's cell, where it faces, whether it carries a block, and each block's cell.
-
-        Blocks are in the order of their columns and from below, a carried one is the first.
-        """
+        """The agent's cell, where it faces, whether it carries a block, and each block's cell."""
         states, cells = self._reached[0], self._cells
         (rows, columns), blocks = cells[:, 0].T, cells[:, 1:]
         facing = np.array([state.facing > 0 for state in states])

@@ -45,8 +45,7 @@ class DeepSea(GridDomain):
     slip : float
         Probability that a move to the right goes straight down; 1/N in bsuite's stochastic version.
     noise : float
-        Added to rewards in the first and last column of the last row, or subtracted, with
-        probability 1/2 each; 1 in bsuite's stochastic version.
+        Added to or taken from rewards in the last row's first and last column; 1 in that version.
     mapping_seed : int, optional
         Of bsuite's random choice, cell by cell, of which action is right.
     start : "surface", "uniform" or cells

@@ -1,9 +1,8 @@
 """What the domains that come with the library share: a domain is one declaration.
 
-A domain is a frozen dataclass. The annotations of its fields (:class:`Rule`) say which values they
-take and which of these are harder; :class:`Domain` checks a task by them, and :func:`family_of`
-makes the parameters of its family of them. A :class:`GridDomain` adds the cells that it draws, a
-:class:`MapDomain` the text map that draws them.
+The annotations of its fields (:class:`Rule`) say which values they take and which of these are
+harder; :class:`Domain` checks a task by them, and :func:`family_of` makes the parameters of its
+family of them.
 """
 
 import re

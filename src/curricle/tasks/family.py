@@ -46,11 +46,6 @@ class Parameter:
     optional : bool
         Whether None is a value too; it is the hardest.
 
-    Raises
-    ------
-    TaskError
-        When the declaration contradicts itself.
-
     Examples
     --------
     >>> size = Parameter("size", int, low=2, high=50, harder="larger")
@@ -446,12 +441,6 @@ class TaskFamily(Frozen):
         """Yield the members that are easier in at least one parameter and harder in none.
 
         Parameters that are not ordered, or whose values are too many to list, stay as they are.
-
-        Examples
-        --------
-        >>> from curricle.tasks import pursuit_family
-        >>> list(pursuit_family.easier(pursuit_family(size=3, predators=2)))
-        [pursuit(size=2, predators=1), pursuit(size=2), pursuit(size=3, predators=1)]
         """
         instance("the member that others are easier than", member, FamilyMember, TaskError)
         if member.family.factory is not self.factory:

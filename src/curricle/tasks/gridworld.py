@@ -279,8 +279,10 @@ def random_maze(
     if start == "far":
         cells[far] = "S"
     vertical, horizontal = corner.split("-")
+    lines = ["".join(cells[row, column] for column in range(size)) for row in range(size)]
+    lines = lines if horizontal == "west" else [line[::-1] for line in lines]
     return GridWorld(
-        _lines(cells, down=vertical == "north", right=horizontal == "west"),
+        lines if vertical == "north" else lines[::-1],
         rewards=Rewards(step=step, treasure=treasure, fire=fire, near_fire=near_fire, pit=pit),
         start="map" if start == "far" else "uniform",
         origin=(0 if vertical == "north" else 1 - size, 0 if horizontal == "west" else 1 - size),
@@ -318,14 +320,6 @@ def _joined(cells: dict[Cell, str], shell: list[Cell], n: int) -> bool:
     ]
     joined = _distances(first, free)
     return bool(free) and joined.keys() == free
-
-
-def _lines(cells: dict[Cell, str], *, down: bool, right: bool) -> list[str]:
-    """Return the map; it reaches from the treasure down or up, and to the right or to the left."""
-    size = max(cells)[0] + 1
-    lines = ["".join(cells[row, column] for column in range(size)) for row in range(size)]
-    lines = lines if right else [line[::-1] for line in lines]
-    return lines if down else lines[::-1]
 
 
 def _distances(first: list[Cell], free: set[Cell]) -> dict[Cell, int]:

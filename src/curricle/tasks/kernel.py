@@ -1,10 +1,9 @@
 """The kernel under compiled loops: parts by type, machine code on disk, random draws, vector code.
 
 A loop is a Python function that Numba compiles. Its parts are *inlined* functions; a part with a
-body for each type of NamedTuple is :class:`Overloaded`, and its body is chosen while the loop is
-compiled. A random stream is a (1,) uint64 counter: drawing adds a constant and mixes the bits of
-the sum (SplitMix64; Steele, Lea, Flood 2014), so that the n-th draw depends only on n and on where
-the stream started.
+body for each type of NamedTuple is :class:`Overloaded`. A random stream is a (1,) uint64 counter:
+drawing adds a constant and mixes the bits of the sum (SplitMix64; Steele, Lea, Flood 2014), so that
+the n-th draw depends only on n and on where the stream started.
 """
 
 import hashlib

@@ -133,13 +133,7 @@ class KeyLockPit(MapDomain):
 
     @classmethod
     def room(cls, size: int = 8, **rules: Any) -> Self:
-        """Return a square room, 4 to 1000 cells per side, with a key, and a lock behind pits.
-
-        Examples
-        --------
-        >>> KeyLockPit.room(5).map
-        ('.....', '.K...', '..P..', '..P..', 'S.P.L')
-        """
+        """Return a square room, 4 to 1000 cells per side, with a key, and a lock behind pits."""
         side = whole_number("size", size, SMALLEST_ROOM, TaskError)
         side = int(number("size", side, TaskError, SMALLEST_ROOM, LARGEST_ROOM))
         return cls(map=_room(side), **rules)
@@ -151,11 +145,6 @@ class KeyLockPit(MapDomain):
 
         Objects outside the part are removed; a key outside counts as held. A key or a lock must be
         left.
-
-        Examples
-        --------
-        >>> KeyLockPit().crop(rows=(2, 8), columns=(5, 8)).states
-        Space(19 points: row[6] x column[3] x lock[2])
         """
         part = cut(self.map, self.origin, rows, columns)
 
@@ -173,13 +162,13 @@ class KeyLockPit(MapDomain):
 
     @cached_property
     def states(self) -> Space:
-        """The agent's cell, which keys it holds and which locks are open.
-
-        An open lock's keys are held, and when the last lock is open the agent is at a lock.
-        """
+        """The agent's cell, which keys it holds and which locks are open."""
         axes = [*self._cell_space.components]
-        axes += [Component(name, 2, labels=("lying", "held")) for name in self._key_names]
-        axes += [Component(name, 2, labels=("locked", "open")) for name in self._lock_names]
+        for kind, cells, labels in (
+            ("key", self._keys, ("lying", "held")),
+            ("lock", self._locks, ("locked", "open")),
+        ):
+            axes += [Component(name, 2, labels=labels) for name in numbered_names(kind, len(cells))]
         last = self._locks if len(self._locks) else self._keys
         points = [
             np.column_stack([cells, np.tile(status, (len(cells), 1))])
@@ -199,14 +188,6 @@ class KeyLockPit(MapDomain):
     @cached_property
     def _locks(self) -> IntArray:
         return self._at("L")
-
-    @property
-    def _key_names(self) -> tuple[str, ...]:
-        return numbered_names("key", len(self._keys))
-
-    @property
-    def _lock_names(self) -> tuple[str, ...]:
-        return numbered_names("lock", len(self._locks))
 
     @property
     def _keys_of(self) -> list[set[int]]:
@@ -286,8 +267,8 @@ class KeyLockPit(MapDomain):
         return ~self._ends & held if self.keys_held else ~self._ends
 
     def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
-        status = dict.fromkeys(self._key_names, int(self.keys_held))
-        status |= dict.fromkeys(self._lock_names, 0)
+        names, keys = self.states.names[2:], len(self._keys)
+        status = dict.fromkeys(names[:keys], int(self.keys_held)) | dict.fromkeys(names[keys:], 0)
         return self.states.encode(row=row, column=column, **status)
 
 

@@ -123,7 +123,6 @@ def answer(_, address, action):
 
 # -- tasks that are learnt by acting ---------------------------------------------------------------
 
-
 Answer = tuple[Any, Any, Any, Any]
 """A state (negative: it failed), a reward, whether the episode terminated or was truncated."""
 RETURNED = {

@@ -2,8 +2,7 @@
 
 Pairs (s, a) with the same outcome distribution share a *row*: ``outcome_row[s, a]`` is one of Y
 rows, and each row lists up to O outcomes with probability, successor and reward. This keeps domains
-small whose moves are deterministic except for one random part (a maze: Y = 2 S; pursuit: Y = S,
-O = moves of the prey); an arbitrary MDP has Y = S A.
+small (a maze: Y = 2 S; pursuit: Y = S, O = moves of the prey); an arbitrary MDP has Y = S A.
 """
 
 from dataclasses import dataclass
@@ -118,7 +117,20 @@ class FiniteMDP(Frozen):
                 array = frozen(normalised(array))
             object.__setattr__(self, name, array)
         check_rows(self.probability, self.reward, self.outcome_row, self.terminal)
-        self._check_start()
+        bad = np.flatnonzero(~(np.isfinite(self.start) & (self.start >= 0)))
+        if bad.size:
+            raise TaskError(
+                "start probabilities must be finite and not negative: state "
+                f"{bad[0]} has {self.start[bad[0]]}"
+            )
+        if abs(self.start.sum() - 1) > PROBABILITY_TOLERANCE:
+            raise TaskError(f"start probabilities must sum to 1: they sum to {self.start.sum()}")
+        bad = np.flatnonzero((self.start > 0) & self.terminal)
+        if bad.size:
+            raise TaskError(
+                f"an episode must not start in a terminal state: state {bad[0]} has start "
+                f"probability {self.start[bad[0]]:g}"
+            )
         check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
             endless = np.flatnonzero(np.isinf(steps_to(self, self.terminal)))
@@ -212,12 +224,6 @@ class FiniteMDP(Frozen):
             Needed unless the outcomes carry ``terminated``.
         start, discount, time_limit, states, actions
             As in :meth:`from_dense`.
-
-        Examples
-        --------
-        >>> mdp = FiniteMDP.from_outcomes([[[(1.0, 1, 2.0, True)]], [[]]], start=0, discount=1.0)
-        >>> mdp.terminal
-        array([False,  True])
         """
         lists = outcome_lists(outcomes)
         begins = start_distribution(start, len(lists))
@@ -255,22 +261,6 @@ class FiniteMDP(Frozen):
             reward=reward.reshape(-1, width),
             **rest,
         )
-
-    def _check_start(self) -> None:
-        bad = np.flatnonzero(~(np.isfinite(self.start) & (self.start >= 0)))
-        if bad.size:
-            raise TaskError(
-                "start probabilities must be finite and not negative: state "
-                f"{bad[0]} has {self.start[bad[0]]}"
-            )
-        if abs(self.start.sum() - 1) > PROBABILITY_TOLERANCE:
-            raise TaskError(f"start probabilities must sum to 1: they sum to {self.start.sum()}")
-        bad = np.flatnonzero((self.start > 0) & self.terminal)
-        if bad.size:
-            raise TaskError(
-                f"an episode must not start in a terminal state: state {bad[0]} has start "
-                f"probability {self.start[bad[0]]:g}"
-            )
 
     @property
     def mdp(self) -> Self:

@@ -1,9 +1,8 @@
 """Generative models: what compiled loops sample a task from, and tasks given by functions.
 
 A *generative model* is a NamedTuple; :func:`first_state` and :func:`transition` sample from it.
-Here are those of tasks with tables and of tasks given by compiled functions; ``pursuit.py`` adds
-that of a domain that computes its successors, ``live.py`` that of an environment. A
-:class:`FactoredModel` is what exact planning reads of a task that moves in independent parts.
+Here are those of tasks with tables and of tasks given by compiled functions, and the
+:class:`FactoredModel`, what exact planning reads of a task that moves in independent parts.
 """
 
 import re

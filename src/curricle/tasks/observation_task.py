@@ -88,11 +88,6 @@ class ObservationTask:
     time_limit : int, optional
         Steps after which an episode is cut off; by default those of the environment.
 
-    Raises
-    ------
-    TaskError
-        When `make` does not return an environment, or a number is out of range.
-
     Examples
     --------
     >>> car = ObservationTask(EnvironmentMaker("MountainCar-v0"), discount=0.98)

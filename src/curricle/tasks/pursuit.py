@@ -45,9 +45,8 @@ Capture = Annotated[
 class Pursuit(Domain):
     """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
 
-    A state is the cell of the prey and of each predator, who are ordered and may share a cell. An
-    action is one move for each predator; the prey moves at the same time. Episodes start uniformly
-    in the states in which the prey is not caught.
+    A state is the cell of the prey and of each predator, who may share a cell. An action is one
+    move for each predator. Episodes start uniformly in the states without a caught prey.
 
     Parameters
     ----------
@@ -60,8 +59,8 @@ class Pursuit(Domain):
     torus : bool
         Whether the grid wraps round; otherwise it is walled and a blocked move is staying.
     capture : {"all", "any", "as_published"} or int
-        How many predators on the prey's cell end the episode with the capture reward. With
-        ``"as_published"``, as in the paper's runs, one ends it, but the reward needs all of them.
+        How many predators on the prey's cell end the episode with the capture reward. In the
+        paper's runs one ends it, but the reward needs all of them.
     prey : "uniform", array or callable
         The prey's policy: (cells, moves) probabilities by its own cell, (S, moves) by state, or a
         function from the decoded states (name -> (S,) cells) to (S, moves).
@@ -287,7 +286,6 @@ class Pursuit(Domain):
 
 
 # -- sampling, compiled ----------------------------------------------------------------------------
-
 
 MOVE_ENTRIES = 5
 """Entries for moves in each row of a table, used or not: a constant avoids a multiplication."""

@@ -37,8 +37,7 @@ class RiverSwim(DomainWithStart):
     size : int
         Positions from bank to bank, 2 to 1,000,000.
     forward, back : float
-        Probabilities that swimming right moves one position to the right, and that the current
-        carries the swimmer one back; else it stays.
+        Probabilities that swimming right moves one position on, and one back.
     leave_bank : float
         Probability that swimming right leaves the left bank; else the swimmer stays.
     stay_at_end : float

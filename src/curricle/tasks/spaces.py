@@ -1,9 +1,8 @@
 """Finite spaces whose points have named components.
 
-A space numbers its points 0 .. size-1. Mappings between tasks are written with component names
-(``prey``, ``row``, ...), compiled loops run on the numbers; this module converts between the two. A
-whole box is numbered as NumPy numbers the entries of an array in C order: a point is the sum of its
-components' offsets, each times its stride.
+Mappings between tasks are written with component names (``prey``, ``row``, ...), compiled loops run
+on the numbers of points; this module converts between the two. A whole box is numbered as NumPy
+numbers the entries of an array in C order.
 """
 
 import math
@@ -121,11 +120,6 @@ class Space(Frozen):
         At least one; names must differ.
     points : (S, C) int array, optional
         The points that exist, one row each, values within the components' ranges.
-
-    Raises
-    ------
-    TaskError
-        On duplicate names, duplicate points or values out of range.
 
     Examples
     --------

@@ -27,8 +27,7 @@ WORDS = ("uniform", "reachable")
 class GoalDistance:
     """The states whose distance to the goal lies in a range, equally likely: a ring around it.
 
-    Only states that the task's own start can reach are meant; tables may have others, such as the
-    cells of a cliff.
+    Only states that the task's own start can reach are meant.
 
     Parameters
     ----------
@@ -162,11 +161,6 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
         The goal's states: a (S,) bool array, an array of their numbers, or a dict from components
         to a value, a label or a list of them. By default the terminal states that are entered with
         the largest reward: the treasure and not the pits.
-
-    Raises
-    ------
-    TaskError
-        When there is no goal, or it is no set of states.
 
     Examples
     --------

@@ -1,12 +1,10 @@
 """Bisimulation of finite MDPs: exact, by partition refinement, and lax, by distances.
 
-Two states are bisimilar if their actions pay alike and lead alike to bisimilar states. Givan, Dean,
-Greig 2003 refine a partition of the states until all states of a block have the same rewards and
-the same chance of each block. As in MDP homomorphisms (Ravindran, Barto 2004), the actions of every
-state may be relabelled: two states are equivalent if each action of the one has an action of the
-other with the same expected reward and the same chance of each block, and the other way round.
-Equivalent pairs then have the same Q*, and equivalent states the same V*, also in several tasks
-that are refined jointly.
+A partition of the states is refined until all states of a block have the same rewards and the same
+chance of each block (Givan, Dean, Greig 2003). As in MDP homomorphisms (Ravindran, Barto 2004), the
+actions of every state may be relabelled: two states are equivalent if each action of either has an
+action of the other with the same expected reward and the same chance of each block. Equivalent
+pairs then have the same Q*, also in several tasks that are refined jointly.
 
 Lax bisimulation needs no exact correspondence: it gives distances between the states of two tasks
 that bound how far their values are apart (Taylor, Precup, Panangaden 2009; Castro, Precup 2010).
@@ -24,7 +22,6 @@ from curricle.progress import SILENT, Bars
 from curricle.tasks.kernel import compiled_once
 
 # -- partition refinement --------------------------------------------------------------------------
-
 
 PRECISION = 1e-9  # numbers no further apart than this, in units of the largest, count as equal
 
@@ -139,7 +136,6 @@ def _joined(models: Sequence[Model]) -> Model:
 
 
 # -- the Kantorovich distance ----------------------------------------------------------------------
-
 
 UNSET = 255  # in the first place of a tree: there is none yet
 WIDEST = 120  # outcomes of a distribution at most: nodes of both are numbered in 8 bits
@@ -281,7 +277,6 @@ def _pivot(p, q, row, column, parent, order, space):
 
 
 # -- the fixed point -------------------------------------------------------------------------------
-
 
 SWEEPS = 40  # sweeps with the choices of a backup
 MOST_ROUNDS = 5_000

@@ -87,7 +87,6 @@ def _first_of(keys: IntArray, wanted: IntArray) -> IntArray:
 
 # -- nearest pairs ---------------------------------------------------------------------------------
 
-
 TOLERANCE = 1e-3  # how far below the fixed point distances may be, in units of the largest
 LARGEST_PAIRS = 8_000_000
 """Pairs of a target's and a source's kinds of pairs up to which distances are computed."""

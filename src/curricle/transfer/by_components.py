@@ -238,7 +238,6 @@ def _values_of(origin: Component, component: Component, unequal: Unequal) -> Int
 
 # -- the identity ----------------------------------------------------------------------------------
 
-
 IDENTITY = "identity needs tasks of one shape"
 
 
@@ -433,7 +432,6 @@ def _made(
 
 # -- every assignment of components ----------------------------------------------------------------
 
-
 MAX_ASSIGNMENTS = 10_000
 COMPARED = 5_000  # state-action pairs of the target on which assignments are compared at most
 
@@ -522,7 +520,6 @@ def _prediction_error(
 
 # -- searches by name ------------------------------------------------------------------------------
 
-
 WORDS: dict[Unequal, str] = {
     "unmapped": "components by name",
     "scale": "components by name, unequal ranges scaled",
@@ -536,11 +533,6 @@ def by_name(tasks: TaskPair) -> Iterator[Proposal]:
 
     Where ranges of a component differ, values that the source lacks are left unmapped, scaled or
     clipped; these are three candidates.
-
-    Raises
-    ------
-    MappingError
-        When the target lacks a component of the source's.
 
     Examples
     --------

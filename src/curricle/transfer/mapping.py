@@ -349,12 +349,8 @@ class _Components(dict[str, IntArray]):
 def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:
     """Return `second` after `first`: from the target of `first` to the source of `second`.
 
-    Pairs that either leaves unmapped are unmapped, with the value of `first`.
-
-    Raises
-    ------
-    MappingError
-        When the source of `first` is not the target of `second`.
+    The source of `first` must be the target of `second`. Pairs that either leaves unmapped are
+    unmapped, with the value of `first`.
 
     Examples
     --------
@@ -403,7 +399,6 @@ def _check_mazes(mapping: str, target: Task, source: Task) -> None:
 
 
 # -- coverage --------------------------------------------------------------------------------------
-
 
 LARGEST_COVERAGE = 5_000_000  # pairs of either task up to which a mapping's coverage is counted
 

@@ -55,12 +55,7 @@ class TableValues:
 
     Parameters
     ----------
-    table : (S, A) float array
-
-    Raises
-    ------
-    PotentialError
-        When the table is not (S, A) or not finite.
+    table : (S, A) float array, finite
 
     Examples
     --------
@@ -108,11 +103,6 @@ class FunctionValues:
         observations -> (n,). At least one of the two is needed.
     actions : int, optional
         A, over which V(s) = max_a Q(s, a) is taken where only `action_values` is given.
-
-    Raises
-    ------
-    PotentialError
-        When neither function is given, or one returns another shape.
 
     Examples
     --------
@@ -208,8 +198,8 @@ class ObservationMapping(TaskMapping):
         The target's stacked observations -> the source's, as many; of a source with tables its
         states' numbers, (n,) ints, which may be `UNMAPPED` or `ENDED`. By default the same.
     actions : (A,) int array or callable, optional
-        The source's action for each of the target's, `UNMAPPED` where none; or a function
-        observations -> (n, A) of them. By default the same numbers.
+        The source's action for each of the target's, `UNMAPPED` where none; or observations ->
+        (n, A) of them. By default the same numbers.
     status : callable, optional
         observations -> (n,) bool, whether there is a counterpart; or ints, `UNMAPPED` or `ENDED`
         where there is none. The counterparts returned for these are not read.

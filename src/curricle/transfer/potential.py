@@ -265,11 +265,6 @@ class ObservationPotential:
     unknown_value : float
         g where no source knows anything.
 
-    Raises
-    ------
-    PotentialError
-        When there is no source, or a mapping was made for another target.
-
     Examples
     --------
     >>> from curricle import observation_task

@@ -1,8 +1,7 @@
 """Greedy rollouts of a potential: what it predicts at each step, and the return that follows.
 
-They calibrate a potential, or say how far it is from the truth and where learning will start,
-before anything is learnt. Tasks with numbered states are rolled out in compiled loops, observation
-tasks side by side with one call of the policy a step.
+They calibrate a potential, or say how far it is from the truth, before anything is learnt. Tasks
+with numbered states are rolled out in compiled loops, observation tasks side by side.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -194,7 +193,6 @@ def _predict(view, discount, steps, ends, predicted, following):
 
 
 # -- observations, side by side --------------------------------------------------------------------
-
 
 Policy = Callable[[Any, Sequence[int]], tuple[Any, Any]]
 """n stacked observations, and the environments they are of -> n actions, and predicted values."""

@@ -1,10 +1,9 @@
 """How well a mapping fits: whether the source's model and values predict the target.
 
 Unmapped pairs are worth 0 by default. Where steps cost, 0 is too high: a learner leaves the mapped
-part to try the unmapped one. A constant that fits the mapped values beside it does not lead away
-from them. It minimises a weighted square of the Bellman residuals (Schweitzer, Seidmann 1985; Baird
-1995) of states, not of pairs: the cost of one bad action does not say what a state is worth. No
-optimal value of the target is used.
+part to try the unmapped one. A constant that fits does not lead away from it. It minimises a
+weighted square of the Bellman residuals (Schweitzer, Seidmann 1985; Baird 1995) of states, not of
+pairs: the cost of one bad action does not say what a state is worth.
 """
 
 from dataclasses import dataclass
@@ -81,11 +80,6 @@ def score_mapping(
         Of the sample of pairs whose next states are compared, where there are more than 20,000.
     tasks : TaskPair, optional
         The mapping's tasks, where they have been solved already.
-
-    Raises
-    ------
-    TaskError
-        When a task has no tables.
 
     Examples
     --------
@@ -194,7 +188,6 @@ def total_variation(
 
 # -- the value of unmapped pairs -------------------------------------------------------------------
 
-
 EXPECTILE = 0.03
 """Expectile of the residuals that is 0; 0.5 is least squares. Values too low do less harm."""
 SWEEPS = 100  # greedy policies that are fitted to at most
@@ -237,11 +230,6 @@ def fitted_unmapped_value(
         Of the transfer.
     tasks : TaskPair, optional
         The mapping's tasks, where they have been solved already.
-
-    Raises
-    ------
-    TaskError
-        When a task has no tables.
 
     Examples
     --------

@@ -272,7 +272,6 @@ def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
 
 # -- the best mapping, or why none is used ---------------------------------------------------------
 
-
 REMEMBERED = 16  # searches whose result is kept while the program runs; one may take half a minute
 
 
