@@ -188,7 +188,6 @@ class SampledCertificate:
         Largest distance of sampled sums of F from those of a potential.
     findings : tuple of str
         Other findings, a sentence each.
-    holds : None
 
     Examples
     --------

@@ -492,12 +492,6 @@ class FamilyMember(Frozen):
     Made by calling a :class:`TaskFamily`. The task is built when it is first asked for. Printed are
     the parameters that differ from the function's defaults, and those that have none.
 
-    Attributes
-    ----------
-    family : TaskFamily
-    values : tuple
-        Of all parameters, in the order of the family's.
-
     Examples
     --------
     >>> from curricle.tasks import maze_family
@@ -507,7 +501,7 @@ class FamilyMember(Frozen):
     """
 
     family: TaskFamily
-    values: tuple[Any, ...]
+    values: tuple[Any, ...]  # of all parameters, in the order of the family's
 
     @property
     def parameters(self) -> dict[str, Any]:

@@ -111,7 +111,7 @@ def with_start(task: Any, start: Any) -> Any:
     task : Task
         Any task with tables.
     start
-        - ``"uniform"``: in any state that does not end the episode, as the task itself has it;
+        - ``"uniform"``: in any state that does not end the episode;
         - ``"reachable"``: in any of those that the task's own start can reach;
         - :class:`GoalDistance`: in a ring around the goal;
         - a whole number, or an array of them: in these states, equally likely;

@@ -47,8 +47,7 @@ class ComponentMapping(StateActionMapping):
     unmapped_value : float, optional
         As in :class:`StateActionMapping`.
     unequal : {"unmapped", "clip", "scale"}
-        What becomes of values without labels where the ranges of a component differ, as in
-        :class:`ComponentsByName`.
+        As in :class:`ComponentsByName`.
 
     Examples
     --------
