@@ -44,7 +44,7 @@ class Parameter:
     harder : {"larger", "smaller", "later"}, optional
         Which values make harder tasks, if any; "later" is the order of `values`.
     optional : bool
-        Whether None is a value too; it is the hardest.
+        Whether None is a value too, the hardest of ordered ones.
 
     Examples
     --------

@@ -228,7 +228,7 @@ def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
 
 
 class _Opened:
-    """The environments of one run; no generator, which StopIteration of one would end."""
+    """The environments of one run; no generator, in which their StopIteration is an error."""
 
     def __init__(self, task: LiveMDP, start: int):
         self.closings = ExitStack()

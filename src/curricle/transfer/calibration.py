@@ -120,8 +120,8 @@ def calibrate(
     CalibrationError
         When the episodes carry no information (phi was 0 in most of their steps, or they reached
         nothing, or `max_steps` ended the first), when no positive scale explains the returns, or
-        when it would raise values of phi well above those it was fitted to, as is common where
-        rewards have both signs. The last is not judged for observations.
+        when the scale would raise values of phi well above those it was fitted to, as is common
+        where rewards have both signs. The last is not judged for observations.
 
     Examples
     --------
