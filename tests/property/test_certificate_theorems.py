@@ -7,8 +7,8 @@ from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
+from curricle.certificate.certification import discounted_sums
 from curricle.certificate.diagnosis import fit
-from curricle.certificate.sampled import discounted_sums
 from curricle.certificate.shaped_task import Reachable
 from tests.certificates import difference
 from tests.enumeration import all_discounts, met_states, pairs_of, states_of

@@ -5,14 +5,16 @@ from typing import Literal
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray, frozen
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.certificate.diagnosis import (
+    RELATIVE_RESIDUAL,
     Origin,
+    different_by_action,
     nonzero_ends,
     origin,
     several_entries,
+    widest,
 )
-from curricle.certificate.sampled import sampled
 from curricle.certificate.shaped_task import (
     ComparedTask,
     Ends,
@@ -21,13 +23,16 @@ from curricle.certificate.shaped_task import (
     ShapedValues,
     ShapingReward,
     check_shaping,
+    shaping_rewards,
 )
 from curricle.certificate.verdict import Certificate, Counterexample, SampledCertificate
 from curricle.checks import number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping
+from curricle.planning.rollouts import RandomRollouts, random_rollouts
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.progress import Progress, check_progress, shown
+from curricle.tasks.live import is_live
 from curricle.tasks.mdp import (
     FiniteMDP,
     Task,
@@ -59,9 +64,8 @@ def certify(
 ) -> Certificate | SampledCertificate:
     """Return whether a shaping leaves the optimal actions of a task as they are.
 
-    Both problems are solved, and the actions optimal in one or the other compared in every
-    reachable state, allowing for the proven error of both solutions. The values that a policy acts
-    on under shaping are
+    Both problems are solved, and their optimal actions compared in every reachable state, allowing
+    for the proven error of both solutions. The values that a policy acts on under shaping are
 
     - :class:`StateShaping`: Q* for rewards r + F, F = gamma Phi(s') - Phi(s); by theory Q* - Phi
       (Ng, Harada, Russell 1999);
@@ -85,23 +89,17 @@ def certify(
         default. For :class:`StateShaping`.
     ends : {"zero", "given"}
         How an array, (S,) for :class:`StateShaping` and (S, A) for the rest, is read at the ends:
-        as 0, as :func:`learn` reads it, or as given. "given" assumes another tool that adds gamma
-        Phi(end) to the reward, or bootstraps from the values of an end.
+        as 0, as :func:`learn` does, or as given, as a tool does that adds gamma Phi(end).
     tolerance : float
         A loss that does not matter, in return units: actions may fall short of the best by no more.
     method : {"auto", "exact", "sampled"}
         Every state, or steps of the uniform policy, which prove nothing. "auto" compares states
-        where tables of up to 20 million outcomes (states x actions x outcomes of a pair) can be
-        solved. Only look-back advice, a bonus and a reward are sampled: of the other shapings,
-        where states are not compared, the theorem alone decides.
+        where tables of up to 20 million outcomes can be solved. Only look-back advice, a bonus and
+        a reward are sampled: of other shapings then the theorem alone decides.
     steps, seed : int
         Of the sample: about so many steps.
     progress : bool or callable, optional
         True shows a bar that moves until the answer is there; a function is called with the answer.
-
-    Returns
-    -------
-    Certificate or SampledCertificate
 
     Raises
     ------
@@ -111,8 +109,7 @@ def certify(
     SettingError
         If a shaping does not take such a potential, or the potential is another task's.
     TaskError
-        If ``method="exact"`` is given for a task without tables, or the task has no numbered
-        states.
+        If the task has no numbered states, or for ``method="exact"`` no tables.
 
     Notes
     -----
@@ -122,11 +119,9 @@ def certify(
     actions that can be optimal in one problem fall short by more in the other. Between the two it
     is undecided, unless a theorem proves the shaping safe: F comes from a potential that is 0 at
     the ends, with the task's discount; or advice has a last weight of 0 or one value for all
-    actions. It is undecided also then if a known difference of two actions above the tolerance
-    vanishes, in double precision, beside what the potential adds to it in all steps of an episode.
-    A bonus or reward is taken as its numbers are, which rounding keeps from being F of a potential
-    exactly: actions too close to be told apart must therefore be proven equally good, by leading
-    alike, or it is undecided. Where states are not compared, a finding says so.
+    actions. It is undecided also where a difference of two actions vanishes, in double precision,
+    beside what the potential adds to it; and under a bonus or reward, which rounding keeps from
+    being F of a potential exactly, where actions too close to be told apart do not lead alike.
 
     Examples
     --------
@@ -252,29 +247,15 @@ class ActionComparison:
         return np.asarray(~same & (self.lost == 0) & (self.given_up == 0))
 
 
-def compare_actions(
-    met: Reachable, unshaped: Solution, shaped: ShapedValues, tolerance: float
-) -> ActionComparison:
-    """Return the comparison of Q* with the values under shaping in the reachable states."""
-    q = unshaped.action_values[met.states]
-    short = q.max(axis=1, keepdims=True) - q
-    shaped_short = shaped.values.max(axis=1, keepdims=True) - shaped.values
-    error, shaped_error = 2 * unshaped.error_bound, 2 * shaped.bound
-    optimal, chosen = short <= error, shaped_short <= shaped_error
-    return ActionComparison(optimal, chosen, short, shaped_short, error, shaped_error, tolerance)
-
-
 def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
-    """Return whether all actions that may be optimal in a state, (N, A), are proven equally good.
-
-    States whose values are not known to differ are split until in each block these actions have the
-    same chances of the same rewards and blocks (bisimulation: Givan, Dean, Greig 2003).
-    """
+    """Return whether the actions that may be optimal, (N, A), are proven equal in each state."""
     mdp, block = met.mdp, np.empty(len(unshaped.values), np.int64)
     order = np.argsort(unshaped.values)
     apart = np.diff(unshaped.values[order]) > 2 * unshaped.error_bound
     block[order] = np.append(0, np.cumsum(apart))
     block[mdp.terminal] = -1
+    # Blocks are split until in each these actions have the same chances of the same rewards and
+    # blocks (bisimulation: Givan, Dean, Greig 2003).
     kinds, paid = np.unique(mdp.reward + 1j * mdp.probability, return_inverse=True)
     blocks = 0
     for _ in range(MOST_REFINEMENTS):
@@ -292,11 +273,7 @@ def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool
 
 
 def total_loss(unshaped: Solution, met: Reachable, chosen: BoolArray) -> float:
-    """Return the largest possible loss of a policy of `chosen` actions, (N, A).
-
-    max_s V*(s) - V_worst(s), where V_worst is the lowest value that such a policy has, and the
-    errors of both.
-    """
+    """Return max_s V*(s) - V_worst(s) of policies of `chosen` actions, (N, A), and both errors."""
     mdp = met.mdp
     row = mdp.outcome_row.copy()
     rows = row[met.states]
@@ -361,8 +338,13 @@ def too_close(
 def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
     met, shaping = shaped.met, shaped.shaping
     findings, name = _findings(shaped), shaping.name
-    if shaping.one_way_in and (several := _several_entries(shaped)) is not None:
-        return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
+    if shaping.one_way_in:
+        on = ~met.mdp.terminal[met.target]
+        ways = met.source[on], met.action[on], met.target[on]
+        starts = np.flatnonzero(met.mdp.start > 0)
+        _, several = several_entries(shaped.task, ways, shaped.phi[ways[:2]], starts)
+        if several is not None:
+            return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
     unshaped, behind = shaped.unshaped, None
     if shaping.any_reward:
         f = met.reward(shaped.reward())
@@ -373,7 +355,12 @@ def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
         findings += behind.sentences
     else:
         values = shaping.acted_on(shaped)
-    compared = compare_actions(met, unshaped, values, tolerance)
+    q = unshaped.action_values[met.states]
+    short = q.max(axis=1, keepdims=True) - q
+    shaped_short = values.values.max(axis=1, keepdims=True) - values.values
+    error, shaped_error = 2 * unshaped.error_bound, 2 * values.bound
+    close = short <= error, shaped_short <= shaped_error
+    compared = ActionComparison(*close, short, shaped_short, error, shaped_error, tolerance)
     # At discount 1 the sum of F need not vanish in an episode without an end.
     endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0
     from_potential = behind is None or behind.fitting is behind.plain
@@ -407,13 +394,7 @@ def _decided(
     theorem: str | None,
     behind: Origin | None,
 ) -> tuple[bool | None, tuple[str, ...]]:
-    """Return whether the optimal actions are the same, and where that is undecided.
-
-    A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that was
-    given is off by its residual besides, so that a difference of two actions changes by up to twice
-    that in every step of an episode. Up to there no known difference is certain; and where F was
-    given none that is too small to be known, unless it is proven to be 0.
-    """
+    """Return whether the optimal actions are the same, and where that is undecided."""
     if compared.lost.any() or compared.given_up.any():
         return False, ()
     by_values = theorem is None or behind is not None  # the very rewards, with their rounding
@@ -421,6 +402,8 @@ def _decided(
         return True, ()
     if theorem is None:
         return None, (too_close(met, unshaped, shaped, compared),)
+    # A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that was
+    # given is off by its residual, twice in a difference of two actions, in every step.
     off = 3 * EPSILON * shaped.largest + (0.0 if behind is None else behind.plain.worst)
     reach = 2 * off * _longest(met.mdp)
     vanishing = (compared.short > compared.error) & (compared.short <= reach + compared.error)
@@ -446,15 +429,6 @@ def _longest(mdp: FiniteMDP) -> float:
     return float(steps.values.max()) + steps.error_bound
 
 
-def _several_entries(shaped: ComparedTask) -> str | None:
-    """Return a sentence about a state whose ways in have several phi; None without one."""
-    met = shaped.met
-    on = ~met.mdp.terminal[met.target]
-    pairs = met.source[on], met.action[on], met.target[on]
-    phi = shaped.phi[pairs[:2]]
-    return several_entries(shaped.task, pairs, phi, np.flatnonzero(met.mdp.start > 0))[1]
-
-
 # -- without a comparison of states ----------------------------------------------------------------
 
 
@@ -464,7 +438,9 @@ def _without_comparison(
     """Return what a theorem proves, or what sampled steps show where none can decide."""
     shaping, findings = shaped.shaping, _findings(shaped)
     if shaping.one_way_in or shaping.any_reward:
-        return sampled(shaped, steps, seed, reason, findings)
+        check = _check_reward if shaping.any_reward else _check_entries
+        taken, residual, contradictions = check(shaped, steps, seed)
+        return SampledCertificate(shaping.name, taken, reason, contradictions, residual, findings)
     applies = shaping.meets_conditions(shaped)
     if shaping.changes_rewards:
         if shaped.is_array and generative_model(shaped.task).terminal is None:
@@ -489,3 +465,145 @@ def _without_comparison(
         total_loss=0.0,
         findings=findings,
     )
+
+
+# -- a reward of your own, or look-back advice: random rollouts can refute it, and prove nothing ---
+
+Checked = tuple[int, float, tuple[str, ...]]
+"""Steps taken, the largest distance of a sum of F from that of a potential, and sentences."""
+LONGEST = 200  # steps of a rollout at most
+BRANCHES, DEPTH = 40, 3  # rollouts from one state, and their steps, among which two paths may meet
+
+
+def _length(shaped: ShapedTask, steps: int) -> int:
+    """Return the length of rollouts that are to take at most `steps` each."""
+    return min(steps, LONGEST, generative_model(shaped.task).time_limit or LONGEST)
+
+
+def _check_entries(shaped: ShapedTask, steps: int, seed: int) -> Checked:
+    """Check that all transitions into a state have one phi."""
+    length = max(2, _length(shaped, steps))
+    rollouts = random_rollouts(
+        shaped.task, episodes=max(1, steps // length), length=length, seed=seed
+    )
+    taken = rollouts.taken & ~rollouts.ending
+    s, a, after = _transitions(rollouts, taken)
+    starts = np.unique(rollouts.states[:, 0])
+    phi = shaped.phi_of(s, a)
+    apart, sentence = several_entries(shaped.task, (s, a, after), phi, starts)
+    return int(rollouts.length.sum()), apart, () if sentence is None else (sentence,)
+
+
+def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
+    states = rollouts.states
+    return states[:, :-1][taken], rollouts.actions[taken], states[:, 1:][taken]
+
+
+def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
+    """Check that F may be that of a potential: along rollouts, and around states on them."""
+    task, rng = shaped.task, np.random.default_rng(seed)
+    live = is_live(task)
+    half = steps if live else max(1, steps // 2)
+    length = _length(shaped, half)
+    rollouts = random_rollouts(task, episodes=max(1, half // length), length=length, seed=seed)
+    f = _rewards(shaped, rollouts)
+    if live:
+        near, f_near = rollouts, f
+    else:
+        begun = np.unique(rollouts.states[:, :-1][rollouts.taken])
+        number = min(len(begun), max(1, half // (BRANCHES * DEPTH)))
+        starts = np.repeat(rng.choice(begun, number, replace=False), BRANCHES)
+        near = random_rollouts(
+            task, episodes=len(starts), length=DEPTH, seed=seed + 1, starts=starts
+        )
+        f_near = _rewards(shaped, near)
+    enough = RELATIVE_RESIDUAL * max(abs(f).max(), abs(f_near).max())
+    checks = _meeting(shaped, near, f_near, enough), _returning(shaped, rollouts, f)
+    return (
+        int(rollouts.length.sum() + (0 if live else near.length.sum())),
+        max(apart for apart, _ in checks),
+        tuple(sentence for apart, sentence in checks if apart > enough),
+    )
+
+
+def _rewards(shaped: ShapedTask, rollouts: RandomRollouts) -> FloatArray:
+    """Return F of each step, (E, L), 0 where none was taken."""
+    taken, f = rollouts.taken, np.zeros(rollouts.actions.shape)
+    f[taken] = shaping_rewards(shaped.task, shaped.reward(), *_transitions(rollouts, taken))
+    return f
+
+
+def _meeting(
+    shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray, enough: float
+) -> tuple[float, str]:
+    """Return how far sums of F over paths of equal length between two states differ, and where."""
+    worst, sentence = 0.0, ""
+    for n in range(1, DEPTH + 1):
+        among = np.flatnonzero(rollouts.length >= n)
+        if not among.size or worst > enough:
+            break
+        sums = f[among, :n] @ shaped.task_discount ** np.arange(n)
+        apart, *pair = widest(rollouts.states[among][:, [0, n]], sums)
+        if apart <= worst:
+            continue
+        worst = apart
+        here, there = rollouts.states[among[pair[0]], [0, n]].tolist()
+        if n == 1:
+            actions = rollouts.actions[among[pair], 0]
+            sentence = different_by_action(shaped.task, here, there, sums[pair], actions)
+            continue
+        space = shaped.task.states
+        sentence = (
+            f"not potential-based: two paths of {n} steps from {state_name(space, here)} to "
+            f"{state_name(space, there)} have discounted sums of F of {sums[pair[0]]:.4g} and "
+            f"{sums[pair[1]]:.4g}; with a potential they are equal"
+        )
+    return worst, sentence
+
+
+def discounted_sums(f: FloatArray, counted: BoolArray, discount: float) -> FloatArray:
+    """Return sum_i gamma^i F_(t+i) over the counted steps from each step on, (E, L)."""
+    sums, total = np.zeros(f.shape), np.zeros(len(f))
+    for t in reversed(range(f.shape[1])):
+        total = np.where(counted[:, t], f[:, t] + discount * total, 0.0)
+        sums[:, t] = total
+    return sums
+
+
+def _returning(shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray) -> tuple[float, str]:
+    """Return how far the Phi differ that loops through a state, or paths to an end, require."""
+    # F adds up to (gamma^n - 1) Phi(s) over a loop of n steps, to -Phi(s) over a path to an end.
+    gamma = shaped.task_discount
+    sums = np.pad(discounted_sums(f, rollouts.taken, gamma), ((0, 0), (0, 1)))
+    last = np.arange(rollouts.states.shape[1]) == rollouts.length[:, None]
+    truncated = last & ~rollouts.terminated[:, None]  # whose last states count too
+    rollout, time = np.nonzero(np.pad(rollouts.taken, ((0, 0), (0, 1))) | truncated)
+    state = rollouts.states[rollout, time]
+    order = np.lexsort((time, state, rollout))
+    rollout, time, state = rollout[order], time[order], state[order]
+    again = np.flatnonzero((rollout[1:] == rollout[:-1]) & (state[1:] == state[:-1]))
+    weight = gamma ** (time[again + 1] - time[again])
+    loops = sums[rollout[again], time[again]] - weight * sums[rollout[again + 1], time[again + 1]]
+    ended = rollouts.terminated[rollout]
+    total = np.concatenate([loops, sums[rollout[ended], time[ended]]])
+    factor = np.concatenate([weight - 1.0, np.full(ended.sum(), -1.0)])
+    where = np.concatenate([state[again], state[ended]])
+    if not where.size:
+        return 0.0, ""
+    # total = factor Phi(s). The path with the largest factor gives Phi; the others must agree.
+    order = np.lexsort((-abs(factor), where))
+    first = np.flatnonzero(np.diff(where[order], prepend=-1))
+    lead = np.repeat(order[first], np.diff(first, append=len(order)))
+    apart = abs(total[order] * factor[lead] - total[lead] * factor[order])
+    apart = np.where(factor[lead] == 0, abs(total[order]), apart)
+    worst = int(apart.argmax())
+    path, other = order[worst], lead[worst]
+    place = state_name(shaped.task.states, int(where[path]))
+    if factor[path] == 0:
+        reason = f"F adds up to {total[path]:.4g} over a loop through {place}, not to 0"
+    else:
+        reason = (
+            f"one path from {place} requires Phi = {total[path] / factor[path]:.4g}, another "
+            f"{total[other] / factor[other]:.4g}"
+        )
+    return float(apart[worst]), f"not potential-based: {reason}"

@@ -1,9 +1,8 @@
 """The potential behind a shaping reward, or why there is none, in sentences.
 
 If F(s, a, s') = gamma Phi(s') - Phi(s) and Phi is 0 at the ends, then the discounted sum of F is
--Phi(s) along *every* path from s: Phi is the value of any policy for rewards -F. One path from each
-state thus gives the only possible Phi, and all other transitions tell whether it fits (Ng, Harada,
-Russell 1999).
+-Phi(s) along *every* path from s. One path from each state thus gives the only possible Phi, and
+all other transitions tell whether it fits (Ng, Harada, Russell 1999).
 """
 
 from dataclasses import dataclass
@@ -40,10 +39,7 @@ def negligible(f: FloatArray) -> float:
 
 
 def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
-    """Return the Phi that F must have if it is ``discount`` Phi(s') - Phi(s), and the residual.
-
-    `f` is (E,). Phi at the ends is 0, or follows from the transitions into them.
-    """
+    """Return the only Phi that F, (E,), can come from, and the residual; Phi of ends 0, or free."""
     steps = _order(met, ends_are_zero, discount < 1)
     source, target = met.source, met.target
     # Forward at a small discount numbers may overflow. Then nothing fits.
@@ -67,18 +63,14 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
 
 # -- from F to Phi ---------------------------------------------------------------------------------
 
-
+# Phi is 0; follows from that of s', or from that of s; is the discounted sum along transitions that
+# follow each other for ever; or is an unknown number, on which later states may depend.
 ZERO, BACKWARD, FORWARD, CYCLE, FREE = range(5)
 NO_TRANSITIONS = np.zeros(0, np.int64)
 
 
 class Step(NamedTuple):
-    """Some states whose Phi follows at once.
-
-    ZERO: it is 0. FREE: it is an unknown number, on which later states may depend. The other kinds
-    use one transition for each state. BACKWARD: Phi of s from that of s'. FORWARD: Phi of s' from
-    that of s. CYCLE: the discounted sum along transitions that follow each other for ever.
-    """
+    """Some states whose Phi follows at once, by one transition for each but ZERO and FREE."""
 
     kind: int
     states: npt.NDArray[np.integer[Any]]
@@ -86,12 +78,7 @@ class Step(NamedTuple):
 
 
 def _order(met: Reachable, ends_are_zero: bool, discounted: bool) -> list[Step]:
-    """Return steps that give Phi of all reachable states.
-
-    Errors shrink backward along transitions and grow forward, so that forward is the last resort.
-    Each group of states that no transition joins to known ones has one free number; the other
-    transitions among them determine it.
-    """
+    """Return steps that give Phi of all reachable states."""
     terminal, known, steps = met.mdp.terminal, ~met.met, list[Step]()
 
     def add(kind: int, states: Any, transitions: IntArray = NO_TRANSITIONS) -> None:
@@ -115,6 +102,7 @@ def _order(met: Reachable, ends_are_zero: bool, discounted: bool) -> list[Step]:
         if cycle.size:
             add(CYCLE, met.source[cycle], cycle)
         add_backward()
+    # Errors grow forward, so that this comes last. Groups that nothing joins have a free number.
     while not known.all():
         ahead = np.flatnonzero(known[met.source] & ~known[met.target])
         if ahead.size:
@@ -163,7 +151,6 @@ def _potential(
 
 # -- sentences -------------------------------------------------------------------------------------
 
-
 AnyInts = npt.NDArray[np.integer[Any]]
 NAMED = 3  # ends that are named; the others are counted
 
@@ -178,20 +165,31 @@ class Origin:
 
 
 def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
-    """Return the potential behind F, (E,), or a sentence on why there is none.
-
-    `task` gives states and actions their names.
-    """
+    """Return the potential behind F, (E,), or a sentence on why there is none."""
     discount, enough = met.mdp.discount, negligible(f)
     plain = fit(met, f, discount)
     if plain.worst <= enough:
         form = f"F = {discount:g} Phi(s') - Phi(s)"
         sentence = f"{form} with Phi = 0 at the ends, to {plain.worst:.1g}"
         return Origin(plain, plain, (sentence,))
-    by_action = _depends_on_action(task, met, f)
-    open_ended = None if by_action else fit(met, f, discount, ends_are_zero=False)
-    if open_ended is None or open_ended.worst > enough:
-        return Origin(plain, None, (by_action or _unequal_paths(task, met, f, plain),))
+    move = met.source.astype(np.int64) * len(met.met) + met.target
+    apart, *pair = widest(move[:, None], f)
+    if apart > enough:
+        here, there = int(met.source[pair[0]]), int(met.target[pair[0]])
+        by_action = different_by_action(task, here, there, f[pair], met.action[pair])
+        return Origin(plain, None, (by_action,))
+    open_ended = fit(met, f, discount, ends_are_zero=False)
+    if open_ended.worst > enough:
+        worst = int(abs(plain.residual).argmax())
+        here, there = int(met.source[worst]), int(met.target[worst])
+        by_there = f[worst] - discount * plain.potential[there]
+        sentence = (
+            f"not potential-based: from {state_name(task.states, here)} on, the discounted sum of "
+            f"F is {by_there + 0.0:.4g} by way of {state_name(task.states, there)} and "
+            f"{0.0 - plain.potential[here]:.4g} on another path; with a potential it is -Phi on "
+            "every path"
+        )
+        return Origin(plain, None, (sentence,))
     ends = met.ends[abs(open_ended.potential[met.ends]) > enough]
     return Origin(plain, open_ended, (nonzero_ends(task, ends, open_ended.potential[ends]),))
 
@@ -207,16 +205,6 @@ def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray, rule: str = ", must
     return "; ".join(parts)
 
 
-def _depends_on_action(task: Any, met: Reachable, f: FloatArray) -> str | None:
-    """Return the sentence about a move for which F depends on the action; None without one."""
-    move = met.source.astype(np.int64) * len(met.met) + met.target
-    apart, *pair = widest(move[:, None], f)
-    if apart <= negligible(f):
-        return None
-    here, there = int(met.source[pair[0]]), int(met.target[pair[0]])
-    return different_by_action(task, here, there, f[pair], met.action[pair])
-
-
 def different_by_action(task: Any, here: int, there: int, f: FloatArray, actions: AnyInts) -> str:
     """Return the sentence about a move with two F, (2,), by two actions, (2,)."""
     names = (action_name(task.actions, int(action)) for action in actions)
@@ -227,27 +215,10 @@ def different_by_action(task: Any, here: int, there: int, f: FloatArray, actions
     )
 
 
-def _unequal_paths(task: Any, met: Reachable, f: FloatArray, plain: Fit) -> str:
-    """Return the sentence about a state from which F has different sums on two paths."""
-    worst = int(abs(plain.residual).argmax())
-    here, there = int(met.source[worst]), int(met.target[worst])
-    by_there = f[worst] - plain.discount * plain.potential[there]
-    return (
-        f"not potential-based: from {state_name(task.states, here)} on, the discounted sum of F is "
-        f"{by_there + 0.0:.4g} by way of {state_name(task.states, there)} and "
-        f"{0.0 - plain.potential[here]:.4g} on another path; with a potential it is -Phi on every "
-        "path"
-    )
-
-
 def several_entries(
     task: Any, pairs: tuple[AnyInts, AnyInts, AnyInts], phi: FloatArray, starts: IntArray
 ) -> tuple[float, str | None]:
-    """Return how far phi of the ways into a state differs at most, and a sentence if it does.
-
-    Ways are transitions s, a, s', (n,) each, with phi(s, a), (n,), and the start of an episode in
-    one of `starts`, with 0.
-    """
+    """Return how far phi, (n,), of ways into one state differs, and a sentence if it does."""
     source, action, target = pairs
     entered = np.append(target, starts)
     phi = np.append(phi, np.zeros(len(starts)))

@@ -1,7 +1,4 @@
-"""A shaping in its task, and the values that a policy acts on under it, with proven bounds.
-
-All of it uses the tables of a :class:`FiniteMDP` and the error bounds of :func:`solve`.
-"""
+"""A shaping in its task, and the values that a policy acts on under it, with proven bounds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -294,13 +291,9 @@ class ComparedTask(ShapedTask):
         return ShapedValues(q, ROUNDED * solution.error_bound, _largest(q - expected), largest)
 
     def looking_ahead(self, phi: FloatArray) -> ShapedValues:
-        """Return Q + phi under look-ahead advice, or after starting at phi; by theory Q*.
-
-        The operator Q <- E[r + gamma phi(s', a*) - phi(s, a) + gamma Q(s', a*)], a* = argmax Q +
-        phi, is a contraction of Q + phi. Its one fixed point is Q* of a task whose ends pay
-        gamma max_a phi(end, a). That task is solved, and the operator then applied once as written,
-        so that the bound holds for its own result.
-        """
+        """Return Q + phi under look-ahead advice, or after starting at phi; by theory Q*."""
+        # The sweep is a contraction of Q + phi. Its fixed point is Q* of a task whose ends pay
+        # gamma max_a phi(end, a). The sweep follows, so that the bound holds for its own result.
         met, mdp, solution = self.met, self.met.mdp, self.unshaped
         if phi[met.ends].any():
             ending = np.where(mdp.terminal, mdp.discount * phi.max(axis=1), 0.0)
@@ -322,9 +315,8 @@ class ComparedTask(ShapedTask):
 
 
 def look_ahead_sweep(mdp: FiniteMDP, phi: FloatArray, q: FloatArray) -> FloatArray:
-    """Return one sweep of Q-learning's expected update under look-ahead advice, (S, A).
+    """Return E[r + gamma phi(s', a*) - phi(s, a) + gamma Q(s', a*)], (S, A), a* = argmax Q + phi.
 
-    E[r + gamma phi(s', a*) - phi(s, a) + gamma Q(s', a*)] with a* = argmax_b Q(s', b) + phi(s', b);
     Q of an end is 0, phi of an end is as given (Wiewiora, Cottrell, Elkan 2003).
     """
     q = np.where(mdp.terminal[:, None], 0.0, q)

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from markupsafe import Markup
-
 from curricle.arrays import FloatArray, Frozen
 from curricle.display import block, printed, table
 from curricle.text import brief_repr, counted
@@ -29,8 +27,7 @@ class Counterexample:
     actions : (str, str)
         Their names.
     lost : float
-        Value in the task that the shaped task's action loses; 0 if both are optimal there and
-        only the second is in the shaped task.
+        Value in the task that the shaped task's action loses; 0 if both are optimal there.
     values, shaped_values : (float, float)
         Values of both in the task, and those that a policy acts on in the shaped task.
     """
@@ -77,8 +74,7 @@ class Certificate(Frozen):
     ----------
     holds : bool or None
         True: the optimal actions are proven to be the same in every reachable state. False: a
-        counterexample is proven. None: neither, as two values lie closer to each other than they
-        are known, or as states could not be compared.
+        counterexample is proven. None: neither.
     shaping : str
         Name of its class.
     states : int
@@ -88,8 +84,8 @@ class Certificate(Frozen):
     tolerance : float
         The loss that is allowed for, in return units; 0 if none is.
     loss : float
-        The largest possible loss of one action that may be optimal in the shaped task. It contains
-        the errors of all values; NaN if states were not compared, like the next three.
+        The largest possible loss of one action that may be optimal in the shaped task, errors of
+        values included; NaN if states were not compared, like the next three.
     total_loss : float
         The largest possible loss of a policy that may be optimal in the shaped task.
     error_bound : float
@@ -136,17 +132,29 @@ class Certificate(Frozen):
 
     def _repr_html_(self) -> str:
         answer = {True: "Safe", False: "Not the same", None: "Not decided"}[self.holds]
+        worst = self.counterexample
         return block(
             f"Certificate of {self.shaping}: {answer}",
             self._verdict(),
-            self.counterexample is not None and _values_table(self.counterexample),
+            worst is not None
+            and table(
+                [worst.place, "value in the task", "value under shaping"],
+                zip(worst.actions, worst.values, worst.shaped_values, strict=True),
+            ),
             *self.findings,
             self._limits(),
         )
 
     def _verdict(self) -> str:
         if self.holds:
-            return self._safe()
+            where = f"in all {self.states:,} reachable states " if self.states else ""
+            if self.tolerance > 0 and self.theorem is None:
+                return (
+                    f"Safe within {self.tolerance:g}: {where}no action that is optimal in the task "
+                    "or in the shaped task falls short in the other by more"
+                )
+            safe = f"Safe: {where}the optimal actions of the shaped task are those of the task"
+            return safe if self.theorem is None else f"{safe}, by theory ({self.theorem})"
         if self.holds is False:
             loss = f"a policy optimal in the shaped task can lose {self.total_loss:.4g} in all"
             if self.counterexample is not None and self.counterexample.lost > 0:
@@ -155,16 +163,6 @@ class Certificate(Frozen):
         if self.states:
             return f"Undecided within {2 * self.error_bound:.0e}"
         return "Not proven"
-
-    def _safe(self) -> str:
-        where = f"in all {self.states:,} reachable states " if self.states else ""
-        if self.tolerance > 0 and self.theorem is None:
-            return (
-                f"Safe within {self.tolerance:g}: {where}no action that is optimal in the task or "
-                "in the shaped task falls short in the other by more"
-            )
-        safe = f"Safe: {where}the optimal actions of the shaped task are those of the task"
-        return safe if self.theorem is None else f"{safe}, by theory ({self.theorem})"
 
     def _limits(self) -> str:
         loss = "unknown" if self.loss != self.loss else f"{self.loss:.2g}"
@@ -190,7 +188,6 @@ class SampledCertificate:
         Largest distance of sampled sums of F from those of a potential.
     findings : tuple of str
         Other findings, a sentence each.
-    holds : None
 
     Examples
     --------
@@ -227,9 +224,3 @@ class SampledCertificate:
 
 def _as_text(sentences: Sequence[str]) -> str:
     return ". ".join(sentence[0].upper() + sentence[1:] for sentence in sentences) + "."
-
-
-def _values_table(worst: Counterexample) -> Markup:
-    """Return what both actions are worth in the state that refutes a certificate."""
-    rows = zip(worst.actions, worst.values, worst.shaped_values, strict=True)
-    return table([worst.place, "value in the task", "value under shaping"], rows)

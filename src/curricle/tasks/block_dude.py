@@ -14,9 +14,8 @@ game for graphing calculators. The world is seen from the side.
 Everything else leaves the state as it is. The episode ends at the exit. BURLAP's reward is -1 a
 step.
 
-Below the map is solid ground, above it open sky. Columns beside the map cannot be entered; BURLAP
-fails there for all actions but moves. The blocks are alike, so that states which differ only in
-which block is where are one state (BURLAP's hashing independent of object identifiers), and only
+Below the map is solid ground, above it open sky. Columns beside the map cannot be entered. The
+blocks are alike, so that states which differ only in which block is where are one state, and only
 states that can be reached are in the table.
 """
 
@@ -46,10 +45,8 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
 
 CHARACTERS = "<>EB#."
-FACING = {"<": -1, ">": 1}
-"""How the agent is drawn -> the columns that a step goes."""
-LARGEST_SPACE = 1_000_000
-"""States at most; they are found one by one."""
+FACING = {"<": -1, ">": 1}  # how the agent is drawn -> the columns that a step goes
+LARGEST_SPACE = 1_000_000  # states at most; they are found one by one
 LEVELS = (
     """
     .........................
@@ -110,11 +107,6 @@ class BlockDude(DomainWithStart):
     discount, time_limit
         As in :class:`FiniteMDP`.
 
-    Raises
-    ------
-    TaskError
-        When the map, a reward or the start makes no sense; later, when there are too many states.
-
     Examples
     --------
     >>> task = BlockDude(level=1)
@@ -167,40 +159,25 @@ class BlockDude(DomainWithStart):
         """Return the part in the half-open range `columns`, in this map's coordinates.
 
         `agent` is the column in which the agent begins, on top of what is drawn there; by default
-        it begins where it is.
-
-        Raises
-        ------
-        TaskError
-            When the part exceeds the map or does not have the exit and the agent.
-
-        Examples
-        --------
-        >>> BlockDude(1).crop(columns=(0, 12), agent=10).level[2:]
-        ('...#.......#', 'E..#...#.B>#')
+        it begins where it is. The part must have the exit and the agent.
         """
         rows = (self.origin[0], self.origin[0] + len(self.level))
         part = cut(self.level, self.origin, rows, columns)
         if agent is not None:
-            part = self._with_agent(part, agent - columns[0])
+            column, letter = agent - columns[0], "<" if self._first.facing < 0 else ">"
+            part = [line.replace(letter, ".") for line in part]
+            if not 0 <= column < len(part[0]):
+                raise TaskError(
+                    f"the agent's column must lie in a crop of {len(part[0])} columns: got number "
+                    f"{column}"
+                )
+            drawn = [line[column] for line in part]
+            free = next((row for row, cell in enumerate(drawn) if cell != "."), len(drawn)) - 1
+            if free < 0 or "E" in drawn[free + 1 : free + 2]:
+                raise TaskError("the agent needs a free cell above what is drawn in its column")
+            line = part[free]
+            part[free] = f"{line[:column]}{letter}{line[column + 1 :]}"
         return replace(self, level=part, start=start, origin=(self.origin[0], columns[0]))
-
-    def _with_agent(self, part: list[str], column: int) -> list[str]:
-        """Return a part of the map with the agent on top of a column."""
-        letter = "<" if self._first.facing < 0 else ">"
-        lines = [line.replace(letter, ".") for line in part]
-        if not 0 <= column < len(lines[0]):
-            raise TaskError(
-                f"the agent's column must lie in a crop of {len(lines[0])} columns: got number "
-                f"{column}"
-            )
-        drawn = [line[column] for line in lines]
-        free = next((row for row, cell in enumerate(drawn) if cell != "."), len(drawn)) - 1
-        if free < 0 or "E" in drawn[free + 1 : free + 2]:
-            raise TaskError("the agent needs a free cell above what is drawn in its column")
-        line = lines[free]
-        lines[free] = f"{line[:column]}{letter}{line[column + 1 :]}"
-        return lines
 
     def _row(self, height: Any) -> Any:
         return self.origin[0] + len(self.level) - height
@@ -299,10 +276,7 @@ class BlockDude(DomainWithStart):
 
     @cached_property
     def states(self) -> Space:
-        """The agent's cell, where it faces, whether it carries a block, and each block's cell.
-
-        Blocks are in the order of their columns and from below, a carried one is the first.
-        """
+        """The agent's cell, where it faces, whether it carries a block, and each block's cell."""
         states, cells = self._reached[0], self._cells
         (rows, columns), blocks = cells[:, 0].T, cells[:, 1:]
         facing = np.array([state.facing > 0 for state in states])
@@ -360,8 +334,7 @@ class BlockDude(DomainWithStart):
 
 # -- the family: levels and their parts around the exit --------------------------------------------
 
-WIDTH = 25
-"""Columns of the levels."""
+WIDTH = 25  # columns of the levels
 PARTS: dict[int, tuple[int, ...]] = {
     1: (10, 11, 12, *range(15, WIDTH)),
     2: tuple(range(17, WIDTH)),
@@ -375,16 +348,12 @@ def part_of_level(
     columns: Annotated[int | None, Rule(2, WIDTH - 1, "larger")] = None,
     **rules: Any,
 ) -> BlockDude:
-    """Return one of BURLAP's levels, or the part that has these columns from the exit on.
-
-    Where the agent's column is not among them, it begins in the last one, on top of what is there.
-    """
+    """Return one of BURLAP's levels, or so many of its columns from the exit on."""
     whole = BlockDude(level, **rules)
     if columns is None:
         return whole
     (agent,) = (line.find(letter) for line in whole.level for letter in "<>" if letter in line)
-    inside = agent < columns
-    begins = None if inside else columns - 1
+    begins = None if agent < columns else columns - 1
     return whole.crop(columns=(0, columns), agent=begins, start=whole.start)
 
 

@@ -1,9 +1,8 @@
 """CliffWalking: along the edge of a cliff to the goal (Sutton & Barto 2018, example 6.6).
 
 Gymnasium's ``CliffWalking-v1``, of any size: the start is at the bottom left, the goal at the
-bottom right, and between them lies the cliff. A step into the cliff costs 100 and leads back to the
-start; the episode goes on. On slippery ground a move goes where it was meant to with probability
-1/3, and to either side with probability 1/3 each.
+bottom right, and between them lies the cliff. A step into the cliff leads back to the start; the
+episode goes on.
 """
 
 from dataclasses import dataclass
@@ -26,8 +25,7 @@ from curricle.tasks.domain import (
 from curricle.tasks.family import ComponentsByName, Rule
 from curricle.tasks.mdp import FiniteMDP
 
-ROWS, COLUMNS = 4, 12
-"""Of Gymnasium's cliff."""
+ROWS, COLUMNS = 4, 12  # of Gymnasium's cliff
 LARGEST_SIDE = 1000
 
 
@@ -44,15 +42,9 @@ class CliffWalking(CellDomain):
     step_reward, cliff_reward : float
         Of a step, and of a step into the cliff.
     start : "map", "uniform" or cells
-        At the bottom left, in any cell but the cliff and the goal, or in one of the given
-        ``(row, column)`` cells; all are equally likely.
+        At the bottom left, in any cell but the cliff and the goal, or in one of these cells.
     discount, time_limit
         As in :class:`FiniteMDP`; Gymnasium's has no time limit.
-
-    Raises
-    ------
-    TaskError
-        When a size or a number is out of range, or a start is no place to stand.
 
     Examples
     --------
@@ -80,10 +72,6 @@ class CliffWalking(CellDomain):
     def origin(self) -> Cell:
         """Row and column of the top-left cell."""
         return ROWS - self.rows, COLUMNS - self.columns
-
-    @property
-    def _corner(self) -> Cell:
-        return self.origin
 
     @cached_property
     def _grid(self) -> npt.NDArray[np.str_]:

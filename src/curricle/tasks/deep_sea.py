@@ -3,17 +3,12 @@
 Osband et al. 2020, "Behaviour suite for reinforcement learning" (bsuite, ``deep_sea.py``; first in
 Osband et al. 2019, "Deep exploration via randomized value functions"). The sea is N rows deep and N
 columns wide. A dive starts at the top left and goes down one row a step, one column to the left or
-to the right, but not past the sides; it ends on the ground after N steps. Moving right costs
-move_cost / N. Moving right in the last column pays the treasure: only diving right N times gets
-there.
+to the right, but not past the sides; it ends on the ground after N steps. Only diving right N times
+pays the treasure. A move that slips costs and pays as if it had not.
 
-In the stochastic version moving right fails with probability 1/N, and the cost and the treasure are
-as if it had not; rewards in the first and last column of the last row have noise added, N(0, 1) in
-bsuite. Here ``slip`` is that probability, and ``noise`` is added or subtracted with probability 1/2
-each, which has the same mean and variance as N(0, noise^2) and keeps tables finite and exact.
-
-bsuite draws for each cell which of the actions 0 and 1 is right. That is ``mapping_seed``; without
-it, as with ``randomize_actions=False`` there, 1 is right everywhere and the moves have names.
+bsuite's noise is N(0, 1). Here ``noise`` is added or subtracted with probability 1/2 each, which
+has the same mean and variance and keeps tables finite and exact. Without ``mapping_seed``, as with
+``randomize_actions=False`` there, 1 is right everywhere and the moves have names.
 """
 
 from dataclasses import dataclass, replace
@@ -31,8 +26,7 @@ from curricle.tasks.family import FamilyMember, Parameter, Rule
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Decoded, Space
 
-LARGEST_SIZE = 1000
-"""Rows of a sea at most: half a million states."""
+LARGEST_SIZE = 1000  # rows of a sea at most: half a million states
 LARGEST_SEED = 2**32 - 1
 
 
@@ -51,22 +45,15 @@ class DeepSea(GridDomain):
     slip : float
         Probability that a move to the right goes straight down; 1/N in bsuite's stochastic version.
     noise : float
-        Added to rewards in the first and last column of the last row, or subtracted, with
-        probability 1/2 each; 1 in bsuite's stochastic version.
+        Added to or taken from rewards in the last row's first and last column; 1 in that version.
     mapping_seed : int, optional
         Of bsuite's random choice, cell by cell, of which action is right.
     start : "surface", "uniform" or cells
-        At the top left, in any cell of the sea that a dive can reach, or in one of the given
-        ``(row, column)`` cells; all are equally likely.
+        At the top left, in any cell that a dive can reach, or in one of these ``(row, column)``.
     origin : int
         The top row and the leftmost column. The bottom of a sea keeps the coordinates of the whole.
     discount, time_limit
         As in :class:`FiniteMDP`.
-
-    Raises
-    ------
-    TaskError
-        When a size, a probability, a reward or a start is invalid.
 
     Examples
     --------
@@ -95,13 +82,7 @@ class DeepSea(GridDomain):
     LISTED = True
 
     def bottom(self, rows: int, *, start: Any = "uniform") -> Self:
-        """Return the lowest rows of the sea, with as many of the last columns; moves cost as there.
-
-        Examples
-        --------
-        >>> DeepSea(size=10).bottom(3).states.label(0)
-        'row=7 column=7'
-        """
+        """Return the lowest rows, with as many of the last columns; moves cost as in the whole."""
         least = whole_number("the rows of a part of a sea", rows, 1, TaskError)
         number("the rows of a part of a sea", least, TaskError, 1, self.size)
         cut = self.size - least
@@ -185,11 +166,7 @@ class DeepSea(GridDomain):
 
 
 def _from_the_ground(target: FamilyMember, source: FamilyMember) -> Any:
-    """Return how a sea reads another: cells counted from the ground, right moves as right ones.
-
-    Columns are counted from the right, where the treasure is. What lies farther off than the source
-    has is unmapped.
-    """
+    """Return how a sea reads another: counted from the ground and the right, right as right."""
     down = target["size"] - source["size"]
     whole, other = target.task, source.task
 

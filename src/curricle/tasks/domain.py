@@ -1,9 +1,8 @@
 """What the domains that come with the library share: a domain is one declaration.
 
-A domain is a frozen dataclass. The annotations of its fields (:class:`Rule`) say which values they
-take and which of these are harder; :class:`Domain` checks a task by them, and :func:`family_of`
-makes the parameters of its family of them. A :class:`GridDomain` adds the cells that it draws, a
-:class:`MapDomain` the text map that draws them.
+The annotations of its fields (:class:`Rule`) say which values they take and which of these are
+harder; :class:`Domain` checks a task by them, and :func:`family_of` makes the parameters of its
+family of them.
 """
 
 import re
@@ -27,12 +26,10 @@ from curricle.text import counted
 
 Discount = Annotated[float, Rule(0, 1)]
 TimeLimit = Annotated[int | None, Rule(1)]
-MapStart = Annotated[Any, Rule(values=("map", "uniform"))]
-"""A word, or cells as (row, column)."""
+MapStart = Annotated[Any, Rule(values=("map", "uniform"))]  # a word, or cells as (row, column)
 MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 """Name -> rows and columns that a move goes."""
-Cell = tuple[int, int]
-"""Row and column."""
+Cell = tuple[int, int]  # row and column
 
 
 class Domain(Frozen):
@@ -71,8 +68,7 @@ class Domain(Frozen):
     ) -> FiniteMDP:
         """Return the tables; episodes start in the states `starting`, equally likely.
 
-        Outcomes are (Y, O) as in :class:`FiniteMDP`. Without `outcome_row` every pair has a row
-        to itself, and they are (S, A, O) or broadcast to it.
+        Without `outcome_row` every pair has a row of its own: outcomes are (S, A, O), not (Y, O).
         """
         start = np.zeros(len(terminal))
         start[starting] = 1 / len(starting)
@@ -109,11 +105,7 @@ def family_of(
     mapping: Any = None,
     constraint: Callable[[dict[str, Any]], str | None] | None = None,
 ) -> TaskFamily:
-    """Return the family of a domain, named after it.
-
-    Its parameters are those of the `factory`, by default the domain itself, and the domain's other
-    fields, which a factory takes as keywords. What is `declared` overrides annotations.
-    """
+    """Return the family of a domain, named after it; what is `declared` overrides annotations."""
     name = re.sub(r"(?<=.)(?=[A-Z])", "_", domain.__name__).lower()
     if factory is not None:
         taken = {parameter.name for parameter in complete_parameters((), factory, name)}
@@ -128,14 +120,7 @@ class DomainWithStart(Domain):
     start: Any
 
     def with_start(self, start: Any) -> Self:
-        """Return the same task with another start, which is what the class takes as `start`.
-
-        Examples
-        --------
-        >>> from curricle import GridWorld
-        >>> GridWorld("S.T").with_start("uniform").mdp.start
-        array([0.5, 0.5, 0. ])
-        """
+        """Return the same task with another `start`."""
         task: Any = self
         moved: Self = replace(task, start=start)
         return moved
@@ -145,22 +130,31 @@ class DomainWithStart(Domain):
 
 
 class GridDomain(DomainWithStart):
-    """A domain whose agent is in a cell of a grid; by default its states are the cells.
+    """A domain whose agent is in a cell of the `_grid`, in which ``#`` is a wall."""
 
-    `_grid` draws what lies in each cell: ``#`` is a wall. Episodes start in an ``S`` (`start` is
-    ``"map"``), in any cell that ends none (``"uniform"``), in the first such (another word), or in
-    the cells that are listed.
-    """
-
-    OBJECTS: ClassVar[Mapping[str, str]] = {}
-    """Character -> what it is in pictures."""
-    ENDS: ClassVar[str] = ""
-    """Characters of the cells that end an episode when they are entered."""
+    OBJECTS: ClassVar[Mapping[str, str]] = {}  # character -> what it is in pictures
+    ENDS: ClassVar[str] = ""  # characters of the cells that end an episode when they are entered
     LISTED: ClassVar[bool] = False
     """Whether the space of cells lists them even where none is a wall."""
 
     def _check(self) -> None:
-        self._read_start()
+        """Check the start, which is a word of its annotation or cells, and sort its cells."""
+        valid = rules_of(type(self))["start"][1].values or ()
+        known = ", ".join(map(repr, valid))
+        if isinstance(self.start, str):
+            if self.start not in valid:
+                raise TaskError(f"start must be {known} or cells: got {self.start!r}")
+        else:
+            try:
+                cells = np.array(list(self.start))
+            except (TypeError, ValueError):
+                cells = np.empty(0)
+            if cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
+                raise TaskError(
+                    f"start must be {known} or cells such as [(2, 1)]: got {self.start!r}"
+                )
+            listed = tuple(sorted({(int(row), int(column)) for row, column in cells}))
+            object.__setattr__(self, "start", listed)
         self._start_states()
 
     @property
@@ -171,7 +165,9 @@ class GridDomain(DomainWithStart):
     @property
     def _corner(self) -> Cell:
         """Row and column of the top-left cell."""
-        raise NotImplementedError
+        domain: Any = self
+        corner: Cell = domain.origin
+        return corner
 
     @property
     def _ending(self) -> str:
@@ -248,25 +244,9 @@ class GridDomain(DomainWithStart):
         """The components of a state that say where the agent is."""
         return "row", "column"
 
-    def _read_start(self) -> None:
-        """Check the start, which is a word of its annotation or cells, and sort its cells."""
-        valid = rules_of(type(self))["start"][1].values or ()
-        known = ", ".join(map(repr, valid))
-        if isinstance(self.start, str):
-            if self.start not in valid:
-                raise TaskError(f"start must be {known} or cells: got {self.start!r}")
-            return
-        try:
-            cells = np.array(list(self.start))
-        except (TypeError, ValueError):
-            cells = np.empty(0)
-        if cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
-            raise TaskError(f"start must be {known} or cells such as [(2, 1)]: got {self.start!r}")
-        listed = tuple(sorted({(int(row), int(column)) for row, column in cells}))
-        object.__setattr__(self, "start", listed)
-
     def _start_states(self) -> IntArray:
         """Return the states in which episodes start; TaskError where there are none."""
+        # In an S ("map"), in any that ends none ("uniform"), in the first such (another word).
         standing = self._standing
         if isinstance(self.start, str) and self.start != "map":
             if not standing.any():
@@ -299,14 +279,7 @@ class CellDomain(GridDomain):
     """A domain with one state for each cell, whose number is that of the cell."""
 
     def start_in(self, states: npt.ArrayLike) -> Self:
-        """Return the same task with starts in these states, by number, equally likely.
-
-        Examples
-        --------
-        >>> from curricle import GridWorld
-        >>> GridWorld("S..T").start_in([1, 2]).start
-        ((0, 1), (0, 2))
-        """
+        """Return the same task with starts in these states, by number, equally likely."""
         cells = self.cells
         chosen = cells[indices("start states", states, len(cells), TaskError)]
         return self.with_start([(int(row), int(column)) for row, column in chosen])
@@ -315,8 +288,7 @@ class CellDomain(GridDomain):
 class MapDomain(GridDomain):
     """A domain drawn as a text map, on which ``#`` is a wall."""
 
-    CHARACTERS: ClassVar[str]
-    """What a map is drawn with."""
+    CHARACTERS: ClassVar[str]  # what a map is drawn with
     map: Any
     origin: Cell
 
@@ -335,11 +307,6 @@ class MapDomain(GridDomain):
 
         Objects outside the part are removed, so fire just outside its edge no longer counts as
         near. The default start is uniform, as in the paper's source tasks.
-
-        Raises
-        ------
-        TaskError
-            When the part exceeds the map, is empty, or has no treasure or goal.
         """
         task: Any = self
         part = cut(self.map, self.origin, rows, columns)
@@ -349,10 +316,6 @@ class MapDomain(GridDomain):
     @cached_property
     def _grid(self) -> npt.NDArray[np.str_]:
         return np.array([list(line) for line in self.map])
-
-    @property
-    def _corner(self) -> Cell:
-        return self.origin
 
 
 def cell_space(
@@ -364,10 +327,7 @@ def cell_space(
 
 
 def landing(cells: Space, moves: Mapping[str, Cell] = MOVES) -> IntArray:
-    """Return the cell that each move leads to from each, (n, moves) int64; MISSING where none is.
-
-    `cells` has the components ``row`` and ``column``.
-    """
+    """Return the cell that each move leads to from each, (n, moves) int64; MISSING if none is."""
     where = cells.decode()
     steps = np.array(list(moves.values()))
     after = np.stack([where["row"], where["column"]], axis=1)[:, None, :] + steps
@@ -375,10 +335,7 @@ def landing(cells: Space, moves: Mapping[str, Cell] = MOVES) -> IntArray:
 
 
 def slipping(to: IntArray) -> IntArray:
-    """Return where slipping moves may land, (S, A, 3); each move is a quarter turn from the next.
-
-    The outcomes of a move are those of the one before it, of itself and of the one after it.
-    """
+    """Return where a move may land, (S, A, 3): as the one before it, itself, the one after it."""
     return np.stack([np.roll(to, 1, axis=1), to, np.roll(to, -1, axis=1)], axis=2)
 
 
@@ -388,10 +345,7 @@ def numbered_names(kind: str, count: int) -> tuple[str, ...]:
 
 
 def in_proportion(values: IntArray, marks: list[int], others: list[int]) -> IntArray:
-    """Return values so that each of some marks becomes the other, in proportion between them.
-
-    Of two marks in one place the first counts.
-    """
+    """Return values so that each of some marks becomes the other, in proportion between them."""
     rising, first = np.unique(marks, return_index=True)
     read = np.interp(values, rising, np.array(others)[first])
     return np.asarray(np.rint(read), dtype=np.int64)

@@ -12,22 +12,13 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from curricle.arrays import Frozen
-from curricle.checks import (
-    BEYOND_64_BITS,
-    fit_name,
-    instance,
-    number,
-    one_of,
-    text,
-    whole_number,
-)
+from curricle.checks import BEYOND_64_BITS, fit_name, instance, number, one_of, text, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
 
 KINDS: tuple[type, ...] = (bool, int, float, str)
-MOST_LISTED = 10_000
-"""Values of a parameter that are listed one by one at most."""
+MOST_LISTED = 10_000  # values of a parameter that are listed one by one at most
 
 Harder = Literal["larger", "smaller", "later"]
 
@@ -51,15 +42,9 @@ class Parameter:
     default : optional
         The value of members that do not give one; without a default it must be given.
     harder : {"larger", "smaller", "later"}, optional
-        Which values make harder tasks; "later" is the order of `values`. Without it values are not
-        ordered.
+        Which values make harder tasks, if any; "later" is the order of `values`.
     optional : bool
-        Whether None is a value too; where values are ordered, it is the hardest.
-
-    Raises
-    ------
-    TaskError
-        When the declaration contradicts itself.
+        Whether None is a value too, the hardest of ordered ones.
 
     Examples
     --------
@@ -91,7 +76,22 @@ class Parameter:
             one_of(f"harder {of}", self.harder, get_args(Harder), TaskError)
         instance(f"optional {of}", self.optional, bool, TaskError)
         if self.values is not None:
-            object.__setattr__(self, "values", self._checked_values(of))
+            if isinstance(self.values, str) or not hasattr(self.values, "__iter__"):
+                raise TaskError(f"the values {of} must be a list: got {self.values!r}")
+            values = tuple(self.values)
+            kinds = {type(value) for value in values}
+            if not values or not kinds <= {*KINDS} or len(set(map(_key, values))) < len(values):
+                raise TaskError(
+                    f"the values {of} must be different numbers, words or flags, at least one: got "
+                    f"{values!r}"
+                )
+            if (self.kind, self.low, self.high) != (None, None, None):
+                raise TaskError(f"the values {of} say all: leave out kind, low and high")
+            if self.harder in ("larger", "smaller") and str in kinds:
+                raise TaskError(
+                    f"harder {of} must be 'later', the order of its values, which are words"
+                )
+            object.__setattr__(self, "values", values)
         elif self.harder == "later" and self.kind is not None:
             raise TaskError(f"harder='later' {of} needs values in that order: there are none")
         for name in ("low", "high"):
@@ -99,24 +99,6 @@ class Parameter:
                 number(f"{name} {of}", getattr(self, name), TaskError)
         if self.low is not None and self.high is not None and self.low > self.high:
             raise TaskError(f"low {of} must be at most high: got {self.low} and {self.high}")
-
-    def _checked_values(self, of: str) -> tuple[Any, ...]:
-        if isinstance(self.values, str) or not hasattr(self.values, "__iter__"):
-            raise TaskError(f"the values {of} must be a list: got {self.values!r}")
-        values = tuple(self.values)
-        kinds = {type(value) for value in values}
-        if not values or not kinds <= {*KINDS} or len(set(map(_key, values))) < len(values):
-            raise TaskError(
-                f"the values {of} must be different numbers, words or flags, at least one: got "
-                f"{values!r}"
-            )
-        if (self.kind, self.low, self.high) != (None, None, None):
-            raise TaskError(f"the values {of} say all: leave out kind, low and high")
-        if self.harder in ("larger", "smaller") and str in kinds:
-            raise TaskError(
-                f"harder {of} must be 'later', the order of its values, which are words"
-            )
-        return values
 
     @property
     def required(self) -> bool:
@@ -196,13 +178,7 @@ class Parameter:
         return tuple(range(int(first), int(end), step))
 
     def listed(self) -> str:
-        """Return the values in words.
-
-        Examples
-        --------
-        >>> Parameter("size", int, low=2, high=9).listed(), Parameter("wet", bool).listed()
-        ('2..9', 'True, False')
-        """
+        """Return the values in words, such as "2..9" or "True, False"."""
         if self.values is not None:
             shown = [str(value) for value in self.values[:12]]
             listed = ", ".join([*shown, *(["..."] if len(self.values) > len(shown) else [])])
@@ -233,10 +209,7 @@ class Rule(NamedTuple):
 
 
 def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
-    """Return the type that each parameter is annotated with, its rule, and whether None fits.
-
-    Of a class these are those of its fields. A type of several kinds stays as it is annotated.
-    """
+    """Return each annotated type (without None, if that leaves one), its rule, and if None fits."""
     known = dict[str, tuple[Any, Rule, bool]]()
     for name, hint in get_type_hints(function, include_extras=True).items():
         kind, rule = hint, Rule()
@@ -253,11 +226,7 @@ def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
 def complete_parameters(
     declared: tuple[Parameter, ...], function: Callable[..., Any], family: str
 ) -> tuple[Parameter, ...]:
-    """Return the parameters of a family's function, in its order, with what annotations say.
-
-    What is declared overrides annotations. Without an annotation a parameter has the kind of its
-    default. One whose kind no family has keeps its default and is no parameter of the family.
-    """
+    """Return the parameters of a family's function, in its order, with what annotations say."""
     signature, rules = inspect.signature(function).parameters, rules_of(function)
     by_name = {parameter.name: parameter for parameter in declared}
     variadic = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
@@ -294,7 +263,7 @@ def complete_parameters(
                     f"parameter {name!r} of {family} must have a kind: declare it, or annotate it "
                     "as int, float, bool, str or Literal[...]"
                 )
-            else:
+            else:  # no kind of a family's: it keeps its default
                 continue
         if rule.varies or name in by_name:
             parameters.append(parameter)
@@ -318,16 +287,14 @@ Unequal = Literal["unmapped", "clip", "scale"]
 class ComponentsByName:
     """Components of the source are read off those of the target by name.
 
-    Components with labels correspond label by label, others number by number. :func:`project` is
-    this mapping with ``unequal="unmapped"``.
+    Components with labels correspond label by label, others number by number.
 
     Parameters
     ----------
     unequal : {"unmapped", "clip", "scale"}
-        What becomes of values without labels where the ranges of a component differ. With
-        "unmapped" the numbers that the source lacks have no counterpart. With "clip" they become
-        its nearest number. With "scale" the target's whole range is spread over the source's:
-        low' + floor((v - low) size' / size).
+        Where the ranges of a component without labels differ, the numbers that the source lacks
+        have no counterpart, as in :func:`project`, or become its nearest number; or the target's
+        whole range is spread over the source's: low' + floor((v - low) size' / size).
     renaming : dict of str to str
         Source component -> target component, where the names differ.
 
@@ -362,8 +329,7 @@ class ComponentsByName:
 class TaskFamily(Frozen):
     """Tasks that one function makes from declared parameters.
 
-    Calling the family with parameters returns a :class:`FamilyMember`: an address, which builds no
-    task before its ``task`` is asked for.
+    Calling the family with parameters returns a :class:`FamilyMember`.
 
     Parameters
     ----------
@@ -372,16 +338,13 @@ class TaskFamily(Frozen):
     factory : callable
         Returns the task; called with every parameter by name.
     parameters : sequence of Parameter
-        What the signature of `factory` does not say. Parameters that are left out are taken from
-        the signature.
+        What the signature of `factory` does not say.
     mapping : ComponentsByName or callable, optional
-        How members map onto each other: :class:`ComponentsByName`, the default, or a function of
-        target and source (both :class:`FamilyMember`) that returns one of the following, or several
-        in a list: a :class:`ComponentsByName`, a function for :func:`from_function`, a mapping. See
-        :func:`family_mappings`.
+        How members map onto each other (:func:`family_mappings`): :class:`ComponentsByName`, the
+        default, or a function of target and source, both :class:`FamilyMember`, that returns such,
+        a function for :func:`from_function` or a mapping, or several in a list.
     constraint : callable, optional
-        A function of a dict of parameters that returns what is wrong with them as a sentence, None
-        where nothing is. For rules that several parameters make together.
+        From a dict of parameters to what is wrong with them together, a sentence, or None.
 
     Raises
     ------
@@ -455,14 +418,9 @@ class TaskFamily(Frozen):
     def members(self, /, **values: Any) -> Iterator["FamilyMember"]:
         """Yield members, one for each combination of the given values.
 
-        A parameter has one value or several in a list, tuple, range or other iterable. One that is
-        left out has its default or, if it has none, each of its values. Combinations that the
-        family's constraint refuses are left out.
-
-        Raises
-        ------
-        TaskError
-            On an unknown parameter, a wrong value, or too many values to list.
+        A parameter has one value or several in an iterable. One that is left out has its default
+        or, if it has none, each of its values. Combinations that the constraint refuses are left
+        out.
         """
         for name in values:
             self.parameter(name)
@@ -483,12 +441,6 @@ class TaskFamily(Frozen):
         """Yield the members that are easier in at least one parameter and harder in none.
 
         Parameters that are not ordered, or whose values are too many to list, stay as they are.
-
-        Examples
-        --------
-        >>> from curricle.tasks import pursuit_family
-        >>> list(pursuit_family.easier(pursuit_family(size=3, predators=2)))
-        [pursuit(size=2, predators=1), pursuit(size=2), pursuit(size=3, predators=1)]
         """
         instance("the member that others are easier than", member, FamilyMember, TaskError)
         if member.family.factory is not self.factory:
@@ -537,15 +489,8 @@ class TaskFamily(Frozen):
 class FamilyMember(Frozen):
     """The address of one task of a family: the family and the value of each of its parameters.
 
-    Made by calling a :class:`TaskFamily`. Members hash, compare, print and pickle by their
-    parameters; the task is built when it is first asked for. Printed are the parameters that differ
-    from the function's defaults, and those that have none; `parameters` holds all.
-
-    Attributes
-    ----------
-    family : TaskFamily
-    values : tuple
-        Of all parameters, in the order of the family's.
+    Made by calling a :class:`TaskFamily`. The task is built when it is first asked for. Printed are
+    the parameters that differ from the function's defaults, and those that have none.
 
     Examples
     --------
@@ -556,7 +501,7 @@ class FamilyMember(Frozen):
     """
 
     family: TaskFamily
-    values: tuple[Any, ...]
+    values: tuple[Any, ...]  # of all parameters, in the order of the family's
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -585,13 +530,7 @@ class FamilyMember(Frozen):
 
     @cached_property
     def task(self) -> Any:
-        """The task.
-
-        Raises
-        ------
-        TaskError
-            When the family's function returns no task. What it raises itself is not changed.
-        """
+        """The task; TaskError if the family's function returns none."""
         made = self.family.factory(**self.parameters)
         if not is_observation_task(made):
             generative_model(made)

@@ -1,11 +1,8 @@
 """Four rooms: a grid of rooms joined by hallways, in which moves slip.
 
 Sutton, Precup, Singh 1999, "Between MDPs and semi-MDPs: a framework for temporal abstraction in
-reinforcement learning", section 3 and figure 2: 104 cells on a 13x13 grid, walls included. A move
-north, east, south or west goes that way with probability 2/3 and each of the other three ways with
-1/9; a move into a wall leaves the agent where it is. Rewards are 0 but for entering the goal, and
-the discount is 0.9. One of the paper's goals is the hallway between the two rooms in the east, the
-default here. ::
+reinforcement learning", section 3 and figure 2, has the defaults and other goals besides: 104 cells
+on a 13x13 grid, walls included. A move into a wall leaves the agent where it is. ::
 
     #############
     #     #     #
@@ -47,8 +44,7 @@ from curricle.tasks.family import FamilyMember, Rule
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Decoded, whole
 
-SMALLEST_SIZE, LARGEST_SIZE = 7, 1000
-"""Cells per side, walls included."""
+SMALLEST_SIZE, LARGEST_SIZE = 7, 1000  # cells per side, walls included
 
 
 @dataclass(frozen=True)
@@ -66,17 +62,11 @@ class FourRooms(GridDomain):
     step_reward, goal_reward : float
         Of a step that does not / does enter the goal.
     start : "corner", "uniform" or cells
-        In the first free cell in reading order, in any cell but the goal, or in one of the given
-        ``(row, column)`` cells; all are equally likely.
+        In the first free cell, in any cell but the goal, or in one of these ``(row, column)``.
     rows, columns : (int, int), optional
         Half-open ranges: the part of the plan that the task has, all by default.
     discount, time_limit
         As in :class:`FiniteMDP`.
-
-    Raises
-    ------
-    TaskError
-        When a size, a probability, a reward, the goal or a start is invalid.
 
     Examples
     --------
@@ -109,11 +99,6 @@ class FourRooms(GridDomain):
             if part is not None:
                 check_part(name, part, 0, self.size)
                 object.__setattr__(self, name, (int(part[0]), int(part[1])))
-        self._check_goal()
-        super()._check()
-
-    def _check_goal(self) -> None:
-        """Check the goal and make one that is a cell two ints."""
         if isinstance(self.goal, str):
             if self.goal not in MOVES:
                 known = ", ".join(map(repr, MOVES))
@@ -129,18 +114,14 @@ class FourRooms(GridDomain):
         row, column = self.goal_cell
         if self._cell_space.encode(row=row, column=column) == MISSING:
             raise TaskError(f"the goal needs a free cell of the rooms: got ({row}, {column})")
+        super()._check()
 
     def crop(
         self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in the same coordinates.
 
-        A move off the part leaves the agent where it is.
-
-        Raises
-        ------
-        TaskError
-            When the part exceeds this one, is empty, or does not have the goal.
+        A move off the part leaves the agent where it is. The part must have the goal.
         """
         (top, bottom), (left, right) = self._part
         check_part("rows", rows, top, bottom - top)
@@ -149,13 +130,7 @@ class FourRooms(GridDomain):
 
     @property
     def hallways(self) -> dict[str, Cell]:
-        """The cell of each hallway: between the rooms in the north, the east, the south, the west.
-
-        Examples
-        --------
-        >>> FourRooms().hallways
-        {'north': (3, 6), 'east': (7, 9), 'south': (10, 6), 'west': (6, 2)}
-        """
+        """The cell of each hallway: between the rooms in the north, east, south and west."""
         half, sixth = self.size // 2, (self.size - 1) // 6
         return {
             "north": (self.size // 4, half),

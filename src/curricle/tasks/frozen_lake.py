@@ -1,10 +1,8 @@
 """FrozenLake: from the start to the goal over ice that has holes and may be slippery.
 
 Gymnasium's ``FrozenLake-v1`` (Towers et al. 2024; its rules in ``toy_text/frozen_lake.py``), with
-its maps, its random maps and its parameters, and the parts of a lake that Gymnasium does not have.
-On slippery ice a move goes where it was meant to with probability `success_rate`, and to either
-side with half of the rest. A move off the map stays where it is. Episodes end at the goal and in
-holes.
+its maps, its random maps and its parameters, and parts of a lake. A move off the map stays where it
+is. Episodes end at the goal and in holes.
 """
 
 from dataclasses import dataclass
@@ -30,8 +28,7 @@ from curricle.tasks.domain import (
 from curricle.tasks.family import Rule
 from curricle.tasks.mdp import FiniteMDP
 
-MOVES = {"west": (0, -1), "south": (1, 0), "east": (0, 1), "north": (-1, 0)}
-"""In Gymnasium's order."""
+MOVES = {"west": (0, -1), "south": (1, 0), "east": (0, 1), "north": (-1, 0)}  # in Gymnasium's order
 LARGEST_LAKE = 100
 LEAST_FROZEN = 0.6  # large lakes with a way to the goal are too rare below
 
@@ -48,21 +45,15 @@ class FrozenLake(MapDomain, CellDomain):
     slippery : bool
         Whether moves may go to either side.
     success_rate : float
-        Probability that a move on slippery ice goes where it was meant to.
+        Probability that a move on slippery ice goes where it was meant to, not to either side.
     goal_reward, hole_reward, step_reward : float
         Of entering the goal, a hole, any other cell.
     start : "map", "uniform" or cells
-        At an ``S``, on any cell that does not end the episode, or in one of the given
-        ``(row, column)`` cells; all are equally likely.
+        At an ``S``, on any cell that does not end the episode, or in one of these cells.
     origin : (int, int)
         Row and column of the top-left cell. A part keeps the coordinates of the whole lake.
     discount, time_limit
         As in :class:`FiniteMDP`; Gymnasium's lakes have a limit of 100 steps, and 200 if 8x8.
-
-    Raises
-    ------
-    TaskError
-        On a map that is no lake, a start where there is no ice, or a number out of range.
 
     Examples
     --------
@@ -116,10 +107,7 @@ class FrozenLake(MapDomain, CellDomain):
 
 
 def random_lake(size: int = 8, frozen_share: float = 0.8, seed: int = 0) -> tuple[str, ...]:
-    """Return the map of a random lake that has a way to the goal, as Gymnasium draws it.
-
-    It is ``gymnasium.envs.toy_text.frozen_lake.generate_random_map(size, frozen_share, seed)``.
-    """
+    """Return the map of a random lake that has a way to the goal, as Gymnasium draws it."""
     size = whole_number("size of a lake", size, 2, TaskError)
     number("size of a lake", size, TaskError, 2, LARGEST_LAKE)
     number("frozen_share of a lake", frozen_share, TaskError, LEAST_FROZEN, 1)
@@ -135,10 +123,7 @@ def part_of_lake(
     seed: Annotated[int, Rule(0)] = 0,
     **rules: Any,
 ) -> FrozenLake:
-    """Return one of Gymnasium's frozen lakes, or the `part` around the goal, that many rows square.
-
-    A part keeps the lake's coordinates and starts on any cell of ice.
-    """
+    """Return one of Gymnasium's frozen lakes, or the `part` of so many rows around the goal."""
     lake = FrozenLake(random_lake(size, frozen_share, seed) if map == "random" else map, **rules)
     if part is None:
         return lake

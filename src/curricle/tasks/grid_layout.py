@@ -16,30 +16,18 @@ LETTERS |= {"exit": "E"}
 """Of the objects on a grid."""
 SIDES = (("row", "column"), ("row", "col"), ("y", "x"))
 """Components that say in which cell a state lies, by their names."""
-MOST_STATES = 20_000_000
-"""States of a task whose cells are read off its components."""
+MOST_STATES = 20_000_000  # states of a task whose cells are read off its components
 
 
 @dataclass(frozen=True, eq=False)
 class GridLayout:
-    """The cell of each state of a task, and what lies in cells; a task offers it as `layout`.
+    """The cell of each state of a task, and what lies in cells; a task offers it as `layout`."""
 
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> drawn = GridWorld("S.T").layout
-    >>> drawn.shape, drawn.objects
-    ((1, 3), (('treasure', 0, 2, True),))
-    """
-
-    cells: IntArray
-    """Row and column of the agent in each state, (S, 2)."""
+    cells: IntArray  # row and column of the agent in each state, (S, 2)
     components: tuple[str, ...]
     """The components of a state that say where the agent is; a picture fixes the others."""
-    shape: tuple[int, int]
-    """Rows and columns."""
-    origin: tuple[int, int] = (0, 0)
-    """Row and column of the top-left cell."""
+    shape: tuple[int, int]  # rows and columns
+    origin: tuple[int, int] = (0, 0)  # row and column of the top-left cell
     objects: tuple[tuple[str, int, int, bool], ...] = ()
     """Name (treasure, goal, exit, pit, fire, key or lock), row and column of what lies in a cell,
     and whether entering it ends the episode."""
@@ -63,10 +51,7 @@ class GridLayout:
 
 
 def layout_of(task: Any) -> GridLayout | None:
-    """Return where the states of a task lie: as it says, or by components called row and column.
-
-    None for a task that has neither.
-    """
+    """Return where states lie, as a task says or by its row and column; None if it has neither."""
     own = getattr(task, "layout", None)
     if isinstance(own, GridLayout):
         return own

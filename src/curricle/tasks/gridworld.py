@@ -81,13 +81,11 @@ class GridWorld(MapDomain, CellDomain):
         ``P`` pit, ``#`` wall, ``.`` free.
     rewards : Rewards
     combine : {"sum", "worst"}
-        Whether all terms that apply to a step add up, the step reward included, or only the lowest
-        counts (the step reward then only where no other term applies).
+        Whether all terms that apply to a step add up, or only the lowest counts.
     ends : iterable of {"treasure", "pit", "fire"}
         Objects that end the episode when their cell is entered.
     start : "map", "uniform" or cells
-        At an ``S``, at any cell that does not end the episode, or at one of the given
-        ``(row, column)`` cells; all are equally likely.
+        At an ``S``, at any cell that does not end the episode, or at one of these cells.
     representation : {"absolute", "relative"}
         The components of a state: the agent's ``row`` and ``column``, or the position of each
         object relative to the agent (Svetlik et al. 2017; paper E4, F1).
@@ -95,11 +93,6 @@ class GridWorld(MapDomain, CellDomain):
         Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit
         As in :class:`FiniteMDP`.
-
-    Raises
-    ------
-    TaskError
-        On a ragged map, an unknown character, no treasure, no start, or an unknown rule.
 
     Examples
     --------
@@ -162,13 +155,7 @@ class GridWorld(MapDomain, CellDomain):
         return self.states.names
 
     def state(self, row: int, column: int) -> int:
-        """Return the number of the state in which the agent is at (row, column).
-
-        Examples
-        --------
-        >>> GridWorld("S#T").state(0, 2)
-        1
-        """
+        """Return the number of the state in which the agent is at (row, column)."""
         number = int(self.states_at(row, column))
         if number == MISSING:
             raise TaskError(f"a state needs a free cell of the map: got ({row}, {column})")
@@ -236,12 +223,11 @@ def random_maze(
 ) -> GridWorld:
     r"""Return a random maze: a square with the treasure in a corner, walls, pits and fires.
 
-    It grows from the treasure outwards, one row and one column at a time. Each of their cells gets
-    an object with the given chances; then objects are taken away at random until every free cell
-    of them has a way to the treasure that enters neither pit nor fire. So every maze is solvable
-    from every free cell, and **a smaller maze with the same seed is the part of a larger one around
-    the treasure**, as the paper's source tasks are parts of their target. The treasure has the
-    coordinates (0, 0) in all of them.
+    It grows from the treasure outwards, one row and one column at a time. Objects are taken away at
+    random until every free cell has a way to the treasure that enters neither pit nor fire. So
+    every maze is solvable from every free cell, and **a smaller maze with the same seed is the part
+    of a larger one around the treasure**, as the paper's source tasks are parts of their target.
+    The treasure has the coordinates (0, 0) in all of them.
 
     Parameters
     ----------
@@ -260,11 +246,6 @@ def random_maze(
         As in :class:`Rewards`.
     discount, time_limit
         As in :class:`GridWorld`.
-
-    Raises
-    ------
-    TaskError
-        When a value is out of range, or the chances sum to more than 1.
 
     Examples
     --------
@@ -292,31 +273,31 @@ def random_maze(
     cells = {(0, 0): "T"}
     for n in range(1, size):
         _grow(cells, n, {"#": walls, "P": pits, "F": fires}, seed)
-    far = _farthest(cells)
+    free = {cell for cell, character in cells.items() if character == "."}
+    distance = _distances([(0, 0)], free)
+    far = max(distance, key=lambda cell: (distance[cell], cell))
     if start == "far":
         cells[far] = "S"
     vertical, horizontal = corner.split("-")
+    lines = ["".join(cells[row, column] for column in range(size)) for row in range(size)]
+    lines = lines if horizontal == "west" else [line[::-1] for line in lines]
     return GridWorld(
-        _lines(cells, down=vertical == "north", right=horizontal == "west"),
+        lines if vertical == "north" else lines[::-1],
         rewards=Rewards(step=step, treasure=treasure, fire=fire, near_fire=near_fire, pit=pit),
         start="map" if start == "far" else "uniform",
-        origin=(
-            0 if vertical == "north" else 1 - size,
-            0 if horizontal == "west" else 1 - size,
-        ),
+        origin=(0 if vertical == "north" else 1 - size, 0 if horizontal == "west" else 1 - size),
         discount=discount,
         time_limit=time_limit,
     )
 
 
 def _grow(cells: dict[Cell, str], n: int, chances: dict[str, float], seed: int) -> None:
-    """Add the cells at distance n, the larger of the distances in rows and columns.
-
-    Each of them borders on one at distance n - 1, of which at least one is free and has a way to
-    the treasure. So if all objects were taken away, all would have one.
-    """
+    """Add the cells at distance n, the larger of the distances in rows and columns."""
+    # Each borders on one at distance n - 1, of which at least one is free and has a way to the
+    # treasure. So if all objects were taken away, all would have one.
     shell = [(n, column) for column in range(n)] + [(row, n) for row in range(n + 1)]
-    draws = _draws(seed, n)
+    states = count(stream_start(seed, f"maze/{n}"), int(STRIDE))
+    draws = (uniform(splitmix64(state % 2**64)) for state in states)
     for cell in shell:
         drawn, cells[cell] = next(draws), "."
         for character, chance in chances.items():
@@ -341,21 +322,6 @@ def _joined(cells: dict[Cell, str], shell: list[Cell], n: int) -> bool:
     return bool(free) and joined.keys() == free
 
 
-def _lines(cells: dict[Cell, str], *, down: bool, right: bool) -> list[str]:
-    """Return the map; it reaches from the treasure down or up, and to the right or to the left."""
-    size = max(cells)[0] + 1
-    lines = ["".join(cells[row, column] for column in range(size)) for row in range(size)]
-    lines = lines if right else [line[::-1] for line in lines]
-    return lines if down else lines[::-1]
-
-
-def _farthest(cells: dict[Cell, str]) -> Cell:
-    """Return the free cell whose way to the treasure is the longest."""
-    free = {cell for cell, character in cells.items() if character == "."}
-    distance = _distances([(0, 0)], free)
-    return max(distance, key=lambda cell: (distance[cell], cell))
-
-
 def _distances(first: list[Cell], free: set[Cell]) -> dict[Cell, int]:
     """Return the steps from the first cells to each free one that has a way from there."""
     waiting, distance = deque(first), dict.fromkeys(first, 0)
@@ -372,12 +338,6 @@ def _beside(cell: Cell) -> Iterator[Cell]:
     """Yield the cells that share an edge with one, off the map too."""
     row, column = cell
     yield from ((row - 1, column), (row, column + 1), (row + 1, column), (row, column - 1))
-
-
-def _draws(seed: int, n: int) -> Iterator[float]:
-    """Yield uniform numbers of the stream of the shell n."""
-    for state in count(stream_start(seed, f"maze/{n}"), int(STRIDE)):
-        yield float(uniform(splitmix64(state % 2**64)))
 
 
 def _chances_sum(parameters: dict[str, Any]) -> str | None:

@@ -1,10 +1,9 @@
 """The kernel under compiled loops: parts by type, machine code on disk, random draws, vector code.
 
 A loop is a Python function that Numba compiles. Its parts are *inlined* functions; a part with a
-body for each type of NamedTuple is :class:`Overloaded`, and its body is chosen while the loop is
-compiled. A random stream is a (1,) uint64 counter: drawing adds a constant and mixes the bits of
-the sum (SplitMix64; Steele, Lea, Flood 2014), so that the n-th draw depends only on n and on where
-the stream started.
+body for each type of NamedTuple is :class:`Overloaded`. A random stream is a (1,) uint64 counter:
+drawing adds a constant and mixes the bits of the sum (SplitMix64; Steele, Lea, Flood 2014), so that
+the n-th draw depends only on n and on where the stream started.
 """
 
 import hashlib
@@ -35,8 +34,7 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it when it is
 
 # -- machine code on disk --------------------------------------------------------------------------
 
-PACKAGES = ("learning", "planning", "tasks", "teaching", "transfer")
-"""Packages with compiled code."""
+PACKAGES = ("learning", "planning", "tasks", "teaching", "transfer")  # packages with compiled code
 MARKS = (b"numba", b"tasks.kernel", b".body(")
 """Each file with compiled code contains one of these: an import, or a decorator."""
 
@@ -190,11 +188,9 @@ def compiled_as(body: Callable[..., Any]) -> Callable[[Function], Function]:
 
 
 class Overloaded:
-    """A function for compiled code with a body for each type of NamedTuple that it takes.
+    """A function for compiled code with a body for each type of NamedTuple that it takes first.
 
-    The type of the first argument chooses the body while the caller is compiled, at no cost at run
-    time. The ``function`` declares the signature; it is never run. Bodies that seldom run are
-    called instead of inlined (`outlined`); types without a body have that of `otherwise`.
+    `function` is only the signature. Bodies that seldom run are called, not inlined (`outlined`).
     """
 
     def __init__(
@@ -225,8 +221,7 @@ class Overloaded:
 
 # -- random draws ----------------------------------------------------------------------------------
 
-STRIDE = np.uint64(0x9E3779B97F4A7C15)
-"""What a draw adds to the counter."""
+STRIDE = np.uint64(0x9E3779B97F4A7C15)  # what a draw adds to the counter
 LOW = np.uint64(0xFFFFFFFF)
 HALF = np.uint64(32)
 ALL = 2**64 - 1
@@ -343,18 +338,14 @@ def first_above(rising, value):
 
 LANES = 8
 """Values of a vector in which a row is read; a narrower processor takes several instructions."""
-LINE = 64
-"""Bytes of a cache line."""
+LINE = 64  # bytes of a cache line
 WORD, FLAG = ir.IntType(32), ir.IntType(1)
 WORDS = ir.VectorType(WORD, LANES)
 
 
 @intrinsic
 def highest_of_lanes(_, table, row, first):
-    """Return the highest of up to 8 values of a row, from entry `first` on.
-
-    `table` is C-ordered, (n, m), without NaN.
-    """
+    """Return the highest of up to 8 values of a row, from `first` on; no NaN, (n, m) C-ordered."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         values, inside = _vector(context, builder, table, args)
@@ -394,10 +385,7 @@ def ones(_, bits):
 
 @intrinsic
 def nth_one(_, bits, n):
-    """Return the position of the n-th bit, counted from 0, of those set in a 64-bit number.
-
-    One instruction on processors that have it (x86 with BMI2), else a loop over the bits below.
-    """
+    """Return the position of the n-th bit, counted from 0, of those set in a 64-bit number."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         word = ir.IntType(64)
@@ -450,10 +438,7 @@ def _spread(builder: Any, value: Any) -> Any:
 
 @intrinsic
 def of_width(_, array, width):
-    """Return a C-ordered (n, m) array with m known to the compiler: len(width), unless that is 0.
-
-    Loops along a row are then unrolled, and products with m become shifts and sums.
-    """
+    """Return a C-ordered (n, m) array with m known to the compiler: len(width), if not 0."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         table = context.make_array(array)(context, builder, args[0])
@@ -470,11 +455,7 @@ def of_width(_, array, width):
 
 @intrinsic
 def prefetch(_, array, row):
-    """Prefetch all cache lines of a row of a C-ordered (n, m) array.
-
-    The processor continues meanwhile; a row of a table larger than its caches has then arrived when
-    the next step reads it.
-    """
+    """Prefetch all cache lines of a row of a C-ordered (n, m) array, for the next step to read."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         table = context.make_array(array)(context, builder, args[0])
@@ -500,18 +481,15 @@ def prefetch(_, array, row):
 
 def inverse_of(divisor: int, numbers: int) -> np.uint64:
     """Return the multiplier with which :func:`quotient` divides numbers below `numbers`, or 0."""
+    # It exceeds 2^64 / divisor by at most 1, so that the product exceeds 2^64 number / divisor by
+    # less than 2^64 / divisor, which is too little to reach the next whole number.
     exact = divisor >= 2 and numbers * divisor <= 2**64
     return np.uint64(2**64 // divisor + 1 if exact else 0)
 
 
 @intrinsic
 def quotient(_, number, inverse):
-    """Return number // divisor as the upper 64 bits of number * inverse.
-
-    Several times faster than division, and exact while number * divisor < 2^64: the inverse
-    exceeds 2^64 / divisor by at most 1, so that the product exceeds 2^64 number / divisor by less
-    than 2^64 / divisor, which is too little to reach the next whole number.
-    """
+    """Return number // divisor as the upper 64 bits of number * inverse."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         wide = ir.IntType(128)

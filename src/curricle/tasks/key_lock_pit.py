@@ -3,11 +3,10 @@
 Narvekar, Sinapov, Stone 2017, "Autonomous task sequencing for customized curriculum design in
 reinforcement learning" (also Narvekar and Stone 2019, "Learning curriculum policies for
 reinforcement learning"). The agent moves one cell north, east, south or west; a wall or the edge
-leaves it where it is. In a cell with a key it can pick the key up (+500). In a cell with a lock it
-can open the lock (+1000), if it holds the keys that the lock depends on. Moving into a pit ends the
-episode (-200). All other actions cost 10, also picking up or opening where there is nothing to pick
-up or to open. The episode ends when all locks are open. The papers' beacons are features for
-function approximation and have no counterpart in a table.
+leaves it where it is. In a cell with a key it can pick the key up. In a cell with a lock it can
+open the lock, if it holds the keys that the lock depends on. The episode ends in a pit, or when all
+locks are open. The papers' beacons are features for function approximation and have no counterpart
+in a table.
 
 For source tasks a map may lack one of them: without locks the episode ends when all keys are held,
 and a lock without keys on the map is opened by an agent that holds none.
@@ -40,8 +39,7 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Decoded, Space, whole
 
 SMALLEST_ROOM, LARGEST_ROOM = 4, 1000
-LARGEST_SPACE = 5_000_000
-"""States at most; keys and locks double them."""
+LARGEST_SPACE = 5_000_000  # states at most; keys and locks double them
 
 
 def _room(side: int) -> tuple[str, ...]:
@@ -70,21 +68,15 @@ class KeyLockPit(MapDomain):
     key_reward, lock_reward, pit_reward : float
         Of picking up a key, of opening a lock and of falling into a pit.
     step_reward : float
-        Of every other action.
+        Of every other action, also of picking up or opening nothing.
     start : "map", "uniform" or cells
-        At an ``S``, in any state in which the episode goes on, or at one of the given
-        ``(row, column)`` cells; all are equally likely.
+        At an ``S``, in any state in which the episode goes on, or at one of these cells.
     keys_held : bool
         Whether episodes start with all keys held, as in the second half of a task.
     origin : (int, int)
         Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit
         As in :class:`FiniteMDP`.
-
-    Raises
-    ------
-    TaskError
-        On a map, a reward, a start or keys of a lock that make no sense.
 
     Examples
     --------
@@ -114,9 +106,24 @@ class KeyLockPit(MapDomain):
 
     def _check(self) -> None:
         self._read_map(self.map, "KL", "a map needs a key K or a lock L")
+        keys, locks = len(self._keys), len(self._locks)
         if not isinstance(self.needs, str) or self.needs != "all":
-            object.__setattr__(self, "needs", self._read_needs())
-        things = len(self._keys) + len(self._locks)
+            needs: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else [None]
+            if len(needs) != locks or not all(isinstance(needed, list | tuple) for needed in needs):
+                raise TaskError(
+                    f"needs must be 'all' or a list of keys for each of the {locks} locks: got "
+                    f"{self.needs!r}"
+                )
+            checked = list[tuple[int, ...]]()
+            for needed in needs:
+                numbers = whole(list(needed), "the keys of a lock")
+                if numbers.ndim != 1 or ((numbers < 1) | (numbers > keys)).any():
+                    raise TaskError(
+                        f"the keys of a lock must be numbers from 1 to {keys}: got {needed!r}"
+                    )
+                checked.append(tuple(sorted(set(numbers.tolist()))))
+            object.__setattr__(self, "needs", tuple(checked))
+        things = keys + locks
         if 2**things * len(self.cells) > LARGEST_SPACE:
             raise TaskError(
                 f"a map may have at most {LARGEST_SPACE:,} states: {len(self.cells):,} cells and "
@@ -124,41 +131,9 @@ class KeyLockPit(MapDomain):
             )
         super()._check()
 
-    def _read_needs(self) -> tuple[tuple[int, ...], ...]:
-        """Return the keys of each lock, sorted; TaskError if they make no sense."""
-        keys, locks = len(self._keys), len(self._locks)
-        needs: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else [None]
-        if len(needs) != locks or not all(isinstance(needed, list | tuple) for needed in needs):
-            raise TaskError(
-                f"needs must be 'all' or a list of keys for each of the {locks} locks: got "
-                f"{self.needs!r}"
-            )
-        checked = list[tuple[int, ...]]()
-        for needed in needs:
-            numbers = whole(list(needed), "the keys of a lock")
-            if numbers.ndim != 1 or ((numbers < 1) | (numbers > keys)).any():
-                raise TaskError(
-                    f"the keys of a lock must be numbers from 1 to {keys}: got {needed!r}"
-                )
-            checked.append(tuple(sorted(set(numbers.tolist()))))
-        return tuple(checked)
-
     @classmethod
     def room(cls, size: int = 8, **rules: Any) -> Self:
-        """Return a square room: the key in the north-west, the lock behind pits in the south-east.
-
-        Parameters
-        ----------
-        size : int
-            Cells per side, 4 to 1000.
-        **rules
-            The other parameters of the class.
-
-        Examples
-        --------
-        >>> KeyLockPit.room(5).map
-        ('.....', '.K...', '..P..', '..P..', 'S.P.L')
-        """
+        """Return a square room, 4 to 1000 cells per side, with a key, and a lock behind pits."""
         side = whole_number("size", size, SMALLEST_ROOM, TaskError)
         side = int(number("size", side, TaskError, SMALLEST_ROOM, LARGEST_ROOM))
         return cls(map=_room(side), **rules)
@@ -168,17 +143,8 @@ class KeyLockPit(MapDomain):
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in this map's coordinates.
 
-        Objects outside the part are removed; a key outside counts as held.
-
-        Raises
-        ------
-        TaskError
-            When the part exceeds the map, is empty, or has no key and no lock.
-
-        Examples
-        --------
-        >>> KeyLockPit().crop(rows=(2, 8), columns=(5, 8)).states
-        Space(19 points: row[6] x column[3] x lock[2])
+        Objects outside the part are removed; a key outside counts as held. A key or a lock must be
+        left.
         """
         part = cut(self.map, self.origin, rows, columns)
 
@@ -196,13 +162,13 @@ class KeyLockPit(MapDomain):
 
     @cached_property
     def states(self) -> Space:
-        """The agent's cell, which keys it holds and which locks are open.
-
-        An open lock's keys are held, and when the last lock is open the agent is at a lock.
-        """
+        """The agent's cell, which keys it holds and which locks are open."""
         axes = [*self._cell_space.components]
-        axes += [Component(name, 2, labels=("lying", "held")) for name in self._key_names]
-        axes += [Component(name, 2, labels=("locked", "open")) for name in self._lock_names]
+        for kind, cells, labels in (
+            ("key", self._keys, ("lying", "held")),
+            ("lock", self._locks, ("locked", "open")),
+        ):
+            axes += [Component(name, 2, labels=labels) for name in numbered_names(kind, len(cells))]
         last = self._locks if len(self._locks) else self._keys
         points = [
             np.column_stack([cells, np.tile(status, (len(cells), 1))])
@@ -222,14 +188,6 @@ class KeyLockPit(MapDomain):
     @cached_property
     def _locks(self) -> IntArray:
         return self._at("L")
-
-    @property
-    def _key_names(self) -> tuple[str, ...]:
-        return numbered_names("key", len(self._keys))
-
-    @property
-    def _lock_names(self) -> tuple[str, ...]:
-        return numbered_names("lock", len(self._locks))
 
     @property
     def _keys_of(self) -> list[set[int]]:
@@ -309,15 +267,14 @@ class KeyLockPit(MapDomain):
         return ~self._ends & held if self.keys_held else ~self._ends
 
     def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
-        status = dict.fromkeys(self._key_names, int(self.keys_held))
-        status |= dict.fromkeys(self._lock_names, 0)
+        names, keys = self.states.names[2:], len(self._keys)
+        status = dict.fromkeys(names[:keys], int(self.keys_held)) | dict.fromkeys(names[keys:], 0)
         return self.states.encode(row=row, column=column, **status)
 
 
 def _square_room(
     size: Annotated[int, Rule(SMALLEST_ROOM, LARGEST_ROOM, "larger")] = 8, **rules: Any
 ) -> KeyLockPit:
-    """Return the square room of :meth:`KeyLockPit.room`."""
     return KeyLockPit.room(size, **rules)
 
 

@@ -36,10 +36,8 @@ from curricle.tasks.models import (
 )
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
 
-RESET = -1
-"""Sent instead of an action to start an episode."""
-RUNNING, TRUNCATED, FAILED = range(3)
-"""What the last step led to, termination apart."""
+RESET = -1  # sent instead of an action to start an episode
+RUNNING, TRUNCATED, FAILED = range(3)  # what the last step led to, termination apart
 
 
 class Live(NamedTuple):
@@ -87,11 +85,9 @@ def _ask(model, action):
 
 @intrinsic
 def answer(_, address, action):
-    """Return what the Python callable at an address returns for a number.
+    """Return what the Python callable at an address returns for a number, an :data:`Answer`.
 
-    A tuple: a state (int64; negative if it failed), a reward (float64), and whether the episode
-    terminated or was truncated. Exceptions pass through, but compiled code then leaks its memory:
-    callables should keep an exception and return that they failed.
+    It must keep its exceptions and return that it failed: those that pass leak its memory.
     """
     parts = (types.int64, types.float64, types.boolean, types.boolean)
 
@@ -108,7 +104,11 @@ def answer(_, address, action):
         answered = api.call_function_objargs(callee, [number])
         api.decref(number)
         with builder.if_then(cgutils.is_not_null(builder, answered)):
-            builder.store(_parse(context, builder, api, answered, slots), parsed)
+            expected = "Ldpp;an answer must be a state, a reward and two flags"
+            kind = ir.FunctionType(flag, [api.pyobj, api.cstring], var_arg=True)
+            parse = cgutils.get_or_insert_function(builder.module, kind, "PyArg_ParseTuple")
+            constant = context.insert_const_string(builder.module, expected)
+            builder.store(builder.call(parse, [answered, constant, *slots]), parsed)
             api.decref(answered)
         api.gil_release(gil)
         raised = cgutils.is_null(builder, builder.load(parsed))
@@ -121,17 +121,7 @@ def answer(_, address, action):
     return types.Tuple(parts)(types.uint64, types.int64), build
 
 
-def _parse(context: Any, builder: Any, api: Any, answered: Any, slots: list[Any]) -> Any:
-    """Write the parts of an answer to the slots; return 0 if their types do not fit."""
-    expected = "Ldpp;an answer must be a state, a reward and two flags"
-    kind = ir.FunctionType(ir.IntType(32), [api.pyobj, api.cstring], var_arg=True)
-    parse = cgutils.get_or_insert_function(builder.module, kind, "PyArg_ParseTuple")
-    constant = context.insert_const_string(builder.module, expected)
-    return builder.call(parse, [answered, constant, *slots])
-
-
 # -- tasks that are learnt by acting ---------------------------------------------------------------
-
 
 Answer = tuple[Any, Any, Any, Any]
 """A state (negative: it failed), a reward, whether the episode terminated or was truncated."""
@@ -153,9 +143,8 @@ class Unopened(NamedTuple):
 class LiveMDP:
     """A task without tables or rules: every step is taken in an environment.
 
-    The same loops learn it, one seed after the other. Each seed has environments of its own, one to
-    learn in and one to evaluate policies in, seeded from its random stream and closed at the end.
-    :func:`from_gymnasium` makes these tasks; tasks of equal parts are equal.
+    Each seed has environments of its own, one to learn in and one to evaluate policies in, seeded
+    from its random stream and closed at the end. :func:`from_gymnasium` makes these tasks.
 
     Parameters
     ----------
@@ -176,8 +165,7 @@ class LiveMDP:
     Raises
     ------
     TaskError
-        When a space, a function or the horizon is invalid; while learning, when an observation
-        encodes to no state. Exceptions of an environment pass through.
+        While learning, when an observation encodes to no state. Exceptions of an environment pass.
 
     Examples
     --------
@@ -233,22 +221,14 @@ def reset_state(task: LiveMDP) -> int:
 
 
 def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
-    """Return a context with the model of a task for the loops of one run; a live one while open.
-
-    Environments are seeded from `start`, where the run's random stream starts. At the end the
-    context raises what an environment raised meanwhile, an interrupt from the keyboard included, or
-    a TaskError where a function of a computed task returned what makes no sense.
-    """
+    """Return a context with a task's model, which at its end raises what an environment raised."""
     if is_live(task):
         return _Opened(task, start)
     return opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
 
 
 class _Opened:
-    """The environments of one run.
-
-    A class, as a generator would turn an environment's StopIteration into a RuntimeError.
-    """
+    """The environments of one run; no generator, in which their StopIteration is an error."""
 
     def __init__(self, task: LiveMDP, start: int):
         self.closings = ExitStack()
@@ -275,12 +255,9 @@ class _Opened:
 def _player(
     task: LiveMDP, seed: int, closings: ExitStack, raised: list[BaseException]
 ) -> Generator[Answer | None, int, None]:
-    """Yield the result of each action sent in an environment; `RESET` starts an episode.
-
-    The environment is made and seeded at the first request. Nothing is raised, as the caller is
-    compiled code. It is a generator because that also catches an interrupt which arrives before the
-    first line of a function would be reached.
-    """
+    """Yield the result of each action sent in an environment; `RESET` starts an episode."""
+    # Nothing is raised, as compiled code is the caller. A generator also catches an interrupt that
+    # arrives before the first line of a function would be reached.
     action = yield None
     try:
         environment = closings.enter_context(closing(task.make()))

@@ -2,8 +2,7 @@
 
 Pairs (s, a) with the same outcome distribution share a *row*: ``outcome_row[s, a]`` is one of Y
 rows, and each row lists up to O outcomes with probability, successor and reward. This keeps domains
-small whose moves are deterministic except for one random part (a maze: Y = 2 S; pursuit: Y = S,
-O = moves of the prey); an arbitrary MDP has Y = S A.
+small (a maze: Y = 2 S; pursuit: Y = S, O = moves of the prey); an arbitrary MDP has Y = S A.
 """
 
 from dataclasses import dataclass
@@ -31,8 +30,7 @@ from curricle.tasks.spaces import Component, Space, whole_by_type
 PROBABILITY_TOLERANCE = 1e-8
 SINGLE_PRECISION = 1e-6
 """How far from 1 probabilities of float32 may sum; then they are divided by their sum."""
-NO_LIMIT = np.int64(2**62)
-"""Steps that stand for no limit in compiled loops."""
+NO_LIMIT = np.int64(2**62)  # steps that stand for no limit in compiled loops
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +87,58 @@ class FiniteMDP(Frozen):
     time_limit: int | None = None
 
     def __post_init__(self) -> None:
-        self._check_ranges()
-        self._adopt_arrays()
+        instance("states", self.states, Space, TaskError)
+        instance("actions", self.actions, Space, TaskError)
+        one_a_state, table = (self.states.size,), np.shape(self.probability)
+        if len(table) != 2:
+            raise TaskError(f"probability must have shape (Y, O): got {table}")
+        # Indices are checked as they were given, before they are narrowed to 32 bits.
+        for name, label, size in (
+            ("outcome_row", "outcome_row", table[0]),
+            ("next_state", "next states", self.states.size),
+        ):
+            numbers = whole_by_type(getattr(self, name), label)
+            if numbers.size and (numbers.min() < 0 or numbers.max() >= size):
+                raise TaskError(
+                    f"{label} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
+                )
+        for name, dtype, shape in (
+            ("outcome_row", np.int32, (self.states.size, self.actions.size)),
+            ("probability", np.float64, table),
+            ("next_state", np.int32, table),
+            ("reward", np.float64, table),
+            ("terminal", np.bool_, one_a_state),
+            ("start", np.float64, one_a_state),
+        ):
+            array = _adopted(name, getattr(self, name), dtype)
+            if array.shape != shape:
+                raise TaskError(f"{name} must have shape {shape}: got {array.shape}")
+            if name in ("probability", "start"):
+                array = frozen(normalised(array))
+            object.__setattr__(self, name, array)
         check_rows(self.probability, self.reward, self.outcome_row, self.terminal)
-        self._check_start()
-        self._check_discount()
+        bad = np.flatnonzero(~(np.isfinite(self.start) & (self.start >= 0)))
+        if bad.size:
+            raise TaskError(
+                "start probabilities must be finite and not negative: state "
+                f"{bad[0]} has {self.start[bad[0]]}"
+            )
+        if abs(self.start.sum() - 1) > PROBABILITY_TOLERANCE:
+            raise TaskError(f"start probabilities must sum to 1: they sum to {self.start.sum()}")
+        bad = np.flatnonzero((self.start > 0) & self.terminal)
+        if bad.size:
+            raise TaskError(
+                f"an episode must not start in a terminal state: state {bad[0]} has start "
+                f"probability {self.start[bad[0]]:g}"
+            )
+        check_horizon(self)
+        if self.discount == 1 and self.time_limit is None:
+            endless = np.flatnonzero(np.isinf(steps_to(self, self.terminal)))
+            if endless.size:
+                raise TaskError(
+                    "discount 1 needs a time limit or a way to an end from every state: none leads "
+                    f"there from state {endless[0]}"
+                )
 
     @classmethod
     def from_dense(
@@ -179,12 +224,6 @@ class FiniteMDP(Frozen):
             Needed unless the outcomes carry ``terminated``.
         start, discount, time_limit, states, actions
             As in :meth:`from_dense`.
-
-        Examples
-        --------
-        >>> mdp = FiniteMDP.from_outcomes([[[(1.0, 1, 2.0, True)]], [[]]], start=0, discount=1.0)
-        >>> mdp.terminal
-        array([False,  True])
         """
         lists = outcome_lists(outcomes)
         begins = start_distribution(start, len(lists))
@@ -222,66 +261,6 @@ class FiniteMDP(Frozen):
             reward=reward.reshape(-1, width),
             **rest,
         )
-
-    def _check_ranges(self) -> None:
-        """Check indices as they were given, before they are narrowed to 32 bits."""
-        instance("states", self.states, Space, TaskError)
-        instance("actions", self.actions, Space, TaskError)
-        if np.ndim(self.probability) != 2:
-            raise TaskError(f"probability must have shape (Y, O): got {np.shape(self.probability)}")
-        for name, label, size in (
-            ("outcome_row", "outcome_row", len(self.probability)),
-            ("next_state", "next states", self.states.size),
-        ):
-            numbers = whole_by_type(getattr(self, name), label)
-            if numbers.size and (numbers.min() < 0 or numbers.max() >= size):
-                raise TaskError(
-                    f"{label} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
-                )
-
-    def _adopt_arrays(self) -> None:
-        """Make the arrays frozen ones of the right type, and check their shapes."""
-        one_a_state, table = (self.states.size,), np.shape(self.probability)
-        for name, dtype, shape in (
-            ("outcome_row", np.int32, (self.states.size, self.actions.size)),
-            ("probability", np.float64, table),
-            ("next_state", np.int32, table),
-            ("reward", np.float64, table),
-            ("terminal", np.bool_, one_a_state),
-            ("start", np.float64, one_a_state),
-        ):
-            array = _adopted(name, getattr(self, name), dtype)
-            if array.shape != shape:
-                raise TaskError(f"{name} must have shape {shape}: got {array.shape}")
-            if name in ("probability", "start"):
-                array = frozen(normalised(array))
-            object.__setattr__(self, name, array)
-
-    def _check_start(self) -> None:
-        bad = np.flatnonzero(~(np.isfinite(self.start) & (self.start >= 0)))
-        if bad.size:
-            raise TaskError(
-                "start probabilities must be finite and not negative: state "
-                f"{bad[0]} has {self.start[bad[0]]}"
-            )
-        if abs(self.start.sum() - 1) > PROBABILITY_TOLERANCE:
-            raise TaskError(f"start probabilities must sum to 1: they sum to {self.start.sum()}")
-        bad = np.flatnonzero((self.start > 0) & self.terminal)
-        if bad.size:
-            raise TaskError(
-                f"an episode must not start in a terminal state: state {bad[0]} has start "
-                f"probability {self.start[bad[0]]:g}"
-            )
-
-    def _check_discount(self) -> None:
-        check_horizon(self)
-        if self.discount == 1 and self.time_limit is None:
-            endless = np.flatnonzero(np.isinf(steps_to(self, self.terminal)))
-            if endless.size:
-                raise TaskError(
-                    "discount 1 needs a time limit or a way to an end from every state: none leads "
-                    f"there from state {endless[0]}"
-                )
 
     @property
     def mdp(self) -> Self:
@@ -392,11 +371,9 @@ def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, IntArray, FloatA
 
 
 def terminal_states(lists: list[list[Any]], first: list[int]) -> BoolArray:
-    """Collect the ``terminated`` flags of outcome lists into one flag a state.
-
-    Only states that can be reached from the `first` count: tables such as Taxi's also list
-    impossible states, whose flags contradict the others.
-    """
+    """Return the ``terminated`` flags of outcome lists as one flag for each state."""
+    # Only states that can be reached from the `first` count: tables such as Taxi's also list
+    # impossible states, whose flags contradict the others.
     flags, met, starts = dict[int, bool](), list(first), set(first)
     for s in met:  # which grows meanwhile
         for a, pair in enumerate(lists[s]):
@@ -442,11 +419,7 @@ def check_rows(
     outcome_row: npt.NDArray[np.integer[Any]],
     terminal: BoolArray,
 ) -> None:
-    """Raise TaskError naming the first pair whose outcome row breaks a rule.
-
-    The arguments are tables of a :class:`FiniteMDP`. Rows that only terminal states use may hold
-    anything.
-    """
+    """Raise TaskError naming the first pair whose outcome row breaks a rule."""
     sums = probability.sum(axis=1)
     small = (reward >= -LARGEST_REWARD) & (reward <= LARGEST_REWARD)
     rules = (
@@ -487,10 +460,7 @@ class Task(Protocol):
 
 
 class GenerativeModel(Protocol):
-    """What learning needs of a task: spaces, horizon, and a generative model for compiled loops.
-
-    `terminal`, (S,) bool, is None where it is unknown.
-    """
+    """What learning needs of a task: spaces, horizon, and a generative model for compiled loops."""
 
     @property
     def states(self) -> Space: ...  # noqa: D102
@@ -553,11 +523,7 @@ def same_task(task: Task, other: Task) -> bool:
 
 
 def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntArray]:
-    """Return where the edges of a graph of S states and Y outcome rows begin and end.
-
-    A state leads to the rows of its `allowed` actions, none where it is terminal, and a row, whose
-    node is S plus its number, to the states of its outcomes.
-    """
+    """Return where the edges of a graph of S states and Y rows (node S + y) begin and end."""
     pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
     if allowed is not None:
         pairs &= allowed
@@ -586,12 +552,9 @@ def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
 
 
 def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
-    """Return the states from which `allowed` actions can avoid all terminal states for ever.
-
-    This is the largest set of states each of which has an allowed action whose every outcome stays
-    in the set. It is empty exactly if every allowed policy is proper, which is to end with
-    probability 1 (Bertsekas, Tsitsiklis 1991).
-    """
+    """Return the states from which `allowed` actions can avoid all terminal states for ever."""
+    # The largest set whose states can stay in it. It is empty exactly if every allowed policy ends
+    # with probability 1, is proper (Bertsekas, Tsitsiklis 1991).
     staying = ~mdp.terminal
     impossible = mdp.probability == 0
     while True:
@@ -606,10 +569,7 @@ def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
 
 
 def steps_to(mdp: Any, goal: BoolArray, among: BoolArray | None = None) -> FloatArray:
-    """Return the fewest steps with which each of some states may reach `goal`, (S,); or infinity.
-
-    Both are (S,) bool; `among` is all states by default, and no way leads through others.
-    """
+    """Return the fewest steps to `goal` that lead only through `among`, (S,) each; or infinity."""
     among = np.ones(len(goal), bool) if among is None else among
     steps = np.where(goal & among, 0.0, np.inf)
     while True:

@@ -1,9 +1,8 @@
 """Generative models: what compiled loops sample a task from, and tasks given by functions.
 
 A *generative model* is a NamedTuple; :func:`first_state` and :func:`transition` sample from it.
-Here are those of tasks with tables and of tasks given by compiled functions; ``pursuit.py`` adds
-that of a domain that computes its successors, ``live.py`` that of an environment. A
-:class:`FactoredModel` is what exact planning reads of a task that moves in independent parts.
+Here are those of tasks with tables and of tasks given by compiled functions, and the
+:class:`FactoredModel`, what exact planning reads of a task that moves in independent parts.
 """
 
 import re
@@ -27,11 +26,9 @@ from curricle.tasks.kernel import INLINED, Overloaded, first_above, uniform
 from curricle.tasks.spaces import Space, action_name, state_name
 from curricle.text import counted
 
-LARGEST_REWARD = 1e100
-"""Rewards of every task are at most this large, so that no return overflows."""
+LARGEST_REWARD = 1e100  # rewards of every task are at most this large, so that no return overflows
 REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
-LONGEST = 10**12
-"""Steps that a time limit may have at most."""
+LONGEST = 10**12  # steps that a time limit may have at most
 
 
 def check_horizon(task: Any) -> None:
@@ -76,10 +73,7 @@ def transition(model, state, action, bits):
 
 
 def truncated(model):
-    """Return whether the task itself truncated the episode at the last transition.
-
-    Loops apply the time limit; only live environments have limits of their own.
-    """
+    """Return whether the task itself truncated the episode just now; only live ones do."""
 
 
 def has_failed(model):
@@ -203,10 +197,7 @@ CellArray = npt.NDArray[np.int32]
 class FactoredModel(NamedTuple):
     """A prey and k predators that move at the same time, independently of each other.
 
-    In state ((p C + c_1) C + c_2) ... the prey is on cell p and predator i on cell c_i, of C; with
-    action (a_1 M + a_2) ... predator i makes move a_i, of M. Reward and termination depend on how
-    many predators are on the prey's cell after the step. Episodes start uniformly in the states
-    that are not terminal.
+    In state ((p C + c_1) C + c_2) ... the prey is on cell p of C and predator i on cell c_i.
     """
 
     landing: CellArray  # (C, M): the cell that each move leads to from each cell
@@ -218,10 +209,7 @@ class FactoredModel(NamedTuple):
 
 
 def joint_landing(landing: CellArray, predators: int) -> CellArray:
-    """Return where joint moves lead k predators from each of their positions, (C^k, M^k) int32.
-
-    Positions and moves are numbered as in states and actions; `landing` is (C, M) int32.
-    """
+    """Return where joint moves lead k predators from each position, (C^k, M^k) int32, by (C, M)."""
     n_cells, n_moves = landing.shape
     joint = np.zeros((1, 1), dtype=np.int32)
     for _ in range(predators):
@@ -242,8 +230,7 @@ def predators_on_prey(n_cells: int, predators: int) -> npt.NDArray[np.int8]:
 # -- tasks given by compiled functions -------------------------------------------------------------
 
 REAL = (types.Integer, types.Float, types.Boolean)
-LARGEST = 2**62
-"""The most states: larger numbers do not fit the arrays that list them."""
+LARGEST = 2**62  # the most states: larger numbers do not fit the arrays that list them
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,6 +238,7 @@ class ComputedMDP:
     """An MDP whose successors are computed by a function, for tasks too large for tables.
 
     It can be learnt and can be a source or a target of transfer, but :func:`solve` needs tables.
+    Compiling takes some seconds in each process, as a user's code is not cached on disk.
 
     Parameters
     ----------
@@ -273,13 +261,8 @@ class ComputedMDP:
     Raises
     ------
     TaskError
-        When a space, a function or the horizon is invalid; while learning, when a function does
-        not compile, or returns a state that does not exist or a reward that is not finite.
-
-    Notes
-    -----
-    The functions are compiled into the learning loop when a task is first learnt. This takes some
-    seconds in each process, as code of a user is not cached on disk.
+        While learning, when a function does not compile, or returns a state that does not exist or
+        a reward that is not finite.
 
     Examples
     --------
@@ -368,12 +351,10 @@ def _check_type(name: str, wanted: str, kind: types.Type, fits: bool) -> None:
         raise TaskError(f"{name} of a computed task must return {wanted}: it returns {kind}")
 
 
+# What a user's functions return is checked at every step: a state that does not exist would be a
+# place outside of every table. From the first mistake on, episodes end at once.
 class Functions(NamedTuple):
-    """The compiled functions of a :class:`ComputedMDP`, the data they read, their first mistake.
-
-    What they return is checked at every step: a state that does not exist would be a place outside
-    of every table. From the first mistake on, episodes end at once.
-    """
+    """The compiled functions of a :class:`ComputedMDP`, the data they read, their first mistake."""
 
     start: Any  # (data, bits) -> state
     step: Any  # (data, state, action, bits) -> (next state, reward, terminated)
@@ -386,8 +367,7 @@ FAILURE = np.dtype(
     [("by", "u8"), ("state", "u8"), ("action", "u8"), ("next_state", "f8"), ("reward", "f8")]
 )
 """The first mistake of a user's functions: which function, for which pair, what it returned."""
-START, STEP = 1, 2
-"""The function that made it; 0 is none."""
+START, STEP = 1, 2  # the function that made it; 0 is none
 
 
 def state_number(returned, n_states):

@@ -79,9 +79,6 @@ def check_spaces(environment: gymnasium.Env[Any, Any]) -> None:
 class ObservationTask:
     """A task whose learner gets observations, as deep learners do; it has no tables.
 
-    Two tasks are equal where the same function makes their environments, with the same discount
-    and time limit.
-
     Parameters
     ----------
     make : callable
@@ -90,11 +87,6 @@ class ObservationTask:
         gamma, in [0, 1].
     time_limit : int, optional
         Steps after which an episode is cut off; by default those of the environment.
-
-    Raises
-    ------
-    TaskError
-        When `make` does not return an environment, or a number is out of range.
 
     Examples
     --------
@@ -123,8 +115,14 @@ class ObservationTask:
         if not isinstance(environment, gymnasium.Env):
             raise TaskError(f"make must return a gymnasium.Env: {self.make} made {environment!r}")
         limit = None if environment.spec is None else environment.spec.max_episode_steps
-        if limit is None:
-            limit = _own_limit(environment.unwrapped)
+        if limit is None:  # that of Curricle's or MiniGrid's environments
+            bare: Any = environment.unwrapped
+            limit = getattr(getattr(bare, "task", None), "time_limit", None)
+            kinds = {kind.__module__ for kind in type(bare).__mro__}
+            # BabyAI's levels set theirs at each reset, unless it is fixed.
+            if "minigrid.minigrid_env" in kinds and getattr(bare, "fixed_max_steps", True):
+                limit = bare.max_steps
+            limit = None if limit is None else int(limit)
         if limit is None and environment.has_wrapper_attr("_max_episode_steps"):
             limit = environment.get_wrapper_attr("_max_episode_steps")  # a TimeLimit around it
         check_spaces(environment)
@@ -163,7 +161,10 @@ class ObservationTask:
     @property
     def shapes(self) -> str:
         """The spaces of observations and actions, such as ``Box(2,) -> Discrete(3)``."""
-        return " -> ".join(_shape(space) for space in self._inspected[:2])
+        return " -> ".join(
+            f"Box{space.shape}" if isinstance(space, Box) else space_text(space)
+            for space in self._inspected[:2]
+        )
 
     def __repr__(self) -> str:
         limit = "" if self.time_limit is None else f", time limit {self.time_limit}"
@@ -193,16 +194,6 @@ def _text(function: Callable[..., Any]) -> str:
     return str(function) if is_dataclass(type(function)) else named(function)
 
 
-def _own_limit(environment: Any) -> int | None:
-    """Return the steps after which Curricle's or MiniGrid's own environments truncate episodes."""
-    limit = getattr(getattr(environment, "task", None), "time_limit", None)
-    kinds = {kind.__module__ for kind in type(environment).__mro__}
-    # BabyAI's levels set theirs at each reset, unless it is fixed.
-    if "minigrid.minigrid_env" in kinds and getattr(environment, "fixed_max_steps", True):
-        limit = environment.max_steps
-    return None if limit is None else int(limit)
-
-
 def _alike(mine: Any, yours: Any) -> bool:
     """Return whether two arguments are equal, including arrays in them."""
     if isinstance(mine, EnvSpec) and isinstance(yours, EnvSpec):
@@ -214,12 +205,6 @@ def _alike(mine: Any, yours: Any) -> bool:
     if isinstance(mine, np.ndarray) or isinstance(yours, np.ndarray):
         return np.array_equal(mine, yours)
     return bool(mine == yours)
-
-
-def _shape(space: gymnasium.Space[Any]) -> str:
-    if isinstance(space, gymnasium.spaces.Box):
-        return f"Box{space.shape}"
-    return space_text(space)
 
 
 def space_text(space: gymnasium.Space[Any]) -> str:

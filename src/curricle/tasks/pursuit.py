@@ -1,6 +1,6 @@
 """Predator pursuit on a grid (paper, F4; E7): predators chase a prey; all move at once."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal, NamedTuple
@@ -45,9 +45,8 @@ Capture = Annotated[
 class Pursuit(Domain):
     """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
 
-    A state is the cell of the prey and of each predator, who are ordered and may share a cell. An
-    action is one move for each predator; the prey moves at the same time. Episodes start uniformly
-    in the states in which the prey is not caught.
+    A state is the cell of the prey and of each predator, who may share a cell. An action is one
+    move for each predator. Episodes start uniformly in the states without a caught prey.
 
     Parameters
     ----------
@@ -60,8 +59,8 @@ class Pursuit(Domain):
     torus : bool
         Whether the grid wraps round; otherwise it is walled and a blocked move is staying.
     capture : {"all", "any", "as_published"} or int
-        How many predators on the prey's cell end the episode with the capture reward. With
-        ``"as_published"``, as in the paper's runs, one ends it, but the reward needs all of them.
+        How many predators on the prey's cell end the episode with the capture reward. In the
+        paper's runs one ends it, but the reward needs all of them.
     prey : "uniform", array or callable
         The prey's policy: (cells, moves) probabilities by its own cell, (S, moves) by state, or a
         function from the decoded states (name -> (S,) cells) to (S, moves).
@@ -69,11 +68,6 @@ class Pursuit(Domain):
         Of a step that does not / does catch the prey.
     discount, time_limit
         As in :class:`FiniteMDP`.
-
-    Raises
-    ------
-    TaskError
-        When a size, a rule or the prey's policy is invalid.
 
     Examples
     --------
@@ -184,11 +178,7 @@ class Pursuit(Domain):
 
     @cached_property
     def factored_model(self) -> FactoredModel | None:
-        """The rules without tables, for exact planning, or None.
-
-        None where the prey reacts to the predators (its policy is given by state), and where even
-        one number a state would take too much memory.
-        """
+        """The rules without tables, for exact planning; None if too large or the prey reacts."""
         if self.states.size > LARGEST_SPACE:
             return None
         policy = self._prey_policy()
@@ -205,13 +195,7 @@ class Pursuit(Domain):
 
     @cached_property
     def mdp(self) -> FiniteMDP:
-        """The task as tables: an outcome row is (prey before, predators after), O = prey moves.
-
-        Raises
-        ------
-        TaskError
-            When the table would not fit, naming the size.
-        """
+        """The task as tables: an outcome row is (prey before, predators after), O = prey moves."""
         n_states, n_actions = self.states.size, self.actions.size
         if n_states * n_actions > LARGEST_TABLE:
             raise TaskError(
@@ -303,16 +287,12 @@ class Pursuit(Domain):
 
 # -- sampling, compiled ----------------------------------------------------------------------------
 
-
 MOVE_ENTRIES = 5
 """Entries for moves in each row of a table, used or not: a constant avoids a multiplication."""
 
 
 class PursuitModel(NamedTuple):
-    """The rules of a :class:`Pursuit` for compiled loops.
-
-    The number of predators is a type, so that loops over them are unrolled.
-    """
+    """The rules of a :class:`Pursuit` for compiled loops."""
 
     predators: tuple[None, ...]  # as many as there are predators
     cells: np.uint64
@@ -380,30 +360,22 @@ def _step(model, state, action, bits):
 
 
 def _pursuit_mappings(target: FamilyMember, source: FamilyMember) -> list[Any]:
-    """Return how a pursuit reads a smaller one, or one with fewer predators.
-
-    There is one mapping for each group of predators that stands for the source's: each predator
-    and those after it, in a circle (paper E7: f_1 and f_2 of two predators from one). Between
-    grids of equal size cells correspond by label. On another size the distances between the prey
-    and the predators of the group stay the same where they fit: a window of the source's size is
-    laid over all of them, and is the nearer to an edge the nearer they are to it. Distances that do
-    not fit become the largest that do.
-    """
+    """Return how a pursuit reads a smaller one, or one with fewer predators."""
     if source["predators"] > target["predators"]:
         raise TaskError(
             f"a pursuit reads pursuits with at most its {target['predators']} predators: got "
             f"{source}"
         )
-    groups = list(_groups(target.task.predator_names, source.task.predator_names))
+    # A group of predators stands for the source's: each predator and those after it, in a circle
+    # (paper E7: f_1 and f_2 of two predators from one).
+    names, others = target.task.predator_names, source.task.predator_names
+    groups = [
+        {name: names[(first + i) % len(names)] for i, name in enumerate(others)}
+        for first in range(len(names) if len(names) > len(others) else 1)
+    ]
     if target["size"] == source["size"]:
         return [ComponentsByName(renaming=group) for group in groups]
     return [_on_another_size(target, source, group) for group in groups]
-
-
-def _groups(names: tuple[str, ...], others: tuple[str, ...]) -> Iterator[dict[str, str]]:
-    """Yield renamings of the source's predators, so that all of the target's are read equally."""
-    for first in range(len(names) if len(names) > len(others) else 1):
-        yield {name: names[(first + i) % len(names)] for i, name in enumerate(others)}
 
 
 def _on_another_size(
@@ -430,6 +402,8 @@ def _on_another_size(
 
 def _window(axis: IntArray, size: int, smaller: int, torus: bool) -> IntArray:
     """Return coordinates in a walled grid of another size, (bodies, ...) as given."""
+    # Distances stay the same where they fit, else become the largest that do: a window of the
+    # source's size is laid over all, the nearer to an edge the nearer they are to it.
     low, high = axis.min(axis=0), axis.max(axis=0)
     before, after = low, size - 1 - high
     # The window begins at `first` of 0 .. size - smaller, in proportion to the room on both sides.
@@ -452,7 +426,6 @@ def _around_prey(axis: IntArray, size: int, smaller: int, torus: bool) -> IntArr
 
 
 def _enough_predators(parameters: dict[str, Any]) -> str | None:
-    """Return what is wrong where more predators are needed than there are."""
     needed, there = parameters["capture"], parameters["predators"]
     if isinstance(needed, int) and needed > there:
         return f"capture of pursuit must be at most the number of predators, {there}"

@@ -1,12 +1,8 @@
 """RiverSwim: a chain against a current, in which the small reward is near and the large one far.
 
 Strehl and Littman 2008, "An analysis of model-based interval estimation for Markov decision
-processes", figure 2: six positions from the left bank to the right one. Swimming left always
-succeeds. Swimming right moves one position on with probability 0.3, leaves the swimmer where it is
-with 0.6 and lets it be carried back with 0.1; at the left bank it succeeds with 0.3, at the right
-bank it stays there with 0.3. Swimming left at the left bank pays 5, staying at the right bank by
-swimming right pays 10,000, all else nothing. Episodes start at position 1 or 2. The task never
-ends; the paper learns 5,000 steps of it with discount 0.95.
+processes", figure 2, has the defaults. Swimming left always succeeds. The task never ends; the
+paper learns 5,000 steps of it with discount 0.95.
 
 Osband, Russo, Van Roy 2013 ("(More) efficient reinforcement learning via posterior sampling") have
 ``RiverSwim(forward=0.35, back=0.05, leave_bank=0.6, stay_at_end=0.6, left_reward=0.005,
@@ -26,10 +22,9 @@ from curricle.tasks.domain import Discount, DomainWithStart, TimeLimit, family_o
 from curricle.tasks.family import FamilyMember, Rule
 from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
-from curricle.tasks.spaces import Component, Decoded, Space, whole
+from curricle.tasks.spaces import Component, Space, whole
 
-LARGEST_SIZE = 1_000_000
-"""Positions of a river at most."""
+LARGEST_SIZE = 1_000_000  # positions of a river at most
 LARGEST_OF_FAMILY = 10_000
 
 
@@ -42,8 +37,7 @@ class RiverSwim(DomainWithStart):
     size : int
         Positions from bank to bank, 2 to 1,000,000.
     forward, back : float
-        Probabilities that swimming right moves one position to the right, and that the current
-        carries the swimmer one back; else it stays.
+        Probabilities that swimming right moves one position on, and one back.
     leave_bank : float
         Probability that swimming right leaves the left bank; else the swimmer stays.
     stay_at_end : float
@@ -58,11 +52,6 @@ class RiverSwim(DomainWithStart):
         The leftmost position. A crop keeps the positions of the whole river.
     discount, time_limit
         As in :class:`FiniteMDP`.
-
-    Raises
-    ------
-    TaskError
-        When a size, a probability, a reward or a start is invalid.
 
     Examples
     --------
@@ -113,11 +102,6 @@ class RiverSwim(DomainWithStart):
         """Return the part of the river in a half-open range of its positions.
 
         Its first and last positions are banks; the reward of a bank that is not part of it is 0.
-
-        Raises
-        ------
-        TaskError
-            When the part exceeds the river or has fewer than 2 positions.
         """
         part = whole(positions, "a crop's positions")
         end = self.origin + self.size
@@ -183,11 +167,7 @@ def _river(size: Annotated[int, Rule(2, LARGEST_OF_FAMILY, "larger")] = 6, **rul
 def _from_the_right_bank(target: FamilyMember, source: FamilyMember) -> Any:
     """Return how a river reads another: counted from the right bank, and not past the left one."""
     shift = target["size"] - source["size"]
-
-    def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
-        return {"position": np.maximum(states["position"] - shift, 0)}, actions
-
-    return function
+    return lambda states, moves: ({"position": np.maximum(states["position"] - shift, 0)}, moves)
 
 
 def _chances_of_a_river(parameters: dict[str, Any]) -> str | None:

@@ -1,9 +1,8 @@
 """Finite spaces whose points have named components.
 
-A space numbers its points 0 .. size-1. Mappings between tasks are written with component names
-(``prey``, ``row``, ...), compiled loops run on the numbers; this module converts between the two. A
-whole box is numbered as NumPy numbers the entries of an array in C order: a point is the sum of its
-components' offsets, each times its stride.
+Mappings between tasks are written with component names (``prey``, ``row``, ...), compiled loops run
+on the numbers of points; this module converts between the two. A whole box is numbered as NumPy
+numbers the entries of an array in C order.
 """
 
 import math
@@ -24,8 +23,7 @@ from curricle.text import counted
 Decoded = dict[str, IntArray]
 """Component name -> integer values, one per point (what :meth:`Space.decode` returns)."""
 
-MISSING = -1
-"""What :meth:`Space.encode` gives for values that are no point of the space."""
+MISSING = -1  # what :meth:`Space.encode` gives for values that are no point of the space
 
 
 def whole(values: npt.ArrayLike, name: str) -> IntArray:
@@ -83,24 +81,21 @@ class Component:
         whole_number(f"the highest value {of}", low + size - 1, low, TaskError)
         object.__setattr__(self, "size", size)
         object.__setattr__(self, "low", low)
-        if self.labels is not None:
-            object.__setattr__(self, "labels", self._checked_labels())
-
-    def _checked_labels(self) -> tuple[str, ...]:
-        if isinstance(self.labels, str) or not isinstance(self.labels, Sequence):
-            raise TaskError(
-                f"labels of component {self.name!r} must be a list of text: got {self.labels!r}"
-            )
-        for label in self.labels:
-            text(f"a label of component {self.name!r}", label, TaskError)
-        if len(self.labels) != self.size:
+        labels: Any = self.labels
+        if labels is None:
+            return
+        if isinstance(labels, str) or not isinstance(labels, Sequence):
+            raise TaskError(f"labels {of} must be a list of text: got {labels!r}")
+        for label in labels:
+            text(f"a label {of}", label, TaskError)
+        if len(labels) != self.size:
             raise TaskError(
                 f"a component needs one label per value: {self.name!r} has {self.size} values "
-                f"and {len(self.labels)} labels"
+                f"and {len(labels)} labels"
             )
-        if len(set(self.labels)) != self.size:
-            raise TaskError(f"a component's labels must differ: {self.name!r} has {self.labels}")
-        return tuple(self.labels)
+        if len(set(labels)) != self.size:
+            raise TaskError(f"a component's labels must differ: {self.name!r} has {labels}")
+        object.__setattr__(self, "labels", tuple(labels))
 
     @property
     def high(self) -> int:
@@ -126,11 +121,6 @@ class Space(Frozen):
     points : (S, C) int array, optional
         The points that exist, one row each, values within the components' ranges.
 
-    Raises
-    ------
-    TaskError
-        On duplicate names, duplicate points or values out of range.
-
     Examples
     --------
     >>> space = Space([Component("row", 2), Component("column", 3)])
@@ -155,16 +145,14 @@ class Space(Frozen):
         names = [c.name for c in self.components]
         if not names or len(set(names)) != len(names):
             raise TaskError(f"components need different names, at least one: got {names}")
-        if self.points is not None:
-            points = whole(self.points, "points")
-            if points.ndim != 2 or points.shape[1] != len(names) or not len(points):
-                raise TaskError(
-                    f"points must have shape (S, {len(names)}), S at least 1: got {points.shape}"
-                )
-            object.__setattr__(self, "points", adopted(points, np.int64))
-            self._check_points()
-
-    def _check_points(self) -> None:
+        if self.points is None:
+            return
+        points = whole(self.points, "points")
+        if points.ndim != 2 or points.shape[1] != len(names) or not len(points):
+            raise TaskError(
+                f"points must have shape (S, {len(names)}), S at least 1: got {points.shape}"
+            )
+        object.__setattr__(self, "points", adopted(points, np.int64))
         for axis, component in enumerate(self.components):
             values = self.points[:, axis]
             bad = np.flatnonzero((values < component.low) | (values > component.high))
@@ -230,22 +218,10 @@ class Space(Frozen):
         for component in self.components:
             if component.name == name:
                 return component
-        raise TaskError(
-            f"a component must be one of {', '.join(self.names)}: got {name!r}",
-        )
+        raise TaskError(f"a component must be one of {', '.join(self.names)}: got {name!r}")
 
     def decode(self, index: npt.ArrayLike | None = None) -> Decoded:
-        """Return the component values of the points numbered `index` (default: all of them).
-
-        Parameters
-        ----------
-        index : int array of any shape, optional
-
-        Returns
-        -------
-        dict
-            Name -> int64 array of the shape of `index`.
-        """
+        """Return the int64 values of each component at the points `index`, or at all of them."""
         self._check_numbered()
         if index is None:
             check_memory("all points of a space", 8 * self.size * len(self.names), TaskError)
@@ -261,17 +237,9 @@ class Space(Frozen):
         return {c.name: v + c.low for c, v in zip(self.components, values, strict=True)}
 
     def encode(self, **values: npt.ArrayLike) -> IntArray:
-        """Return the numbers of the points with these component values, `MISSING` where none.
+        """Return the numbers of the points with these values, by component; `MISSING` where none.
 
-        Parameters
-        ----------
-        **values : int arrays, broadcast together
-            One per component, by name.
-
-        Raises
-        ------
-        TaskError
-            When a component is missing or unknown, or the space has 2^63 points or more.
+        Values are int arrays, which broadcast together.
         """
         self._check_numbered()
         if set(values) != set(self.names):
@@ -286,7 +254,12 @@ class Space(Frozen):
             shapes = ", ".join(str(array.shape) for array in arrays)
             raise TaskError(f"components' shapes must broadcast together: got {shapes}") from None
         if self.points is not None:
-            return self._look_up(np.stack(columns, axis=-1))
+            rows = np.stack(columns, axis=-1)
+            records, numbers = self._sorted
+            wanted = _records(rows.reshape(-1, len(self.names)))
+            nearest = np.minimum(np.searchsorted(records, wanted), len(records) - 1)
+            points = np.where(records[nearest] == wanted, numbers[nearest], MISSING)
+            return points.reshape(rows.shape[:-1])
         number = np.zeros(columns[0].shape, dtype=np.int64)
         inside = np.ones(columns[0].shape, dtype=bool)
         for component, column, stride in zip(self.components, columns, self.strides, strict=True):
@@ -296,14 +269,7 @@ class Space(Frozen):
         return np.where(inside, number, MISSING)
 
     def encode_one(self, values: tuple[Any, ...]) -> int:
-        """Return what :meth:`encode` does, for one point given as a tuple; much faster.
-
-        Examples
-        --------
-        >>> space = Space([Component("row", 2), Component("column", 3)])
-        >>> space.encode_one((1, 2)), space.encode_one((2, 0))
-        (5, -1)
-        """
+        """Return what :meth:`encode` does, for one point given as a tuple; much faster."""
         if self.points is not None:
             return self._numbers.get(values, MISSING)
         if len(values) != len(self.components):
@@ -320,13 +286,6 @@ class Space(Frozen):
     def _numbers(self) -> dict[tuple[int, ...], int]:
         """The number of each point that is listed."""
         return {values: i for i, values in enumerate(map(tuple, self.points.tolist()))}
-
-    def _look_up(self, rows: IntArray) -> IntArray:
-        records, numbers = self._sorted
-        wanted = _records(rows.reshape(-1, len(self.names)))
-        nearest = np.minimum(np.searchsorted(records, wanted), len(records) - 1)
-        points = np.where(records[nearest] == wanted, numbers[nearest], MISSING)
-        return points.reshape(rows.shape[:-1])
 
     def label(self, index: int) -> str:
         """Return the point as text, ``name=value`` for each component."""

@@ -27,8 +27,7 @@ WORDS = ("uniform", "reachable")
 class GoalDistance:
     """The states whose distance to the goal lies in a range, equally likely: a ring around it.
 
-    Only states that the task's own start can reach are meant; tables may have others, such as the
-    cells of a cliff.
+    Only states that the task's own start can reach are meant.
 
     Parameters
     ----------
@@ -59,10 +58,7 @@ class GoalDistance:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TaskWithStart(Frozen):
-    """A task whose episodes start elsewhere; made by :func:`with_start`.
-
-    It has the states, actions and tables of the task, and its layout if it has one.
-    """
+    """A task whose episodes start elsewhere; made by :func:`with_start`."""
 
     task: Any
     start: FloatArray  # (S,) the probability of starting in each state
@@ -108,25 +104,18 @@ class TaskWithStart(Frozen):
 
 
 def with_start(task: Any, start: Any) -> Any:
-    """Return the same task with episodes that start elsewhere.
+    """Return the same task with episodes that start elsewhere; mappings fit both.
 
     Parameters
     ----------
     task : Task
         Any task with tables.
     start
-        - ``"uniform"``: in any state that does not end the episode, as the task itself has it;
+        - ``"uniform"``: in any state that does not end the episode;
         - ``"reachable"``: in any of those that the task's own start can reach;
         - :class:`GoalDistance`: in a ring around the goal;
         - a whole number, or an array of them: in these states, equally likely;
         - (S,) float array: with these probabilities, such as those of :func:`visit_distribution`.
-
-    Returns
-    -------
-    Task
-        A :class:`FiniteMDP` or :class:`TabulatedTask` of one, a :class:`GridWorld` of one where all
-        starts are equally likely, else a task like it. States and actions are those of
-        the task, so that mappings fit both.
 
     Raises
     ------
@@ -161,9 +150,8 @@ def with_start(task: Any, start: Any) -> Any:
 def goal_distance(task: Any, goal: Goal = None) -> IntArray:
     """Return the fewest steps from each state to the goal, (S,) int64; -1 where there is no way.
 
-    An outcome counts if its probability is positive: it is the smallest number of steps after which
-    some policy can have reached the goal, exact by breadth-first search from the goal backwards. No
-    way leads through a terminal state.
+    It is the smallest number of steps after which some policy can have reached the goal. No way
+    leads through a terminal state.
 
     Parameters
     ----------
@@ -173,11 +161,6 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
         The goal's states: a (S,) bool array, an array of their numbers, or a dict from components
         to a value, a label or a list of them. By default the terminal states that are entered with
         the largest reward: the treasure and not the pits.
-
-    Raises
-    ------
-    TaskError
-        When there is no goal, or it is no set of states.
 
     Examples
     --------
@@ -203,7 +186,14 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
 def goal_states(task: Any, goal: Goal = None) -> BoolArray:
     """Return which states are the goal, (S,) bool; the parameters are those of goal_distance."""
     mdp = tables(task)
-    states = _entered_best(mdp) if goal is None else _named_goal(mdp, goal)
+    if goal is not None:
+        states = _named_goal(mdp, goal)
+    else:  # the terminal states that are entered with the largest reward of all
+        used = np.zeros(len(mdp.probability), dtype=bool)
+        used[mdp.outcome_row[~mdp.terminal]] = True
+        ends = used[:, None] & (mdp.probability > 0) & mdp.terminal[mdp.next_state]
+        best = mdp.reward[ends].max(initial=-np.inf)
+        states = _flags(len(mdp.terminal), mdp.next_state[ends & (mdp.reward == best)])
     if not states.any():
         raise TaskError(
             "a goal needs at least one state: none is terminal and can be entered; give the goal"
@@ -211,15 +201,6 @@ def goal_states(task: Any, goal: Goal = None) -> BoolArray:
             else f"a goal needs at least one state: got {goal!r}"
         )
     return states
-
-
-def _entered_best(mdp: FiniteMDP) -> BoolArray:
-    """Return the terminal states that are entered with the largest reward of all, (S,) bool."""
-    used = np.zeros(len(mdp.probability), dtype=bool)
-    used[mdp.outcome_row[~mdp.terminal]] = True
-    ends = used[:, None] & (mdp.probability > 0) & mdp.terminal[mdp.next_state]
-    best = mdp.reward[ends].max(initial=-np.inf)
-    return _flags(len(mdp.terminal), mdp.next_state[ends & (mdp.reward == best)])
 
 
 def _flags(n_states: int, states: Any) -> BoolArray:
@@ -264,7 +245,15 @@ def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
     """Return the start distribution that a description means, (S,) float64."""
     n_states = len(mdp.terminal)
     if isinstance(start, GoalDistance):
-        return _equally(_ring(mdp, start))
+        far = goal_distance(mdp, start.goal)
+        possible = reachable_states(mdp) & ~mdp.terminal
+        ring = (far >= start.low) & (far <= (start.high or 0)) & possible
+        if not ring.any():
+            most = far[possible].max(initial=MISSING)
+            reached = f"the farthest lies {most} steps off" if most > 0 else "there is no way to it"
+            steps = f"{start.low}..{start.high} steps"
+            raise TaskError(f"no state to start in lies {steps} from the goal: {reached}")
+        return _equally(ring)
     if isinstance(start, str):
         if start not in WORDS:
             raise TaskError(
@@ -286,19 +275,6 @@ def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
     if chances.shape != (n_states,):
         raise TaskError(f"start probabilities must have shape ({n_states},): got {chances.shape}")
     return chances
-
-
-def _ring(mdp: FiniteMDP, ring: GoalDistance) -> BoolArray:
-    far = goal_distance(mdp, ring.goal)
-    possible = reachable_states(mdp) & ~mdp.terminal
-    states = (far >= ring.low) & (far <= (ring.high or 0)) & possible
-    if not states.any():
-        most = far[possible].max(initial=MISSING)
-        reached = f"the farthest lies {most} steps off" if most > 0 else "there is no way to it"
-        raise TaskError(
-            f"no state to start in lies {ring.low}..{ring.high} steps from the goal: {reached}"
-        )
-    return states
 
 
 def _equally(states: BoolArray) -> FloatArray:

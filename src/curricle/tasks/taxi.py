@@ -1,11 +1,9 @@
 """Taxi: fetch a passenger from one stand and take them to another (Dietterich 2000).
 
-Gymnasium's ``Taxi-v4``, and smaller towns with fewer stands. The taxi drives in a square town with
-walls between some columns. Picking up and dropping off where it makes no sense costs 10, every
-other step 1, and dropping off at the destination ends the episode with 20. In the rain a move that
-is not blocked goes where it was meant to with probability `success_rate`, and to its left or right
-with half of the rest each, where walls may stop it. Gymnasium's fickle passengers, who change their
-mind once, are left out: its own table does not have them either.
+Gymnasium's ``Taxi-v4``, and smaller towns with fewer stands. Picking up and dropping off where it
+makes no sense costs 10, every other step 1, and dropping off at the destination ends the episode
+with 20. In the rain a move that is not blocked may go to its left or right, where walls may stop
+it. Gymnasium's own table has no fickle passengers either, who change their mind once.
 """
 
 from dataclasses import dataclass
@@ -52,11 +50,6 @@ class Taxi(Domain):
         Probability that a move in the rain goes where it was meant to.
     discount, time_limit
         As in :class:`FiniteMDP`.
-
-    Raises
-    ------
-    TaskError
-        When a value is out of range.
 
     Examples
     --------

@@ -1,10 +1,8 @@
 """Aggregates of several sources into one potential: phi = g(phi_1, ..., phi_N) (paper E6).
 
-A source that knows nothing of a pair (its mapping leaves it unmapped) has NaN there, and an
-aggregate skips NaN: it is that of the sources that know something. Where none does, phi is one
-stated value, 0 unless another is given.
-
-A new aggregate is one decorated function here: forecasts and study files know it by its name.
+A source that knows nothing of a pair (its mapping leaves it unmapped) has NaN there, which an
+aggregate skips. Where none knows anything phi is one stated value. A new aggregate is one decorated
+function here: forecasts and study files know it by its name.
 """
 
 import math
@@ -52,10 +50,8 @@ def _built_in(
 
 
 def built_in(function: Aggregate) -> BuiltIn | None:
-    """Return what the library knows of one of its own aggregates; None of any other function.
-
-    By identity: an aggregate may be any object that can be called, also one without a hash.
-    """
+    """Return what the library knows of one of its own aggregates; None of any other function."""
+    # By identity: an aggregate may be any object that can be called, also one without a hash.
     return next((known for known in BUILT_IN.values() if known.function is function), None)
 
 

@@ -1,12 +1,10 @@
 """Bisimulation of finite MDPs: exact, by partition refinement, and lax, by distances.
 
-Two states are bisimilar if their actions pay alike and lead alike to bisimilar states. Givan, Dean,
-Greig 2003 refine a partition of the states until all states of a block have the same rewards and
-the same chance of each block. As in MDP homomorphisms (Ravindran, Barto 2004), the actions of every
-state may be relabelled: two states are equivalent if each action of the one has an action of the
-other with the same expected reward and the same chance of each block, and the other way round.
-Equivalent pairs then have the same Q*, and equivalent states the same V*, also in several tasks
-that are refined jointly.
+A partition of the states is refined until all states of a block have the same rewards and the same
+chance of each block (Givan, Dean, Greig 2003). As in MDP homomorphisms (Ravindran, Barto 2004), the
+actions of every state may be relabelled: two states are equivalent if each action of either has an
+action of the other with the same expected reward and the same chance of each block. Equivalent
+pairs then have the same Q*, also in several tasks that are refined jointly.
 
 Lax bisimulation needs no exact correspondence: it gives distances between the states of two tasks
 that bound how far their values are apart (Taylor, Precup, Panangaden 2009; Castro, Precup 2010).
@@ -24,7 +22,6 @@ from curricle.progress import SILENT, Bars
 from curricle.tasks.kernel import compiled_once
 
 # -- partition refinement --------------------------------------------------------------------------
-
 
 PRECISION = 1e-9  # numbers no further apart than this, in units of the largest, count as equal
 
@@ -54,17 +51,18 @@ def model_for_refinement(mdp: Any, mean_reward: FloatArray | None = None) -> Mod
 
 
 def refined(models: Sequence[Model]) -> list[Blocks]:
-    """Return the coarsest blocks of several tasks whose pairs agree in reward and next block.
-
-    The tasks must have one discount for Q* to be equal in a block.
-    """
+    """Return the coarsest blocks of tasks of one discount that agree in rewards and next blocks."""
     joint = _joined(models)
     states = np.where(joint.terminal, 0, 1)
     rewards, before = levels(joint.mean_reward), len(np.unique(states))
     while True:
-        rows = _row_classes(joint, rewards, states)
+        # Rows are alike in their reward and the chance of each block; states in the set of rows.
+        entered, chances = merged_outcomes(states[joint.next_state], joint.probability)
+        rows = numbered_rows(np.column_stack([rewards, entered, levels(chances)]))
         pairs = np.where(joint.terminal[:, None], -1, rows[joint.outcome_row])
-        states = numbered_rows(np.column_stack([states, _as_sets(pairs)]))
+        ordered = np.sort(pairs, axis=1)
+        ordered[:, 1:][ordered[:, 1:] == ordered[:, :-1]] = -1
+        states = numbered_rows(np.column_stack([states, np.sort(ordered, axis=1)]))
         blocks = int(states.max()) + 1
         if blocks == before:
             break
@@ -115,19 +113,6 @@ def merged_outcomes(
     )
 
 
-def _row_classes(joint: Model, rewards: IntArray, states: IntArray) -> IntArray:
-    """Return a number for each outcome row: its reward and the chance of each block."""
-    blocks, chances = merged_outcomes(states[joint.next_state], joint.probability)
-    return numbered_rows(np.column_stack([rewards, blocks, levels(chances)]))
-
-
-def _as_sets(pairs: IntArray) -> IntArray:
-    """Return the different classes of each state's pairs, in order, padded with -1."""
-    ordered = np.sort(pairs, axis=1)
-    ordered[:, 1:][ordered[:, 1:] == ordered[:, :-1]] = -1
-    return np.sort(ordered, axis=1)
-
-
 def _joined(models: Sequence[Model]) -> Model:
     """Return the tasks side by side as one; actions that a task lacks repeat its first."""
     width = max(model.probability.shape[1] for model in models)
@@ -151,7 +136,6 @@ def _joined(models: Sequence[Model]) -> Model:
 
 
 # -- the Kantorovich distance ----------------------------------------------------------------------
-
 
 UNSET = 255  # in the first place of a tree: there is none yet
 WIDEST = 120  # outcomes of a distribution at most: nodes of both are numbered in 8 bits
@@ -180,8 +164,7 @@ def scratch(n, m):
 def transport_cost(p, q, parent, order, space):
     """Return min sum_ij c_ij x_ij over x >= 0 with row sums p and column sums q.
 
-    `space.cost` has c in its first n rows and m columns. The tree in `parent` and `order`, (n + m,)
-    uint8, is where the search starts (`UNSET`: nowhere) and becomes that of the optimum.
+    The tree, `parent` and `order` (n + m,) uint8, starts the search and becomes the optimum's.
     """
     n, m = len(p), len(q)
     cost, dual = space.cost, space.dual
@@ -295,7 +278,6 @@ def _pivot(p, q, row, column, parent, order, space):
 
 # -- the fixed point -------------------------------------------------------------------------------
 
-
 SWEEPS = 40  # sweeps with the choices of a backup
 MOST_ROUNDS = 5_000
 MOST_WORK = 20_000_000_000
@@ -318,10 +300,7 @@ class Quotient(NamedTuple):
 
 
 def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotient, Blocks]:
-    """Return a task up to bisimulation, and the block and kind of each of its states and pairs.
-
-    The block of the terminal states has one pair, which pays nothing and leads to itself.
-    """
+    """Return a task up to bisimulation, and the block and kind of each of its states and pairs."""
     (blocks,) = refined([model])
     live = np.flatnonzero(blocks.pairs.ravel() >= 0)
     kinds, first, kind = np.unique(
@@ -380,11 +359,9 @@ def work_of_a_round(target: Quotient, source: Quotient) -> int:
 def fixed_point(
     target: Quotient, source: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
 ) -> tuple[Distances, float]:
-    """Return the distances, and how far from the fixed point they may be.
-
-    Iteration ends where that is at most `tolerance` times the largest distance, or after the most
-    rounds: the distances are then further from the fixed point, by no more than is said.
-    """
+    """Return the distances, and how far from the fixed point they may be."""
+    # Iteration ends where the error is at most `tolerance` times the largest distance, or after the
+    # most rounds: the distances are then further off, by no more than is said.
     nodes = target.chance.shape[1] + source.chance.shape[1]
     random = target.chance.shape[1] > 1 and source.chance.shape[1] > 1
     pairs = np.empty((len(target.reward), len(source.reward)))
@@ -406,7 +383,15 @@ def fixed_point(
             break
         helps, last = helps and change < last, change
         if helps:
-            chosen = coupled(target, source, distances, rests_on)
+            y, z = rests_on.T
+            counts = np.maximum(target.width[y], source.width[z])
+            both = (target.width[y] > 1) & (source.width[z] > 1)
+            counts = np.where(both, target.width[y] + source.width[z] - 1, counts)
+            first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+            cell, mass = np.empty(first[-1], np.int64), np.empty(first[-1])
+            n_source = states.shape[1]
+            fill_couplings(target, source, distances.tree, rests_on, n_source, first, cell, mass)
+            chosen = Choices(first, cell, mass, abs(target.reward[y] - source.reward[z]))
             follow(chosen, states.reshape(-1), discount, SWEEPS)
     return distances, error
 
@@ -478,22 +463,6 @@ def hausdorff(some, others, pairs, least):
                     row = y
                     break
     return largest, row, column
-
-
-def coupled(
-    target: Quotient, source: Quotient, distances: Distances, rests_on: IntArray
-) -> Choices:
-    """Return the pairs that distances rest on, with their optimal couplings."""
-    y, z = rests_on.T
-    counts = np.maximum(target.width[y], source.width[z])
-    both = (target.width[y] > 1) & (source.width[z] > 1)
-    counts = np.where(both, target.width[y] + source.width[z] - 1, counts)
-    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    cell, mass = np.empty(first[-1], np.int64), np.empty(first[-1])
-    fill_couplings(
-        target, source, distances.tree, rests_on, distances.states.shape[1], first, cell, mass
-    )
-    return Choices(first, cell, mass, abs(target.reward[y] - source.reward[z]))
 
 
 @compiled_once

@@ -14,7 +14,6 @@ from curricle.transfer.bisimulation import (
     MOST_WORK,
     WIDEST,
     Blocks,
-    Quotient,
     fixed_point,
     quotient,
     refined,
@@ -29,11 +28,9 @@ LARGEST = 20_000_000  # state-action pairs of both tasks up to which they are re
 def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mapping of each target pair to an equivalent source pair, if any pair has one.
 
-    Equivalent pairs have the same Q*. Refinement takes numbers that nearly agree as equal, so that
-    only pairs whose Q* agree as closely as both are known are mapped. A pair of the target in a
-    state that has an equivalent source state reads that state; others may still read a pair from
-    which both tasks go on alike. Where several source pairs are equivalent, such as images under a
-    symmetry, the first state's is taken.
+    Equivalent pairs have the same Q*, as closely as both are known. A pair of the target in a state
+    that has an equivalent source state reads that state; others may still read a pair from which
+    both tasks go on alike. Of several equivalent pairs the first is taken.
 
     Raises
     ------
@@ -90,7 +87,6 @@ def _first_of(keys: IntArray, wanted: IntArray) -> IntArray:
 
 # -- nearest pairs ---------------------------------------------------------------------------------
 
-
 TOLERANCE = 1e-3  # how far below the fixed point distances may be, in units of the largest
 LARGEST_PAIRS = 8_000_000
 """Pairs of a target's and a source's kinds of pairs up to which distances are computed."""
@@ -119,9 +115,8 @@ def lax_bisimulation(
     The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the
     Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
     nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
-    solves the equation of the target's discount, which keeps the bound. The work grows with the
-    number of states that are not bisimilar to others (to 1e-9 of the largest number). It ends after
-    some minutes of one core at most, with a larger `error`; the bound holds in any case.
+    solves the equation of the target's discount. The work grows with the number of states that are
+    not bisimilar. It ends after some minutes at most; the bound, with `error`, holds in any case.
 
     Parameters
     ----------
@@ -139,8 +134,6 @@ def lax_bisimulation(
         When a task has no tables.
     MappingError
         When a discount is 1, the tasks are too large, or a pair has more than 120 outcomes.
-    SettingError
-        When `progress` is none of what it may be.
 
     Examples
     --------
@@ -162,11 +155,6 @@ def lax_bisimulation(
 def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mapping to the nearest pair, and that to the nearest state and its nearest pair.
 
-    Raises
-    ------
-    MappingError
-        As :func:`lax_bisimulation`.
-
     Examples
     --------
     >>> from curricle import GridWorld
@@ -179,14 +167,15 @@ def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
     yield tasks.proposal(by_state, "lax bisimulation: nearest pair of the nearest state")
 
 
-def _quotients(tasks: TaskPair) -> list[tuple[Quotient, Blocks]]:
-    """Return both tasks up to bisimulation; MappingError where they are too large to compare."""
+def _nearest(
+    tasks: TaskPair, tolerance: float, bars: Bars = SILENT
+) -> tuple[LaxBisimulation, IntArray]:
+    """Return the distances between two tasks, and the nearest pair of the nearest state, (S, A)."""
     solutions, discount = (tasks.target_solution, tasks.source_solution), tasks.target_mdp.discount
-    both = [
+    (target, blocks), (source, source_blocks) = (
         quotient(model, discount, solution.values)
         for model, solution in zip(tasks.models, solutions, strict=True)
-    ]
-    target, source = (task for task, _ in both)
+    )
     if (size := len(target.reward) * len(source.reward)) > LARGEST_PAIRS:
         raise MappingError(
             f"lax bisimulation compares up to {LARGEST_PAIRS:,} pairs with pairs: these tasks have "
@@ -201,18 +190,11 @@ def _quotients(tasks: TaskPair) -> list[tuple[Quotient, Blocks]]:
         raise MappingError(
             f"lax bisimulation takes up to {WIDEST} outcomes of a pair: got {widest}"
         )
-    return both
-
-
-def _nearest(
-    tasks: TaskPair, tolerance: float, bars: Bars = SILENT
-) -> tuple[LaxBisimulation, IntArray]:
-    """Return the distances between two tasks, and the nearest pair of the nearest state, (S, A)."""
-    (target, blocks), (source, source_blocks) = _quotients(tasks)
-    between, error = fixed_point(target, source, tasks.target_mdp.discount, tolerance, bars)
-    solutions = tasks.target_solution, tasks.source_solution
+    between, error = fixed_point(target, source, discount, tolerance, bars)
     error += sum(solution.error_bound for solution in solutions)  # a source is rewritten by its V*
-    first = _first_pairs(source_blocks, len(source.reward))
+    known, at = np.unique(source_blocks.pairs.ravel(), return_index=True)
+    first = np.full(len(source.reward), ENDED)  # pair of each kind, but of the end's
+    first[known[known >= 0]] = at[known >= 0]
     live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
 
     kind, distance = between.pairs.argmin(axis=1), between.pairs.min(axis=1)
@@ -229,11 +211,3 @@ def _nearest(
     by_state = first[np.take_along_axis(choices, distances.argmin(axis=2), axis=1)]
     lax = LaxBisimulation(frozen(states), frozen(index), frozen(bound), error)
     return lax, np.where(live, by_state, ENDED)
-
-
-def _first_pairs(blocks: Blocks, kinds: int) -> IntArray:
-    """Return the first pair of each kind, `ENDED` for the kind that has none: the end."""
-    kind, first = np.unique(blocks.pairs.ravel(), return_index=True)
-    pairs = np.full(kinds, ENDED)
-    pairs[kind[kind >= 0]] = first[kind >= 0]
-    return pairs

@@ -36,8 +36,8 @@ UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
 class ComponentMapping(StateActionMapping):
     """A mapping given by names of components; made by :func:`project`.
 
-    The index array is made only when it is asked for, so that the mapping serves targets of any
-    size: learning reads the source through :meth:`lookups`.
+    The index array is made only when it is asked for; learning reads the source through
+    :meth:`lookups`, so that the mapping serves targets of any size.
 
     Parameters
     ----------
@@ -47,8 +47,7 @@ class ComponentMapping(StateActionMapping):
     unmapped_value : float, optional
         As in :class:`StateActionMapping`.
     unequal : {"unmapped", "clip", "scale"}
-        What becomes of values without labels where the ranges of a component differ, as in
-        :class:`ComponentsByName`.
+        As in :class:`ComponentsByName`.
 
     Examples
     --------
@@ -137,11 +136,9 @@ class ComponentMapping(StateActionMapping):
         return source_points(self.target.actions, self.source.actions, self.renaming, self.unequal)
 
     def lookups(self) -> list[IntArray] | None:
-        """Return how to compute a source state from a target state without arrays over all states.
+        """Return offsets of each target component's values, whose sum is the source state.
 
-        One table for each component of the target's states, with an offset for each of its values:
-        the source state is the sum of the offsets, and there is none where one is `MISSING`. None
-        where a space is not a whole box.
+        There is none where an offset is `MISSING`. None where a space is not a whole box.
         """
         target, source = self.target.states, self.source.states
         if not (target.is_box and source.is_box):
@@ -166,10 +163,9 @@ def project(
 ) -> ComponentMapping:
     """Return the mapping that reads the source's components off the target's by name (paper E7).
 
-    Each component of the source's states and actions takes its value from the target component
-    of the same name, or the one named in `renaming`. Components with labels correspond label by
-    label, so that (1,2) on a 5x5 grid is (1,2) on a 4x4 grid; a value the source does not have
-    leaves the pair unmapped.
+    Each component of the source's states and actions takes its value from the target component of
+    the same name, or the one named in `renaming`, label by label where both have labels; a value
+    that the source does not have leaves the pair unmapped.
 
     Parameters
     ----------
@@ -241,7 +237,6 @@ def _values_of(origin: Component, component: Component, unequal: Unequal) -> Int
 
 # -- the identity ----------------------------------------------------------------------------------
 
-
 IDENTITY = "identity needs tasks of one shape"
 
 
@@ -254,18 +249,13 @@ def identity(target: Task, source: Task | None = None) -> StateActionMapping: ..
 def identity(target: Any, source: Any = None) -> Any:
     """Return the mapping of each state and action to the same one of a task of the same shape.
 
-    Of one shape are tasks whose states and actions have as many components, with the same values in
-    the same order, whatever they are called: a slippery lake and one that is not. Observations must
-    have the same shape. Without a source it is the mapping of a task onto itself.
+    Of one shape are tasks whose components have the same values in the same order, whatever they
+    are called. Observations must have the same shape. The source is the target by default.
 
     Parameters
     ----------
     target, source : Task or ObservationTask
         Both with numbered states, or both seen through observations.
-
-    Returns
-    -------
-    StateActionMapping or ObservationMapping
 
     Raises
     ------
@@ -363,8 +353,8 @@ def family_mappings(
 ) -> tuple[Any, ...]:
     """Return how a member of a family maps onto another, as the family declares it.
 
-    Several mappings stand for several transfers: each predator of a pursuit can read the only one
-    of its source. What the family declares is checked against both tasks as any mapping is.
+    Several mappings, one at least, stand for several transfers: each predator of a pursuit can read
+    the only one of its source.
 
     Parameters
     ----------
@@ -373,11 +363,6 @@ def family_mappings(
     unmapped_value : float, optional
         As in :class:`StateActionMapping`. It is not given to mappings that a family's function made
         itself.
-
-    Returns
-    -------
-    tuple of StateActionMapping or ObservationMapping
-        At least one, from ``target.task`` to ``source.task``.
 
     Raises
     ------
@@ -445,7 +430,6 @@ def _made(
 
 
 # -- every assignment of components ----------------------------------------------------------------
-
 
 MAX_ASSIGNMENTS = 10_000
 COMPARED = 5_000  # state-action pairs of the target on which assignments are compared at most
@@ -535,7 +519,6 @@ def _prediction_error(
 
 # -- searches by name ------------------------------------------------------------------------------
 
-
 WORDS: dict[Unequal, str] = {
     "unmapped": "components by name",
     "scale": "components by name, unequal ranges scaled",
@@ -549,11 +532,6 @@ def by_name(tasks: TaskPair) -> Iterator[Proposal]:
 
     Where ranges of a component differ, values that the source lacks are left unmapped, scaled or
     clipped; these are three candidates.
-
-    Raises
-    ------
-    MappingError
-        When the target lacks a component of the source's.
 
     Examples
     --------

@@ -1,8 +1,7 @@
 """Calibration: the scale of a potential, fitted to the returns of its own greedy policy.
 
-A source's values are those of another task: carried over unchanged they are too high or too low,
-and learning corrects them one pair after the other. For c > 0, c phi has the same optimum and the
-same greedy policy as phi, so c can be fitted to rollouts of that policy in the target.
+A source's values are too high or too low in another task. For c > 0, c phi has the same optimum and
+the same greedy policy as phi, so c can be fitted to rollouts of that policy in the target.
 """
 
 import math
@@ -43,11 +42,9 @@ class Calibration:
         scale phi; phi itself where nothing could be fitted.
     scale : float
     predicted, return_to_go : float
-        Means over all steps: of phi(s_t, a_t), and of the discounted return from t on (with the
-        calibrated potential as the value of states in which an episode was truncated).
+        Means over all steps: of phi(s_t, a_t), and of the discounted return from t on.
     explained : float
-        The share of the sum of squares of the returns to go that the fit explains. NaN where
-        nothing was fitted.
+        The share of the squares of the returns to go that the fit explains; NaN without a fit.
     episodes, ended : int
         Greedy episodes, and how many of them terminated.
     warm_up : WarmUp
@@ -122,10 +119,9 @@ def calibrate(
     ------
     CalibrationError
         When the episodes carry no information (phi was 0 in most of their steps, or they reached
-        nothing, or `max_steps` ended the first, or a fit would be 0 / 0), when no positive scale
-        explains the returns, or when the scale would raise values of phi well above those of the
-        steps it was fitted to. The last is common where rewards have both signs: a factor above 1
-        lowers low values, as wanted, and raises high ones. It is not judged for observations.
+        nothing, or `max_steps` ended the first), when no positive scale explains the returns, or
+        when the scale would raise values of phi well above those it was fitted to, as is common
+        where rewards have both signs. The last is not judged for observations.
 
     Examples
     --------
@@ -201,11 +197,7 @@ def fitted_scale(rollouts: GreedyRollouts) -> tuple[float, float]:
 
 
 def _inner(left: FloatArray, right: FloatArray) -> float:
-    """Return the inner product, its sum rounded once.
-
-    BLAS rounds differently on different processors, and a scale that differs in its last bit leads
-    to other trajectories.
-    """
+    """Return the inner product, its sum rounded once: BLAS rounds as the processor does."""
     return math.fsum(left * right)
 
 

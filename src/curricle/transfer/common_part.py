@@ -1,10 +1,9 @@
 """The common part of two deterministic tasks, grown from a transition that is rare in both.
 
 A maze and a crop of it do not correspond exactly: at the crop's edge a move that goes on in the
-maze stays. What both have in common still does, and can be found without names as a common subgraph
-is: from one pair of states that stand for each other, along transitions with equal rewards, each
-state once. Moves to states that the part knows are settled first, then the one whose next states
-have the most rewards in common; the largest parts over all beginnings are proposed.
+maze stays. What both have in common is found as a common subgraph is: from one pair of states that
+stand for each other, along transitions with equal rewards, each state once. Moves to states that
+the part knows are settled first, then the one whose next states have the most rewards in common.
 """
 
 from collections import Counter
@@ -81,10 +80,7 @@ class Part:
     def _settle(
         self, unsettled: list[tuple[int, int]], guess: bool
     ) -> list[tuple[int, int]] | None:
-        """Settle a move to a state that the part knows, or the likeliest; return what it leads to.
-
-        None where nothing can be settled. States of which all is settled leave the list.
-        """
+        """Settle a move to a known state, or a guess; return the new pairs, None if nothing is."""
         best = None
         for s, u in list(unsettled):
             open_moves = False
@@ -93,7 +89,12 @@ class Part:
                     continue
                 fits = [a for a in range(self.target.after.shape[1]) if self._fits(s, a, u, b)]
                 open_moves |= bool(fits)
-                if self._settled(s, fits):
+                to = {int(self.target.after[s, a]) for a in fits}
+                known = (
+                    there == STAYS or self.target.terminal[there] or there in self.state
+                    for there in to
+                )
+                if len(to) == 1 and all(known):  # all that fit lead to a state of the part
                     return self._take(s, fits[0], u, b)
                 for a in fits if guess else ():
                     likely = self._likely(s, a, u, b), -len(fits)
@@ -135,12 +136,6 @@ class Part:
         if to in self.state or there in self.of:
             return self.state.get(to) == there
         return True
-
-    def _settled(self, s: int, fits: list[int]) -> bool:
-        """Return whether the moves that fit all lead to one state that the part knows already."""
-        to = {int(self.target.after[s, a]) for a in fits}
-        known = (self.target.terminal[state] or state in self.state for state in to - {STAYS})
-        return len(to) == 1 and all(known)
 
     def _likely(self, s: int, a: int, u: int, b: int) -> float:
         """Return the share of rewards that the next states have in common."""
@@ -252,11 +247,7 @@ def _beginnings(target: Moves, source: Moves) -> list[tuple[int, int]]:
 
 
 def _left_over(part: Part, s: int, a: int, u: int, left: list[int]) -> int | None:
-    """Return one of the source's moves left for a move without a counterpart, and take it.
-
-    One that stays, for a move out of the part; or one that ends, too, or that leads to the same
-    state, at another reward.
-    """
+    """Take and return one of the source's moves left for a move without a counterpart."""
     to = int(part.target.after[s, a])
     ends = to != STAYS and bool(part.target.terminal[to])
     for b in left:

@@ -39,11 +39,7 @@ class TaskMapping(ABC):
 
     @abstractmethod
     def pairs(self, values: Any, batch: Any, scale: float = 1.0, shift: float = 0.0) -> FloatArray:
-        """Return phi(s, a) = scale Q_source(f(s, a)) + shift of every action, (n, A) float64.
-
-        `values` are a :class:`ValueSource`. phi is `shift` where ended, and where unmapped
-        `unmapped_value` or NaN.
-        """
+        """Return phi(s, a) = scale Q_source(f(s, a)) + shift of every action, (n, A) float64."""
 
     @property
     @abstractmethod
@@ -64,9 +60,6 @@ class TaskMapping(ABC):
 @dataclass(frozen=True, eq=False)
 class StateActionMapping(Frozen, TaskMapping):
     """A mapping of target pairs (s, a) to source pairs, as an index array.
-
-    Made by :func:`identity`, :func:`same_position`, :func:`project`, :func:`relative_objects` or
-    :func:`from_function`, or from the array itself.
 
     Parameters
     ----------
@@ -226,11 +219,7 @@ def number_or_nan(unmapped_value: float | None) -> float:
 def transferred(
     values: FloatArray, index: IntArray, unmapped_value: float | None, scale: float, shift: float
 ) -> FloatArray:
-    """Return scale Q + shift of mapped pairs, shift of ended ones, and `unmapped_value` elsewhere.
-
-    `values` are Q of the source pairs; they count where `index` is at least 0. Elsewhere it is
-    `ENDED`, where Q is 0, or `UNMAPPED`. It broadcasts against `values`.
-    """
+    """Return scale Q + shift where mapped, shift where ended, and `unmapped_value` elsewhere."""
     unmapped_value = number_or_nan(unmapped_value)
     fixed = np.where(index == UNMAPPED, unmapped_value, shift)
     return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))
@@ -260,10 +249,9 @@ def relative_objects(
 ) -> StateActionMapping:
     """Return Svetlik's mapping: states whose objects lie alike around the agent (paper E4, F1).
 
-    A target state matches a source state if every object of the source lies, relative to the
-    agent, where the target has an object of its class: s_target = [s_source, rest]. That is, the
-    source's map fits the target's at some shift. Where several shifts fit, the smallest (upwards,
-    then to the left) is taken.
+    A target state matches a source state if every object of the source lies, relative to the agent,
+    where the target has an object of its class: s_target = [s_source, rest]. Of several shifts of
+    the source's map that fit, the smallest (upwards, then to the left) is taken.
 
     Examples
     --------
@@ -303,9 +291,8 @@ def from_function(
     Raises
     ------
     MappingError
-        When the function asks for a component that the target does not have, or does not return
-        all of the source's; or the target has more than 1,000,000,000 pairs, which would all be
-        listed.
+        When the function asks for or returns other components than the tasks have, or the target
+        has more than 1,000,000,000 pairs.
 
     Examples
     --------
@@ -362,12 +349,8 @@ class _Components(dict[str, IntArray]):
 def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:
     """Return `second` after `first`: from the target of `first` to the source of `second`.
 
-    Pairs that either leaves unmapped are unmapped, with the value of `first`.
-
-    Raises
-    ------
-    MappingError
-        When the source of `first` is not the target of `second`.
+    The source of `first` must be the target of `second`. Pairs that either leaves unmapped are
+    unmapped, with the value of `first`.
 
     Examples
     --------
@@ -416,7 +399,6 @@ def _check_mazes(mapping: str, target: Task, source: Task) -> None:
 
 
 # -- coverage --------------------------------------------------------------------------------------
-
 
 LARGEST_COVERAGE = 5_000_000  # pairs of either task up to which a mapping's coverage is counted
 

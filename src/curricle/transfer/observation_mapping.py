@@ -55,12 +55,7 @@ class TableValues:
 
     Parameters
     ----------
-    table : (S, A) float array
-
-    Raises
-    ------
-    PotentialError
-        When the table is not (S, A) or not finite.
+    table : (S, A) float array, finite
 
     Examples
     --------
@@ -108,11 +103,6 @@ class FunctionValues:
         observations -> (n,). At least one of the two is needed.
     actions : int, optional
         A, over which V(s) = max_a Q(s, a) is taken where only `action_values` is given.
-
-    Raises
-    ------
-    PotentialError
-        When neither function is given, or one returns another shape.
 
     Examples
     --------
@@ -208,8 +198,8 @@ class ObservationMapping(TaskMapping):
         The target's stacked observations -> the source's, as many; of a source with tables its
         states' numbers, (n,) ints, which may be `UNMAPPED` or `ENDED`. By default the same.
     actions : (A,) int array or callable, optional
-        The source's action for each of the target's, `UNMAPPED` where none; or a function
-        observations -> (n, A) of them. By default the same numbers.
+        The source's action for each of the target's, `UNMAPPED` where none; or observations ->
+        (n, A) of them. By default the same numbers.
     status : callable, optional
         observations -> (n,) bool, whether there is a counterpart; or ints, `UNMAPPED` or `ENDED`
         where there is none. The counterparts returned for these are not read.
@@ -249,7 +239,10 @@ class ObservationMapping(TaskMapping):
 
     def __post_init__(self) -> None:
         if not self.description:
-            object.__setattr__(self, "description", self._describe())
+            functions = {"observations": self.observations, "actions": self.actions}
+            functions |= {} if self.status is None else {"status": self.status}
+            names = [f"{part} {_function_name(how)}" for part, how in functions.items()]
+            object.__setattr__(self, "description", ", ".join(names))
         instance("target of an observation mapping", self.target, ObservationTask, MappingError)
         check_unmapped_value(self.unmapped_value)
         if self.observations is None and not is_observation_task(self.source):
@@ -272,11 +265,6 @@ class ObservationMapping(TaskMapping):
     def is_identity(self) -> bool:
         """Whether observations and actions are left as they are, all of them mapped."""
         return self.observations is None and self.actions is None and self.status is None
-
-    def _describe(self) -> str:
-        parts = {"observations": self.observations, "actions": self.actions}
-        parts |= {} if self.status is None else {"status": self.status}
-        return ", ".join(f"{part} {_function_name(how)}" for part, how in parts.items())
 
     @property
     def _source_actions(self) -> int | None:
@@ -365,7 +353,14 @@ class ObservationMapping(TaskMapping):
             )
         if not is_observation_task(self.source):
             seen = _integers("states", seen)
-            if self._any_not_mapped(seen):
+            n_states = self.source.states.size
+            if not (seen.view(np.uint64) < n_states).all():  # both bounds at once
+                bad = np.flatnonzero((seen < ENDED) | (seen >= n_states))
+                if bad.size:
+                    raise MappingError(
+                        f"a mapping's states must lie in 0..{n_states - 1}, or be UNMAPPED or "
+                        f"ENDED: observation {bad[0]} gives {seen[bad[0]]}"
+                    )
                 status = seen if status is None else np.where(seen < 0, seen, status)
                 seen = np.maximum(seen, 0)
         if batch_size(seen) != n or (status is not None and status.shape != (n,)):
@@ -375,18 +370,6 @@ class ObservationMapping(TaskMapping):
                 f"counterparts and status of shape {shape}"
             )
         return seen, status
-
-    def _any_not_mapped(self, states: IntArray) -> bool:
-        """Return whether a state is UNMAPPED or ENDED; MappingError if one is out of range."""
-        if (states.view(np.uint64) < self.source.states.size).all():  # both bounds at once
-            return False
-        bad = np.flatnonzero((states < ENDED) | (states >= self.source.states.size))
-        if bad.size:
-            raise MappingError(
-                f"a mapping's states must lie in 0..{self.source.states.size - 1}, or be UNMAPPED "
-                f"or ENDED: observation {bad[0]} gives {states[bad[0]]}"
-            )
-        return True
 
     def _actions(self, observations: Any, n: int) -> IntArray:
         """Return the source's action for each pair, (n, A)."""

@@ -116,11 +116,7 @@ class TaskPair:
 
     @cached_property
     def values_without(self) -> FloatArray:
-        """Values of the target's policies that need no source, (S,) float64.
-
-        The random policy or the myopic one, which is greedy on the next reward: whichever has the
-        larger mean.
-        """
+        """Values of the target's random or myopic policy, (S,): whichever has the larger mean."""
         mdp = self.target_mdp
         rewards = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row]
         policies = np.full(rewards.shape, 1 / rewards.shape[1]), greedy_policy(rewards)
@@ -129,20 +125,15 @@ class TaskPair:
 
     @cached_property
     def judged(self) -> BoolArray:
-        """The target's states that an episode can be in and that do not end it, (S,) bool.
-
-        Of a target that was sampled, those in which every action was tried.
-        """
+        """The target's states that an episode can be in and that do not end it, (S,) bool."""
+        # Of a target that was sampled, those in which every action was tried.
         live = reachable_states(self.target_mdp) & ~self.target_mdp.terminal
         return live if self.sampled[0] is None else live & self.sampled[0].tried
 
     @cached_property
     def models(self) -> tuple[Model, Model]:
-        """Both tasks for refinement, with the target's discount.
-
-        V* of the source also solves V = max_a r' + gamma_t P V, with r' = r + (gamma_s - gamma_t)
-        P V: a task with the target's discount. Where discounts agree nothing changes.
-        """
+        """Both tasks for refinement, with the target's discount."""
+        # V* of the source solves V = max_a r' + gamma_t P V, too, r' = r + (gamma_s - gamma_t) P V.
         target, source = self.target_mdp, self.source_mdp
         rewards = (source.probability * source.reward).sum(axis=1)
         if target.discount != source.discount:
@@ -172,11 +163,7 @@ class TaskPair:
         return of_target, of_source
 
     def bound(self, index: IntArray) -> float:
-        """Return a bound of how far Q* of any mapped pair is from what it reads; or `NOT_PROVEN`.
-
-        Both tasks are solved, whatever found the mapping: it is the largest difference of their Q*
-        and their proven errors, over all pairs, also those that no episode reaches.
-        """
+        """Return a bound of how far Q* of a mapped pair is from what it reads; or `NOT_PROVEN`."""
         mapped = (index != UNMAPPED) & ~self.target_mdp.terminal[:, None]
         if self.own_solutions is None or not mapped.any():
             return NOT_PROVEN
@@ -232,7 +219,6 @@ def search_steps(transfers: Iterable[Any]) -> int:
 
 
 # -- tables estimated from steps -------------------------------------------------------------------
-
 
 LARGEST = 2_000_000  # state-action pairs of a task that is sampled
 LONGEST = 1_000  # steps of an episode where the task has no time limit

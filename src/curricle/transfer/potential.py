@@ -25,12 +25,7 @@ from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import ObservationTask
 from curricle.tasks.spaces import MISSING, Space
 from curricle.text import brief_repr
-from curricle.transfer.aggregate import (
-    Aggregate,
-    aggregate,
-    built_in,
-    mean,
-)
+from curricle.transfer.aggregate import Aggregate, aggregate, built_in, mean
 from curricle.transfer.by_components import ComponentMapping
 from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, terminal_states, transferred
 from curricle.transfer.observation_mapping import ObservationMapping, ValueSource, no_actions
@@ -121,10 +116,7 @@ class MappedPotential(PairPotential):
 
 
 def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
-    """Return whether every state of a task is looked up within the values of its sources.
-
-    Compiled loops do not look where they read.
-    """
+    """Return whether every state of a task is looked up within its sources: loops do not look."""
     if not isinstance(lookup, ValueLookup) or not states.is_box:
         return False
     n, c = len(lookup.first), len(states.components)
@@ -178,11 +170,7 @@ def combined_potential(
     function: Aggregate,
     unknown_value: float = 0.0,
 ) -> MappedPotential | StateActionPotential:
-    """Return the aggregated potential of N transfers, as an array where it cannot be looked up.
-
-    `source_values` are N (S', A') float arrays; phi is `unknown_value` where no source knows
-    anything.
-    """
+    """Return the aggregated potential of N transfers, as an array if it cannot be looked up."""
     mapped = mapped_potential(task, transfers, source_values, function, unknown_value)
     if mapped is not None:
         return mapped
@@ -205,10 +193,16 @@ def mapped_potential(
     combine = None if known is None else known.code
     if combine is None or len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
         return None
-    tables = [_padded_table(edge, q) for edge, q in zip(transfers, source_values, strict=True)]
-    actions, strides = list[IntArray](), list[IntArray]()
-    for edge, table, of_components in zip(transfers, tables, offsets, strict=True):
-        width, action = table.shape[1], edge.mapping.actions
+    tables, actions, strides = list[FloatArray](), list[IntArray](), list[IntArray]()
+    for edge, values, of_components in zip(transfers, source_values, offsets, strict=True):
+        # What the target reads of a source, (S' + 1, A' + 1).
+        q = np.pad(np.asarray(values, dtype=np.float64), (0, 1))
+        index = np.zeros(q.shape, dtype=np.int64)
+        index[:-1][terminal_states(edge.mapping.source)] = ENDED
+        index[-1], index[:, -1] = UNMAPPED, UNMAPPED
+        unmapped_value = edge.mapping.unmapped_value
+        tables.append(transferred(q, index, unmapped_value, edge.scale, edge.shift))
+        width, action = q.shape[1], edge.mapping.actions
         actions.append(np.where(action == MISSING, width - 1, action))
         strides += [
             np.where(offset == MISSING, -1, offset * width) for offset in reversed(of_components)
@@ -247,16 +241,6 @@ def _starts(arrays: Sequence[npt.NDArray[Any]]) -> IntArray:
     return np.concatenate([[0], ends[:-1]])
 
 
-def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> FloatArray:
-    """Return what a target reads of a source, (S' + 1, A' + 1)."""
-    mapping = transfer.mapping
-    q = np.pad(np.asarray(source_values, dtype=np.float64), (0, 1))
-    index = np.zeros(q.shape, dtype=np.int64)
-    index[:-1][terminal_states(mapping.source)] = ENDED
-    index[-1], index[:, -1] = UNMAPPED, UNMAPPED
-    return transferred(q, index, mapping.unmapped_value, transfer.scale, transfer.shift)
-
-
 # -- over observations -----------------------------------------------------------------------------
 
 
@@ -264,10 +248,8 @@ def _padded_table(transfer: Transfer, source_values: npt.ArrayLike) -> FloatArra
 class ObservationPotential:
     """phi(s, a) = scale g(phi_1, ..., phi_N) + shift, read for n observations at once.
 
-    g skips the sources whose mapping leaves an observation unmapped.
-
-    It is a :class:`ValueSource` itself. Where all sources have action values, and the actions are
-    numbered, Phi(s) = max_a phi(s, a); else it is the aggregate of the sources' V(s).
+    It is a :class:`ValueSource`. Where all sources have action values, and actions are numbered,
+    Phi(s) = max_a phi(s, a); else it is the aggregate of the sources' V(s).
 
     Parameters
     ----------
@@ -282,11 +264,6 @@ class ObservationPotential:
     scale, shift : float
     unknown_value : float
         g where no source knows anything.
-
-    Raises
-    ------
-    PotentialError
-        When there is no source, or a mapping was made for another target.
 
     Examples
     --------

@@ -1,8 +1,7 @@
 """Greedy rollouts of a potential: what it predicts at each step, and the return that follows.
 
-They calibrate a potential, or say how far it is from the truth and where learning will start,
-before anything is learnt. Tasks with numbered states are rolled out in compiled loops, observation
-tasks side by side with one call of the policy a step.
+They calibrate a potential, or say how far it is from the truth, before anything is learnt. Tasks
+with numbered states are rolled out in compiled loops, observation tasks side by side.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,11 +28,11 @@ from curricle.planning.greedy import (
 )
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.simulator import EpisodeEnds, GreedyPolicy, StepRecord, simulate
-from curricle.planning.solution import Solution, right_choices
+from curricle.planning.solution import right_choices
 from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
 from curricle.tasks.kernel import compiled, splitmix64, stream_start
 from curricle.tasks.live import open_model
-from curricle.tasks.mdp import Task, generative_model, reachable_states, tables
+from curricle.tasks.mdp import generative_model, reachable_states, tables
 from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
 from curricle.text import brief_repr
 from curricle.transfer.potential import ObservationPotential
@@ -52,7 +51,7 @@ NAN = float("nan")
 class GreedyRollouts(Frozen):
     """E greedy episodes with n steps in all, and what the potential predicts at each step."""
 
-    states: IntArray  # (n,)
+    states: IntArray  # (n,); empty, as actions are, where states are not numbered
     actions: IntArray  # (n,)
     predicted: FloatArray  # (n,) phi(s_t, a_t)
     return_to_go: FloatArray  # (n,) discounted rewards from step t to the end of its episode
@@ -74,12 +73,7 @@ def greedy_rollouts(
     stream: str = "greedy_rollouts",
     max_steps: int | None = None,
 ) -> GreedyRollouts:
-    """Return episodes of the greedy policy of a potential in its task.
-
-    Each is truncated at the task's time limit or, without one, where rewards are discounted by a
-    factor below 1e-9. All stop after `max_steps`, the last of them truncated there. Ties are broken
-    at random where states are numbered; elsewhere ``states`` and ``actions`` are empty.
-    """
+    """Return episodes of a potential's greedy policy in its task, at most `max_steps` in all."""
     if isinstance(potential, ObservationPotential):
         seen = greedy_episodes(
             potential, episodes=episodes, seed=seed, stream=stream, max_steps=max_steps
@@ -199,7 +193,6 @@ def _predict(view, discount, steps, ends, predicted, following):
 
 
 # -- observations, side by side --------------------------------------------------------------------
-
 
 Policy = Callable[[Any, Sequence[int]], tuple[Any, Any]]
 """n stacked observations, and the environments they are of -> n actions, and predicted values."""
@@ -332,8 +325,20 @@ def _of_episodes(
     potential: ObservationPotential, seen: Sequence[ObservationEpisode]
 ) -> GreedyRollouts:
     """Return what is known of greedy episodes."""
-    columns = zip(*(_returns_to_go(episode, potential) for episode in seen), strict=True)
-    return_to_go, bootstrap_discount, bootstrapped_value = map(np.concatenate, columns)
+    task, columns = potential.task, []
+    for episode in seen:
+        n, total, value = len(episode.rewards), 0.0, 0.0
+        return_to_go, bootstrap_discount = np.empty(n), np.zeros(n)
+        for t in range(n - 1, -1, -1):
+            total = episode.rewards[t] + task.discount * total
+            return_to_go[t] = total
+        if not episode.terminated:
+            value = float(potential.v(stack(task.observations, [episode.last_observation]))[0])
+            bootstrap_discount = task.discount ** np.arange(n, 0, -1.0)
+        columns.append((return_to_go, bootstrap_discount, np.full(n, value)))
+    return_to_go, bootstrap_discount, bootstrapped_value = map(
+        np.concatenate, zip(*columns, strict=True)
+    )
     rewards = np.concatenate([episode.rewards for episode in seen])
     empty = frozen(np.zeros(0, np.int64))
     return GreedyRollouts(
@@ -348,21 +353,6 @@ def _of_episodes(
         returns=frozen(np.array([episode.rewards.sum() for episode in seen])),
         one_reward=bool((rewards == rewards[0]).all()),
     )
-
-
-def _returns_to_go(
-    episode: ObservationEpisode, potential: ObservationPotential
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return per step the return to go, the bootstrap's discount and the bootstrapped value."""
-    task, n = potential.task, len(episode.rewards)
-    return_to_go, total = np.empty(n), 0.0
-    for t in range(n - 1, -1, -1):
-        total = episode.rewards[t] + task.discount * total
-        return_to_go[t] = total
-    if episode.terminated:
-        return return_to_go, np.zeros(n), np.zeros(n)
-    value = float(potential.v(stack(task.observations, [episode.last_observation]))[0])
-    return return_to_go, task.discount ** np.arange(n, 0, -1.0), np.full(n, value)
 
 
 # -- targets whose optimum is unknown --------------------------------------------------------------
@@ -455,7 +445,14 @@ def potential_quality(
     """Return how a potential compares with the values of its target."""
     if isinstance(target, ObservationTarget):
         assert isinstance(potential, ObservationPotential)
-        return _of_observations(potential, target, seed)
+        if not potential.of_actions:
+            return PotentialQuality(NAN, NAN, NAN, NAN, NAN)
+        episodes = target.episodes
+        rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
+        first = np.cumsum(rollouts.lengths) - rollouts.lengths
+        discounted = target.evaluation.discounted
+        returns = rollouts.return_to_go[first] if discounted else rollouts.returns
+        return _by_rollouts(rollouts, float(returns.mean()), seed)
     assert not isinstance(potential, ObservationPotential)
     start = greedy_start(potential, target.evaluation, seed=seed)
     if target.solution is None:
@@ -463,34 +460,24 @@ def potential_quality(
         rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
         return _by_rollouts(rollouts, start, seed)
     mdp = tables(target.task)
-    alive = ~mdp.terminal
-    phi, q = potential.values[alive], target.solution.action_values[alive]
-    underestimate, state = _largest_underestimate(potential, target.solution, target.task)
+    alive, solution = ~mdp.terminal, target.solution
+    phi, q = potential.values[alive], solution.action_values[alive]
+    below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
+    below[~(reachable_states(mdp, solution.optimal) & alive)] = 0.0
+    state = int(below.argmax())
+    underestimate, state = (float(below[state]), state) if below[state] > 0 else (0.0, -1)
     return PotentialQuality(
         start=start,
         # A difference within the proven error of Q* does not count.
-        optimistic=float((phi > q + target.solution.error_bound).mean()),
+        optimistic=float((phi > q + solution.error_bound).mean()),
         excess=float((phi - q).mean()),
-        mean_absolute_value=float(abs(target.solution.values[alive]).mean()),
+        mean_absolute_value=float(abs(solution.values[alive]).mean()),
         rank=_rank_correlation(phi.ravel(), q.ravel(), seed),
-        greedy_agreement=float(right_choices(phi, target.solution.optimal[alive]).mean()),
+        greedy_agreement=float(right_choices(phi, solution.optimal[alive]).mean()),
         largest_underestimate=underestimate,
         most_underestimated_state=state,
         exact=True,
     )
-
-
-def _of_observations(
-    potential: ObservationPotential, target: ObservationTarget, seed: int
-) -> PotentialQuality:
-    if not potential.of_actions:
-        return PotentialQuality(NAN, NAN, NAN, NAN, NAN)
-    episodes = target.episodes
-    rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
-    first = np.cumsum(rollouts.lengths) - rollouts.lengths
-    discounted = target.evaluation.discounted
-    returns = rollouts.return_to_go[first] if discounted else rollouts.returns
-    return _by_rollouts(rollouts, float(returns.mean()), seed)
 
 
 def _by_rollouts(rollouts: GreedyRollouts, start: float, seed: int) -> PotentialQuality:
@@ -503,18 +490,6 @@ def _by_rollouts(rollouts: GreedyRollouts, start: float, seed: int) -> Potential
         mean_absolute_value=float(abs(return_to_go).mean()),
         rank=_rank_correlation(rollouts.predicted, return_to_go, seed),
     )
-
-
-def _largest_underestimate(
-    potential: PairPotential, solution: Solution, task: Task
-) -> tuple[float, int]:
-    """Return the largest min(V*, 0) - max_a phi where optimal policies lead, and its state."""
-    mdp = tables(task)
-    visited = reachable_states(mdp, solution.optimal)
-    below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
-    below[~visited | mdp.terminal] = 0.0
-    state = int(below.argmax())
-    return (float(below[state]), state) if below[state] > 0 else (0.0, -1)
 
 
 def _rank_correlation(phi: FloatArray, truth: FloatArray, seed: int) -> float:

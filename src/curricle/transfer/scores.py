@@ -1,10 +1,9 @@
 """How well a mapping fits: whether the source's model and values predict the target.
 
 Unmapped pairs are worth 0 by default. Where steps cost, 0 is too high: a learner leaves the mapped
-part to try the unmapped one. A constant that fits the mapped values beside it does not lead away
-from them. It minimises a weighted square of the Bellman residuals (Schweitzer, Seidmann 1985; Baird
-1995) of states, not of pairs: the cost of one bad action does not say what a state is worth. No
-optimal value of the target is used.
+part to try the unmapped one. A constant that fits does not lead away from it. It minimises a
+weighted square of the Bellman residuals (Schweitzer, Seidmann 1985; Baird 1995) of states, not of
+pairs: the cost of one bad action does not say what a state is worth.
 """
 
 from dataclasses import dataclass
@@ -82,11 +81,6 @@ def score_mapping(
     tasks : TaskPair, optional
         The mapping's tasks, where they have been solved already.
 
-    Raises
-    ------
-    TaskError
-        When a task has no tables.
-
     Examples
     --------
     >>> from curricle import Pursuit, project
@@ -149,13 +143,6 @@ def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, floa
     return of_policy.start_value, share(tasks.judged), share(known)
 
 
-def state_map(mapping: StateActionMapping, phi: FloatArray) -> IntArray:
-    """Return the source state that the best pair of each target state reads, (S,) int64."""
-    known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
-    pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
-    return np.where(pair >= 0, pair // mapping.source.actions.size, pair)
-
-
 def _dynamics_error(
     mapping: StateActionMapping, phi: FloatArray, tasks: TaskPair, seed: int
 ) -> float:
@@ -170,7 +157,9 @@ def _dynamics_error(
     s, a = mapped.T
     # Blocks of the source; 0 is its end (where the target's is too), -1 has no counterpart.
     block = np.where(terminal_states(source), 0, 1 + tasks.source_blocks)
-    stands_for = state_map(mapping, phi)
+    known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
+    pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
+    stands_for = np.where(pair >= 0, pair // mapping.source.actions.size, pair)  # (S,)
     after = np.where(stands_for >= 0, block[np.maximum(stands_for, 0)], -1)
     after[mdp.terminal | (stands_for == ENDED)] = 0
     row = mdp.outcome_row[s, a]
@@ -199,7 +188,6 @@ def total_variation(
 
 # -- the value of unmapped pairs -------------------------------------------------------------------
 
-
 EXPECTILE = 0.03
 """Expectile of the residuals that is 0; 0.5 is least squares. Values too low do less harm."""
 SWEEPS = 100  # greedy policies that are fitted to at most
@@ -207,11 +195,7 @@ SETTLED = 1e-9  # two constants are one if they differ by less, in units of the 
 
 
 def fitted_constant(stated: FloatArray, factor: FloatArray) -> float:
-    """Return the constant at which the expectile of ``stated - factor * constant`` is 0.
-
-    These are the Bellman residuals of n states for fixed greedy policies, (n,) each; 0 where the
-    constant does not act.
-    """
+    """Return the constant at which the expectile of ``stated - factor * constant``, (n,), is 0."""
     constant = 0.0
     for _ in range(SWEEPS):
         weight = np.where(stated > factor * constant, EXPECTILE, 1 - EXPECTILE)
@@ -236,9 +220,8 @@ def fitted_unmapped_value(
     It is the constant u at which the expectile of max_a (T phi)(s, a) - max_a phi(s, a), over the
     states of the target that can be reached, is 0; phi being the source's exact values where the
     mapping has any and u elsewhere, T the target's Bellman operator. It is not below what the worst
-    reward for ever is worth. It is None where all is mapped; where u would not be below 0, which is
-    what unmapped pairs are worth without; and where no way leads from some state to what is mapped,
-    so that its worth is not known.
+    reward for ever is worth. It is None where all is mapped, where u would not be below 0, and
+    where no way leads from some state to what is mapped.
 
     Parameters
     ----------
@@ -247,11 +230,6 @@ def fitted_unmapped_value(
         Of the transfer.
     tasks : TaskPair, optional
         The mapping's tasks, where they have been solved already.
-
-    Raises
-    ------
-    TaskError
-        When a task has no tables.
 
     Examples
     --------

@@ -122,13 +122,13 @@ def find_mappings(
 ) -> FoundMappings:
     """Return mappings between two tasks, best first.
 
-    Candidates of all searches are scored by one measure (:func:`score_mapping`), from the tables of
-    both tasks and their exact values; no step is taken in either, unless `samples` asks for it.
-    Those that clear the bar of :func:`auto_mapping` come first, and of these the ones that are as
-    good as exact where they know anything and have a value that fits elsewhere. Then they are
-    ordered by their worth, which is what the greedy policy of the source's values regains of the
-    optimum, times the share that the values explain; by the dynamics error; and by the Bellman
-    inconsistency. Of candidates that read the source's values alike, the first is kept.
+    Candidates of all searches are scored by :func:`score_mapping`, from the tables of both tasks;
+    no step is taken in either, unless `samples` asks for it. Those that clear the bar of
+    :func:`auto_mapping` come first, and of these the ones that are as good as exact where they know
+    anything and have a value that fits elsewhere. Then they are ordered by their worth, which is
+    what the greedy policy of the source's values regains of the optimum, times the share that the
+    values explain; by the dynamics error; and by the Bellman inconsistency. Of candidates that read
+    the source's values alike, the first is kept.
 
     Parameters
     ----------
@@ -142,17 +142,15 @@ def find_mappings(
     unmapped_value : float, optional
         Of the mappings.
     samples : int, optional
-        Steps of the random policy in each task that has no tables, to estimate them. Scores are
-        then of the estimated tables, over the states in which every action was tried; nothing is
-        proven. Mappings carry the steps, which a curriculum charges.
+        Steps of the random policy in each task that has no tables, to estimate them, over the
+        states in which every action was tried; nothing is proven. A curriculum charges them.
     progress : bool or callable, optional
         True shows a bar of the searches, a function is called with the name of each that has ended.
 
     Raises
     ------
     SettingError
-        When a number is out of range, `searches` are no functions, or a search yields anything but
-        a :class:`Proposal` for these tasks.
+        When a number is out of range, or a search yields no :class:`Proposal` for these tasks.
     TaskError
         When a task has no tables and `samples` is not given.
 
@@ -274,7 +272,6 @@ def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
 
 # -- the best mapping, or why none is used ---------------------------------------------------------
 
-
 REMEMBERED = 16  # searches whose result is kept while the program runs; one may take half a minute
 
 
@@ -300,14 +297,13 @@ def auto_mapping(
     unmapped_value : float, optional
         Of the mapping.
     fit_unmapped : bool
-        Whether unmapped pairs are given the value that fits what is mapped
-        (:func:`fitted_unmapped_value`), where that is below 0 and `unmapped_value` is not given.
-        Not for one of several transfers into a task: an aggregate is to skip what it does not know.
+        Whether unmapped pairs are given their :func:`fitted_unmapped_value`, unless
+        `unmapped_value` is given. Not for one of several transfers into a task: an aggregate is to
+        skip what it does not know.
     scale, shift : float
         Of the transfer, for that fit.
     progress : bool or callable, optional
-        Of the search, as in :func:`find_mappings`. What was found for the same tasks before is
-        taken from memory.
+        As in :func:`find_mappings`; what was found before is taken from memory.
 
     Raises
     ------

@@ -32,13 +32,7 @@ class Calibrate:
         Most greedy episodes in the target. Their steps are charged to it.
     max_steps : int, optional
         Steps in the target after which the episodes stop, the last of them truncated. In a
-        curriculum it is a twentieth of what the target's budget leaves for learning by default, and
-        at most a quarter of it; episodes are at most a twentieth of a budget in episodes.
-
-    Raises
-    ------
-    SettingError
-        When a number is out of range.
+        curriculum it is a twentieth of the target's budget by default, and at most a quarter of it.
 
     Examples
     --------
@@ -70,16 +64,14 @@ class Transfer:
     source, target : str
         Names of tasks in the curriculum.
     mapping : StateActionMapping or ObservationMapping, optional
-        From the target to the source; the latter where the target has observations. By default a
-        curriculum finds it when it is made, from the tables of both tasks (:func:`auto_mapping`),
-        and prints its scores and the runner-up's. Where that one knows nothing it states what fits.
+        From the target to the source. By default a curriculum finds it when it is made
+        (:func:`auto_mapping`), and prints its scores and the runner-up's.
     scale, shift : float
         Applied to mapped and to ended pairs (whose value is 0); an unmapped pair keeps the
         mapping's `unmapped_value`. Neither changes the optimum, both change learning strongly.
     calibrate : bool or Calibrate
         Whether to fit the target's potential to the returns of its own greedy policy before the
-        target is learnt (:func:`calibrate`). All transfers into a task are calibrated together, on
-        their aggregate, so they must agree.
+        target is learnt (:func:`calibrate`). Transfers into one task must agree.
 
     Raises
     ------
@@ -160,7 +152,6 @@ def numbered(names: Sequence[str]) -> list[str]:
 
 
 # -- in words --------------------------------------------------------------------------------------
-
 
 DIGEST_BYTES = 16
 SIGNIFICANT = 6  # digits of values in a digest: the last ones may differ between machines

@@ -1,13 +1,10 @@
 """Mappings between tasks whose components lie on paths of unequal lengths, without names.
 
-A row of a grid, a place in a queue, a flag that is set: nearly every change leads from a value to
-one beside it. The values then lie on a path, however they are numbered, and the paths of two tasks
-can be laid side by side, also when one is longer. Components and their directions are matched by
-the moves that change them. Values are matched by what the actions do there: what they pay, where
-they lead, whether they end the episode. If the source is a part of the target, its paths are
-windows of the target's. If it is a smaller version of the target, each path is warped onto the
-source's by dynamic time warping (Sakoe, Chiba 1978), one component after the other until nothing
-changes.
+In a row of a grid or a queue nearly every change leads from a value to one beside it, however they
+are numbered. Components and their directions are matched by the moves that change them, values by
+what the actions do there: what they pay, where they lead, whether they end the episode. The paths
+of a part of the target are windows of the target's. Those of a smaller version are warped onto it
+by dynamic time warping (Sakoe, Chiba 1978), one after the other until nothing changes.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,7 +24,6 @@ from curricle.transfer.mapping import pair_mapping
 from curricle.transfer.pair import Proposal, TaskPair
 
 # -- the order of values ---------------------------------------------------------------------------
-
 
 MOST_VALUES = 200  # values of a component; all pairs of them are looked at
 
@@ -76,13 +72,10 @@ def numbered(space: Space) -> list[IntArray]:
 
 
 def path_order(weight: FloatArray) -> IntArray | None:
-    """Return the position of each value on the path of the largest weights, (n,); None if none.
-
-    `weight`, (n, n), says how often either of two values follows the other. Pairs of values are
-    joined from the heaviest on, each value to two others at most, never in a ring. That is a path
-    if it reaches all values and no pair left out weighs as much as one on it: falls that lead far
-    back do not hide the order of a row, but the cells of a grid have none.
-    """
+    """Return the position of each value on the path of the largest weights, (n,); None if none."""
+    # Pairs of values are joined from the heaviest on, each value to two others at most, never in a
+    # ring. It is a path if no pair left out weighs as much: falls that lead far back do not hide
+    # the order of a row, but the cells of a grid have none.
     first, second = np.triu_indices(len(weight), 1)
     part, beside = np.arange(len(weight)), [list[int]() for _ in weight]
     lightest, heaviest = np.inf, 0.0  # on the path; left out
@@ -104,7 +97,6 @@ def path_order(weight: FloatArray) -> IntArray | None:
 
 
 # -- paths laid side by side -----------------------------------------------------------------------
-
 
 LARGEST = 50_000  # state-action pairs of a task
 LARGEST_BOX = 2_000_000  # combinations of a source's values
@@ -336,10 +328,7 @@ class _Match:
 
 
 def warp(costs: FloatArray, step: float) -> IntArray:
-    """Return the cheapest way that never turns back, (n,): a column for each row of a table.
-
-    Dynamic time warping with free ends.
-    """
+    """Return the cheapest way that never turns back, (n,): a column for each row (time warping)."""
     ahead = np.arange(costs.shape[1])[:, None] - np.arange(costs.shape[1])  # to, from
     price = np.where(ahead >= 0, step * abs(ahead - 1), np.inf)
     total, came = costs[0], list[IntArray]()
