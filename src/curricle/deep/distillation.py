@@ -52,8 +52,7 @@ class Distillation:
 
 
 DEFAULT = Distillation()
-WORTH = 0.02
-"""Of the way from random to optimal: what a network must regain on held-out levels at least."""
+WORTH = 0.02  # of the way from random to optimal must be regained on held-out levels
 
 
 def distil(
@@ -64,15 +63,7 @@ def distil(
     *,
     seed: int = 0,
 ) -> NetworkValues:
-    """Return a network of a learner's kind, fitted to what is known of observations.
-
-    - An actor-critic's (PPO, A2C) critic by squared error to V, its actor by cross-entropy to the
-      policy. Without a policy the critic alone.
-    - DQN's and QR-DQN's network by squared error to Q.
-
-    Errors of values are in units of their spread. No step of any environment is taken. The network
-    has the task's spaces; `seed` draws its first weights and the batches.
-    """
+    """Return a network of a learner's kind, fitted to what is known of observations; no steps."""
     check_spaces(task, learner)
     small = splitmix64(stream_start(seed, "distillation")) >> 33
     with isolated(learner.threads):
@@ -155,13 +146,7 @@ def learn_miniatures(
     eval_freq: int = 1,
     progress: Progress = None,
 ) -> DeepResult:
-    """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
-
-    ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
-    held-out levels, as :class:`Examined` has it, mean over members. Where there are `potentials`,
-    one for each seed, the networks are fitted to what they say of the observations, instead of
-    exact answers. TaskError when a network acts no better than at random there.
-    """
+    """Return networks fitted to miniatures, or to `potentials`, one for each seed, in no steps."""
     outcomes = []
     with shown(progress) as bars:
         grow = bars.bar("distilling", len(seeds))

@@ -22,12 +22,9 @@ from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.observation_task import ObservationTask, made_by
 from curricle.text import brief_repr
 
-RESETS = 200
-"""Resets of each miniature that levels are taken from."""
-MOST_STATES = 100_000
-"""States of a miniature at most."""
-HELD_OUT = 0.2
-"""Share of the levels that are held out."""
+RESETS = 200  # resets of each miniature that levels are taken from
+MOST_STATES = 100_000  # states of a miniature at most
+HELD_OUT = 0.2  # share of the levels that are held out
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +50,7 @@ class Knowledge(Frozen):
     def of(
         cls, observations: Any, action_values: FloatArray, policy: FloatArray | None = None
     ) -> Self:
-        """Return what action values (S, A) say of S observations; greedy unless a policy is given.
-
-        V is the largest of an observation's states' action values, then their mean.
-        """
+        """Return what action values (S, A) say of S observations; greedy without a policy."""
         action_values = np.asarray(action_values, np.float64)
         chosen = greedy_policy(action_values) if policy is None else np.asarray(policy)
         values = action_values.max(axis=1)
@@ -64,11 +58,7 @@ class Knowledge(Frozen):
 
     @classmethod
     def read(cls, values: Any, observations: Any) -> Self:
-        """Return what a :class:`ValueSource` says of those of n observations that it knows.
-
-        Its Q and the greedy policy where it has action values, else V, and the policy where it is
-        of one actor-critic that is read as it is.
-        """
+        """Return what a :class:`ValueSource` says of those of n observations that it knows."""
         pairs = values.pairs(observations) if values.of_actions else None
         v = values.v(observations) if pairs is None else pairs.max(axis=1)
         known = np.isfinite(v)
@@ -147,11 +137,7 @@ def rows_of(observations: Any, rows: IntArray | BoolArray) -> Any:
 
 @dataclass(frozen=True)
 class Miniatures(ObservationTask):
-    """Small relatives of a task, made by :func:`miniatures`.
-
-    In a :class:`Curriculum` it is a source like any other: it takes no steps, and what it hands on
-    is a network of its learner's kind, fitted to exact answers (:func:`distil`).
-    """
+    """Small relatives of a task, made by :func:`miniatures`."""
 
     members: tuple[ObservationTask, ...] = ()
     tested_on: tuple[ObservationTask, ...] = ()  # solved too, and all of whose levels are held out
@@ -263,10 +249,7 @@ def miniatures(
 
 
 class Examined(NamedTuple):
-    """Expected discounted returns on held-out levels of a member, from their starts.
-
-    Where none is held out, as of a member with a single level, on those that were trained on.
-    """
+    """Expected discounted returns on held-out levels of a member, or else those trained on."""
 
     member: ObservationTask
     levels: int

@@ -33,11 +33,7 @@ def model_for(
     seed: int = 0,
     steps: int | None = None,
 ) -> Any:
-    """Return a model, ready to learn, with its shaping.
-
-    `seed` is below 2^32; a replay buffer is not made larger than the `steps` it will learn.
-    SettingError when the algorithm does not take a setting or the shaping.
-    """
+    """Return a model, ready to learn, with its shaping; `seed` is below 2^32."""
     if shaping is not None and shaping.potential is None:
         shaping = None  # nothing is added
     check_learner(learner, shaping)
@@ -99,10 +95,7 @@ def subtracted(shaping: Shaping | None) -> ObservationPotential | None:
 def check_learner(
     learner: DeepLearner, shaping: Shaping | None = None, in_tables: Sequence[str] = ()
 ) -> None:
-    """Raise SettingError unless the algorithm takes its settings and a shaping.
-
-    `in_tables` are the sources that are learnt in tables.
-    """
+    """Raise SettingError unless an algorithm takes settings and shaping of sources `in_tables`."""
     algorithm, known = learner.algorithm_class(), learner.takes
     for name in learner.settings:
         if name not in known:
@@ -132,10 +125,7 @@ def network_values(
     shaping: Shaping | None,
     parameters: Mapping[str, npt.NDArray[Any]],
 ) -> NetworkValues:
-    """Return the values of a network that was trained on a task by a learner with a shaping.
-
-    `parameters` are as :meth:`NetworkValues.parameters` returned them.
-    """
+    """Return the values of a trained network, from :meth:`NetworkValues.parameters`."""
     known = shaping if shaping is not None and shaping.reads_values else None
     with isolated(learner.threads):
         model = model_for(task, learner, known, steps=1)

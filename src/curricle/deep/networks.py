@@ -28,8 +28,7 @@ try:
 except ModuleNotFoundError:  # the extra is not installed: SmallCNN raises ImportError
     BaseFeaturesExtractor = object
 
-FEW = 64
-"""Observations up to which NumPy is quicker than PyTorch."""
+FEW = 64  # observations up to which NumPy is quicker than PyTorch
 MOST_PRODUCTS = 2**18
 """Products of a layer up to which OpenBLAS stays on one thread: its threads wait for each other,
 ten times as long as they compute where the processors are busy."""
@@ -167,11 +166,7 @@ def _array(tensor: Any) -> FloatArray:
 
 
 def acting(model: Any, environments: Sequence[Any], *, sampled: bool = False) -> Policy:
-    """Return how a model acts in episodes side by side, with its memory and with masks of actions.
-
-    It does what ``evaluate_policy`` of Stable-Baselines3 and sb3-contrib do, for one rollout of
-    each environment. If `sampled`, an actor-critic's actions are drawn by torch's generator.
-    """
+    """Return how a model acts in episodes side by side, with its memory and masks of actions."""
     masked = needs_of(model) == "masks of actions"
     memory: Any = None  # arrays (layers, episodes, size), of those that ran before
     before: Sequence[int] = ()
@@ -235,11 +230,7 @@ class PlainNetwork:
 
 
 def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
-    """Return the network from vectors to a policy's values; None if anything in it is unusual.
-
-    Values are Q(s, a) of DQN (kind "q_net"), the quantiles of QR-DQN ("quantile_net") or V(s) of an
-    actor-critic ("value_net"), each of ``MlpPolicy``.
-    """
+    """Return the network from vectors to a policy's values; None if anything in it is unusual."""
     if kind == "value_net":
         usual = type(policy).predict_values is ActorCriticPolicy.predict_values
         usual = usual and type(policy.mlp_extractor) is MlpExtractor

@@ -25,8 +25,7 @@ from curricle.transfer.rollouts import (
     mean_episode_return,
 )
 
-TOO_LARGE_SEED = 2**32
-"""The first seed that NumPy's generator, which Stable-Baselines3 seeds, does not take."""
+TOO_LARGE_SEED = 2**32  # the first that NumPy's generator, which SB3 seeds, does not take
 
 
 @dataclass(frozen=True, eq=False)

@@ -240,8 +240,7 @@ class Recorder(BaseCallback):
 
 # -- checkpoints: all that a run needs to resume with the same result ------------------------------
 
-LEFT_OUT = ("_logger",)
-"""Attributes of a model that hold open files, and are created again."""
+LEFT_OUT = ("_logger",)  # attributes of a model that hold open files, and are created again
 
 
 class Saved(NamedTuple):

@@ -24,16 +24,12 @@ from curricle.learning.shaping import Shaping
 from curricle.transfer.observation_mapping import no_actions
 from curricle.transfer.potential import ObservationPotential
 
+# Prefixes of the critic's parameters in an actor-critic.
 VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
-"""Prefixes of the critic's parameters in an actor-critic."""
-REUSED = 0.5
-"""Part of the budget in which the sources' policy is acted on, or pulls, less and less."""
-READS = "actions", "state", "nothing"
-"""What a residual reads beside the observation: phi(s, .), Phi(s) = max_a phi(s, a), or nothing."""
-MANY_ACTIONS = 32
-"""From so many actions on it reads Phi(s) by default: a wider network costs more."""
-MAX_BYTES = 2**28
-"""Of cached values of phi, with their observations."""
+REUSED = 0.5  # part of the budget in which the sources' policy is acted on, or pulls, less and less
+READS = "actions", "state", "nothing"  # phi(s, .), Phi(s), or nothing beside the observation
+MANY_ACTIONS = 32  # from so many actions on it reads Phi(s) by default: a wider network costs more
+MAX_BYTES = 2**28  # of cached values of phi, with their observations
 
 
 class _Residual:
@@ -105,12 +101,7 @@ POLICIES: dict[str, type] = {
 
 
 class ResidualQNetwork(QNetwork):
-    """Q(s, a) = phi(s, a) + residual(s, a) for DQN; the residual starts at 0.
-
-    The residual reads a part of phi, `reads`, beside its features: where phi jumps, as tables do
-    between cells, a smooth residual of the observation alone cannot follow, and bootstraps from its
-    own errors.
-    """
+    """Q(s, a) = phi(s, a) + residual(s, a) for DQN; the residual starts at 0."""
 
     running_shift: torch.Tensor  # so named, they are copied into the target network
     running_scale: torch.Tensor
@@ -172,10 +163,7 @@ class ResidualQNetwork(QNetwork):
 
 
 class PotentialCache:
-    """phi(s, a) of every action, cached: replayed observations that are arrays are computed once.
-
-    Both networks of a policy share a cache. It is emptied when it is too large.
-    """
+    """phi(s, a) of every action, cached for arrays; both networks of a policy share it."""
 
     def __init__(self, potential: ObservationPotential):
         self.potential, self.n_actions = potential, potential.task.n_actions or 0
@@ -239,10 +227,7 @@ def check_mappings(shaping: Shaping) -> None:
 
 
 def carry_over(model: Any, potential: ObservationPotential, *, actor_alone: bool) -> None:
-    """Load the parameters of the one source into a model: all of them, or those of its actor.
-
-    What actor and critic share goes with the actor.
-    """
+    """Load all parameters of the one source into a model, or its actor's and what that shares."""
     (source, *others) = potential.values
     if others or not isinstance(source, NetworkValues):
         raise SettingError(
@@ -311,11 +296,7 @@ class _WithLoss(torch.autograd.Function):
 
 
 class _NearSource:
-    """Makes an actor-critic policy add w KL(source || pi) to the loss that is computed from it.
-
-    PPO and A2C compute their losses within one method, which has no place for a further term: it
-    comes in where they differentiate, through the log probabilities that every loss reads.
-    """
+    """Makes an actor-critic policy add w KL(source || pi) to the loss that is computed from it."""
 
     source: Any  # the frozen policy to be near to
     kl_weight: float
@@ -325,6 +306,8 @@ class _NearSource:
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
         values, log_prob, entropy = super().evaluate_actions(obs, actions)  # type: ignore[misc]
         if self.kl_weight > 0:
+            # PPO and A2C compute their losses within one method, without a place for a term: it
+            # comes in where they differentiate, through the log probabilities that they all read.
             loss = self.kl_weight * self._distance(obs).mean()
             log_prob = _WithLoss.apply(log_prob, loss)
         return values, log_prob, entropy

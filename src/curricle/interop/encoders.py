@@ -134,17 +134,12 @@ def _labels(inner: tuple[float, ...]) -> tuple[str, ...]:
 
 
 Environment = gym.Env[Any, Any]
-Encoder = Callable[[Environment], Environment]
-"""From an environment to the same with other observations."""
-CAMERA = (1, 3, 4)
-"""Channels of pictures that have them last: grey, colours, colours and transparency."""
+Encoder = Callable[[Environment], Environment]  # the same environment, other observations
+CAMERA = (1, 3, 4)  # channels of pictures that have them last: grey, colours, with transparency
 
 
 class EncodedObservations(gym.ObservationWrapper[Any, Any, Any]):
-    """Shows ``encoded(env, observation)``, of the environment without wrappers.
-
-    It has no state, so it can be tabulated.
-    """
+    """Shows ``encoded(env, observation)``, of the unwrapped environment; it has no state."""
 
     def __init__(self, env: Environment, encoded: Callable[[Any, Any], Any], space: gym.Space[Any]):
         super().__init__(env)
@@ -346,12 +341,10 @@ def _joined(env: Any, frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return frames if frames.ndim == 3 else frames.reshape(-1, *frames.shape[2:])
 
 
-OBJECTS, COLOURS, STATES = 11, 6, 3
-"""MiniGrid's codes of a cell: its object, the object's colour, and whether a door is open."""
+OBJECTS, COLOURS, STATES = 11, 6, 3  # MiniGrid's codes of a cell; the last is of doors
 CHANNELS = OBJECTS + COLOURS + STATES
 DIRECTIONS = 4
-AGENT = 10
-"""The code of the agent among objects."""
+AGENT = 10  # the code of the agent among objects
 VOCABULARY = (
     "a after agent and at avoid ball behind blue box door empty end fetch find floor from front "
     "get go goal green grey hallway in key lava left matching maze must near next object of on "

@@ -29,10 +29,8 @@ from curricle.interop.tabulated_task import same_observation
 from curricle.tasks.live import RETURNED
 from curricle.tasks.mdp import SINGLE_PRECISION, number_of
 
-MORE_RESETS = 8
-"""Resets with other seeds, by which it is seen whether the states that they lead to differ."""
-INTERVAL = 0.5
-"""Seconds between two reports of progress."""
+MORE_RESETS = 8  # with other seeds, to see whether the states that they lead to differ
+INTERVAL = 0.5  # seconds between two reports of progress
 
 
 @dataclass(frozen=True)
@@ -82,17 +80,12 @@ class Reached(NamedTuple):
     truncated: bool
 
 
+# What every action does in a state in which episodes are only ever truncated.
 STAY = Reached(1.0, None, None, 0.0, terminated=False, truncated=False)
-"""What every action does in a state in which episodes are only ever truncated."""
 
 
 class Search:
-    """All states that can be reached and all outcomes, found breadth first from the start.
-
-    Entering a state with the end of the episode, and entering it without, are two states. A state
-    that is only entered by truncation is not gone on from: every action leads back to it, with
-    reward 0. States are in the order in which they were met.
-    """
+    """All states that can be reached and all outcomes, breadth first, in the order of meeting."""
 
     def __init__(
         self,
@@ -145,7 +138,7 @@ class Search:
 
     def _number(self, reached: Reached) -> int:
         """Return the number of a state, a new one if it was not met before."""
-        name = reached.key, reached.terminated
+        name = reached.key, reached.terminated  # entered with the episode's end it is another
         state = self._numbers.get(name)
         if state is None:
             state = self._numbers[name] = len(self._contents)
@@ -206,19 +199,13 @@ class Search:
         )
 
 
-REPETITIONS = 8
-"""Times that a step is taken in all if it draws random numbers; one that draws none, twice."""
-RESET, STEP = RETURNED["reset"], RETURNED["step"]
-"""What Gymnasium's resets and steps return."""
-LONG_AGO = -(2**62)
-"""Steps that the clock of a wrapper shows, so that no time limit is met."""
+REPETITIONS = 8  # of a step that draws random numbers; one that draws none is taken twice
+RESET, STEP = RETURNED["reset"], RETURNED["step"]  # what Gymnasium's resets and steps return
+LONG_AGO = -(2**62)  # steps that the clock of a wrapper shows, so that no time limit is met
 
 
 class World:
-    """An environment's own steps, and how its states are saved and restored.
-
-    A state that `start` or `outcomes` has made can be looked at until the next is asked for.
-    """
+    """An environment's own steps, and how its states are saved and restored."""
 
     def __init__(
         self,
@@ -360,12 +347,8 @@ def _rewind_clocks(env: Environment) -> None:
 def core_and_views(
     env: Environment, *, views_apart: bool
 ) -> tuple[Environment, list[Any], list[Any]]:
-    """Return the part of an environment that is stepped, and the wrappers that are apart from it.
-
-    Those of observations come from the innermost, those of actions from the outermost. Observations
-    are looked through once a state, not once a step, and actions are changed before the step.
-    """
-    views, acts = list[Any](), list[Any]()
+    """Return the part of an environment that is stepped, and the wrappers apart from it."""
+    views, acts = list[Any](), list[Any]()  # from the innermost; from the outermost
     while isinstance(env, gym.Wrapper):
         if views_apart and acts_as(env, gym.ObservationWrapper):
             views.insert(0, env)

@@ -205,11 +205,7 @@ def _observations(
 def actions_of(
     space: gym.Space[Any], actions: Space | Sequence[str] | None, known: Space | None
 ) -> tuple[Callable[[int], Any], Space]:
-    """Return the function from an action's number to the environment's action, and the space.
-
-    `actions` are a caller's names or labels, `known` the names of a known environment, which are
-    left out where a wrapper changed how many actions there are.
-    """
+    """Return the function from an action's number to the environment's action, and the space."""
     if not is_discrete(space):
         raise TaskError(
             f"actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so): got "
@@ -342,8 +338,7 @@ def observation_task(
 # -- tasks as environments -------------------------------------------------------------------------
 
 RenderMode = Literal["rgb_array", "ansi"]
-FORMS = frozenset({"observation", "action", "render_mode"})
-"""The settings of an environment, beside those of its task."""
+FORMS = frozenset({"observation", "action", "render_mode"})  # settings that are not the task's
 FIRST_MAZE = """
     .....P.T
     .#P#....
@@ -529,10 +524,7 @@ def _value(component: Component, value: Any) -> int:
 
 
 def maze_environment(map: Any = FIRST_MAZE, **settings: Any) -> TaskEnvironment:
-    """Return a :class:`GridWorld` as an environment, with settings of both: ``Curricle/Maze-v0``.
-
-    Rewards may be a dict, such as ``{"step": -5}``.
-    """
+    """Return a :class:`GridWorld`, with settings of both, as ``Curricle/Maze-v0``."""
     forms = {name: settings.pop(name) for name in FORMS & settings.keys()}
     if isinstance(settings.get("rewards"), Mapping):
         settings["rewards"] = Rewards(**settings["rewards"])

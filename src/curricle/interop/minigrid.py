@@ -26,17 +26,14 @@ from curricle.tasks.spaces import Component, Space
 
 MOVED = frozenset({"agent_pos", "agent_dir", "carrying", "step_count"})
 """Attributes that every step of MiniGrid may change, beside the grid."""
+# Attributes that are no part of a state, and methods that are replaced during a tabulation.
 SHOWN = frozenset({"window", "clock", "render_size", "_np_random", "_np_random_seed"})
-"""Attributes that are no part of a state."""
 REPLACED = frozenset({"gen_obs", "_reward"})
-"""Methods that are replaced while an environment is tabulated."""
 PLAIN = (type(None), bool, int, float, str, np.generic)
 DIRECTIONS = "right", "down", "left", "up"
 DOOR_STATES = "open", "closed", "locked"
-CARRIED, AWAY = -1, -2
-"""Coordinates of an object that the agent carries; of one in a box, or gone."""
-STILL = {"wall", "floor", "goal", "lava"}
-"""Types of objects without a state."""
+CARRIED, AWAY = -1, -2  # coordinates of an object that the agent carries; of one in a box, or gone
+STILL = {"wall", "floor", "goal", "lava"}  # types of objects without a state
 
 
 class Level:
@@ -144,8 +141,7 @@ def _items(thing: Any) -> tuple[tuple[str, Any], ...]:
     )
 
 
-PROBED = 300
-"""Random steps that show whether a level has a state beside MiniGrid's own."""
+PROBED = 300  # random steps that show whether a level has a state beside MiniGrid's own
 
 
 @dataclass(frozen=True)
@@ -276,10 +272,7 @@ class _View(Unseen, UserDict[str, Any]):
 
 
 class MiniGridAccess(StateAccess):
-    """Saves states as tuples, and restores them into the one environment.
-
-    While states are visited, observations are made only where they are looked at.
-    """
+    """Saves states as tuples, and restores them into the one environment."""
 
     copies = False
 

@@ -43,8 +43,7 @@ else:  # it takes types only in newer versions of Gymnasium
     AnyVectorWrapper = VectorWrapper
 
 
-Steps = int | list[int]
-"""t of all observations, or of each."""
+Steps = int | list[int]  # t of all observations, or of each
 TaskPotential = StatePotential | StateActionPotential | MappedPotential
 Potential = Callable[[Any], Any] | TaskPotential | ValueSource
 """A function of an observation, a potential over a task's states, or values of observations."""
@@ -290,10 +289,7 @@ class ShapingPotential:
         self._batched = any(source.batched for source in self.sources.values())
 
     def read(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
-        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, of n observations.
-
-        `stacked` are the observations as a vector environment stacks them, if at hand.
-        """
+        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, of n observations."""
         if not rows:
             return []
         if self._batched and stacked is None:
@@ -465,16 +461,13 @@ class Episodes:
         ended: Mapping[int, Episode],
         finals: Mapping[int, Any],
     ) -> tuple[list[list[float]], list[list[float]], dict[int, float]]:
-        """Return the potentials of what was returned, those of s', and Phi where the ended began.
-
-        All are read in one batch, as a network costs as much for one observation as for many.
-        Observations that ended an episode by termination are not read: their potential is 0.
-        """
+        """Return Phi of what was returned, of s', and of where the ended episodes began."""
         if not ended:
             here = self._potential.read(rows, self._steps, stacked)
             return here, here, {}
         same_step = self._finals_in is not None
         read = [i for i in range(len(rows)) if same_step or not terminated[i]]
+        # In one batch, as a network costs as much for one observation as for many.
         asked = [rows[i] for i in read] + [*finals.values()] + [e.first for e in ended.values()]
         now = [self._steps] * (len(read) + len(finals))
         begun = [episode.begun for episode in ended.values()]

@@ -29,11 +29,7 @@ Form = Literal["index", "components"]
 
 
 def space_of(space: gym.Space[Any], name: str) -> Space:
-    """Return the points of a discrete Gymnasium space, one component for each number in them.
-
-    Components are called `name`, or `name_1`, `name_2`, ... if there are several; those of a
-    ``Dict`` have its keys as names if these are all different.
-    """
+    """Return the points of a discrete Gymnasium space, one component for each number in them."""
     components = list(_components(space, name))
     if len({component.name for component in components}) < len(components):
         components = [replace(c, name=f"{name}_{i + 1}") for i, c in enumerate(components)]
@@ -197,10 +193,7 @@ def with_space(what: str, space: Space, other: Space | None) -> Space:
 
 
 def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
-    """Return a space of states whose components have other names, in their order.
-
-    `sizes`, how many values each name has, split a single number; the last counts fastest.
-    """
+    """Return a space of states with other names; `sizes`, of each name, split a single number."""
     here = ", ".join(space.names)
     if sizes is None and len(names) == len(space.names):
         pairs = zip(space.components, names, strict=True)
@@ -262,11 +255,7 @@ def acts_as(env: Any, *kinds: type, methods: Sequence[str] = ("step", "reset")) 
 
 
 def has_table(env: gym.Env[Any, Any]) -> bool:
-    """Return whether an environment has a transition table that describes it completely.
-
-    Its `step` and `reset` are Gymnasium's, which follow ``P`` and the start distribution. It has no
-    wrapper that changes what it does, and no time limit beside the specification's.
-    """
+    """Return whether an environment has a transition table that describes it completely."""
     while isinstance(env, gym.Wrapper):
         if not acts_as(env, *HARMLESS) or (isinstance(env, TimeLimit) and env.spec is None):
             return False
@@ -285,17 +274,14 @@ def has_table(env: gym.Env[Any, Any]) -> bool:
 
 
 def outcomes_of(world: Any) -> Outcomes:
-    """Return a table's outcome lists, in which entering a state ends the episode always or never.
-
-    If the table has states that end an episode only sometimes, those ends go to one more state,
-    the last.
-    """
+    """Return a table's outcomes, in which entering a state ends the episode always or never."""
     n_states, n_actions = int(world.observation_space.n), int(world.action_space.n)
     outcomes: Outcomes = [
         [[(p, int(after), r, bool(ended)) for p, after, r, ended in world.P[s][a]]
          for a in range(n_actions)]
         for s in range(n_states)
     ]  # fmt: skip
+    # Where an episode ends only sometimes, those ends go to one more state, the last.
     both = _entered_both_ways(outcomes, world.initial_state_distrib)
     if not both:
         return outcomes
@@ -324,11 +310,8 @@ def _entered_both_ways(outcomes: Outcomes, start: npt.ArrayLike) -> set[int]:
 
 
 def names_of(world: Any) -> tuple[Space | None, Space | None]:
-    """Return named state and action spaces of a known environment, None for others.
-
-    Directions and coordinates have the names of :class:`GridWorld`, so that mappings by name work
-    between the two.
-    """
+    """Return named state and action spaces of a known environment, None for others."""
+    # Named as in GridWorld, so that mappings by name work between the two.
     if isinstance(world, FrozenLakeEnv):
         moves = _moves(world, "west", "south", "east", "north")
         return _cells(*np.asarray(world.desc).shape), moves

@@ -18,8 +18,7 @@ from curricle.text import brief_repr, counted
 from curricle.transfer.mapping import UNMAPPED
 
 Leaf = npt.NDArray[Any]
-POSITION = "#"
-"""Begins the name of a part of a tuple, before its position."""
+POSITION = "#"  # begins the name of a part of a tuple, before its position
 
 
 class Unseen:
@@ -174,8 +173,7 @@ def assembled(parts: Mapping[str, Leaf]) -> Any:
     return {key: assembled(part) for key, part in inner.items()}
 
 
-BATCH = 4096
-"""Observations that a model is asked about at once."""
+BATCH = 4096  # observations that a model is asked about at once
 
 
 @dataclass(frozen=True)

@@ -73,28 +73,18 @@ from curricle.tasks.mdp import FiniteMDP, number_of
 from curricle.tasks.spaces import Component, Space, values_of
 from curricle.transfer.bisimulation import merged_outcomes, numbered_rows
 
-WIDEST = 10_000
-"""Values of a component that is numbered from its lowest to its highest value."""
-ABSENT = "absent"
-"""The value of a component in states that lack it."""
-ANY = "any"
-"""The value of a component that makes no difference in a state."""
-MOST_SAMPLES = 1_000_000
-"""Steps by which the outcomes of a pair are estimated, at most."""
-STEPS = 1000
-"""Steps that are compared with the tables."""
-WALKS = 20
-"""Times that an episode goes to a state drawn at random, before it goes on at random."""
-CLOSE = 1e-9
-"""Relative difference of rewards that is rounding."""
+WIDEST = 10_000  # values of a component that is numbered from its lowest to its highest value
+ABSENT = "absent"  # the value of a component in states that lack it
+ANY = "any"  # the value of a component that makes no difference in a state
+MOST_SAMPLES = 1_000_000  # steps by which the outcomes of a pair are estimated, at most
+STEPS = 1000  # steps that are compared with the tables
+WALKS = 20  # times that an episode goes to a state drawn at random, before it goes on at random
+CLOSE = 1e-9  # relative difference of rewards that is rounding
 KIND = "TabulatedTask"
-OBSERVED = "observed "
-"""Begins the names of arrays of observations."""
+OBSERVED = "observed "  # begins the names of arrays of observations
 ARRAYS = ("probability", "next_state", "reward", "terminal", "start", "first")
-MOST_STATES = 1_000_000
-"""States of a table by default, at most."""
-MOST_SECONDS = 3600.0
-"""Seconds that a tabulation takes by default, at most."""
+MOST_STATES = 1_000_000  # states of a table by default, at most
+MOST_SECONDS = 3600.0  # seconds that a tabulation takes by default, at most
 
 
 class Tables(NamedTuple):
@@ -396,8 +386,7 @@ def words_of(world: Any) -> Callable[[Any], Words] | None:
 
 # -- tables of explored states --------------------------------------------------------------------
 
-Part = tuple[Component, IntArray]
-"""A component, and its value in each state."""
+Part = tuple[Component, IntArray]  # a component, and its value in each state
 
 
 def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
@@ -447,11 +436,7 @@ def _outcome_rows(
 
 
 def alike(tables: Tables, n_actions: int) -> IntArray:
-    """Return the block of each state in the coarsest partition that keeps all that matters, (S,).
-
-    States of a block show the same observation, and every action has the same rewards and leads to
-    the same blocks with the same probabilities (stochastic bisimulation: Givan, Dean, Greig 2003).
-    """
+    """Return each state's block in the coarsest bisimulation (Givan, Dean, Greig 2003), (S,)."""
     assert tables.observations is not None
     seen = _observation_rows(tables.observations)
     blocks = _in_order(numbered_rows(np.column_stack([seen, tables.terminal])))
@@ -519,13 +504,10 @@ def words_of_blocks(words: Sequence[Words], blocks: IntArray) -> tuple[list[Word
 
 
 def named_states(words: Sequence[Words], terminal: BoolArray, vague: Collection[str]) -> Space:
-    """Return the space whose components are what differs between states.
-
-    Where several states have the same values they are told apart by those with an underscore, then
-    those that are vague, by whether they end the episode, `ended`, then by a number, `variant`.
-    """
+    """Return the space whose components are what differs between states."""
     names = dict.fromkeys(name for state_words in words for name in state_words)
     parts = list[Part]()
+    # Public names first, then those with an underscore, then vague ones; at last a number.
     for name in sorted(names, key=lambda name: 2 if name in vague else name.startswith("_")):
         public = name not in vague and not name.startswith("_")
         if not public and _count(parts) == len(words):
@@ -585,11 +567,7 @@ def _free(name: str, parts: Sequence[Part]) -> str:
 
 
 class Checker:
-    """Plays episodes and follows them in the tables.
-
-    What saves and restores a state may miss a part of it; then the tables and the environment
-    differ sooner or later.
-    """
+    """Plays episodes and follows them in the tables, to find what a way of saving states missed."""
 
     def __init__(self, world: World, tables: Tables):
         self.world, self.tables, self.n_actions = world, tables, world.n_actions

@@ -162,11 +162,7 @@ def hyperparameters(configuration: Mapping[str, Any]) -> dict[str, bool | int | 
 
 
 class TensorBoard:
-    """Event files in ``<folder>/tensorboard/<arm>/<node>/seed-<seed>``, float32.
-
-    Each seed's file is new, so that nothing logged by another process or an earlier run of the
-    study is overwritten; TensorBoard shows all files of a folder as one run.
-    """
+    """Event files in ``<folder>/tensorboard/<arm>/<node>/seed-<seed>``, float32."""
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
         """Make the folder."""
@@ -193,7 +189,7 @@ class TensorBoard:
                 events.append(Event(wall_time=now, step=step, summary=Summary(value=scalars)))
             folder = self._root / file_name(arm) / file_name(node) / f"seed-{seed}"
             folder.mkdir(parents=True, exist_ok=True)
-            # TensorBoard reads a folder's files in the order of their names.
+            # TensorBoard shows a folder's files, one a run, in the order of their names.
             name = f"events.out.tfevents.{int(now):010d}.{uuid.uuid4().hex}"
             # On a full disk the thread of a SummaryWriter dies and its caller waits for ever.
             with (folder / name).open("xb") as file:

@@ -18,8 +18,7 @@ from curricle.study.tuning import Effects, TuningRecord, short
 from curricle.study.vary import value_text
 from curricle.text import counted
 
-Row = Mapping[str, Any]
-"""Of :meth:`Comparison.rows`."""
+Row = Mapping[str, Any]  # of :meth:`Comparison.rows`
 
 # -- the findings of a comparison in sentences -----------------------------------------------------
 
@@ -37,10 +36,7 @@ class Finding:
 
 
 def headline(comparison: Comparison) -> str:
-    """Return the comparison in one sentence: which curricula paid, and which most.
-
-    Where there is no verdict it says why, and nothing else.
-    """
+    """Return the comparison in a sentence: which curricula paid, or why there is no verdict."""
     verdicts = comparison.verdicts
     if comparison.withheld:
         return _sentence(comparison.withheld)
@@ -156,10 +152,7 @@ def _reached(comparison: Comparison, row: Row, scratch: Row) -> str:
 
 
 def too_few(comparison: Comparison) -> str:
-    """Return why no difference could have been shown; empty if one could.
-
-    The smallest p value of a sign-flip test depends on the number of seeds alone.
-    """
+    """Return why no difference could have been shown; empty if one could."""
     few = [verdict for verdict in comparison.verdicts.values() if verdict.withheld]
     if not few or comparison.interim:
         return ""
@@ -354,11 +347,7 @@ Texts = list[tuple[str, ...]]
 def effects_sections(
     effects: Sequence[Effects], tuning: TuningRecord | None
 ) -> list[tuple[Effects, Texts, Texts]]:
-    """Return for a sweep and for a tuning, where there are any, the rows of their tables.
-
-    Main effects: arm, setting, value, number of trials or arms, mean return, and its bounds. Of a
-    tuning, the best of each arm: arm, trials, steps, mean return, and the settings.
-    """
+    """Return for a sweep and for a tuning, where there are any, the rows of their tables."""
     best: Texts = []
     if tuning is not None:
         for name, arm in tuning.arms.items():

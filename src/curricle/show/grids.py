@@ -34,10 +34,8 @@ from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, generative_model
 from curricle.transfer.transfer import transfer_names
 
-DARK = 0.45
-"""Brightness of a colour below which the text on it is white."""
-PANEL = 2.6
-"""Width of a panel in inches."""
+DARK = 0.45  # brightness of a colour below which the text on it is white
+PANEL = 2.6  # width of a panel in inches
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
@@ -93,11 +91,7 @@ def frame_cells(axes: Axes, maze: GridWorld, marked: BoolArray) -> None:
 
 
 def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = True) -> None:
-    """Draw the grid of a view, north on top, its walls and what stands on it.
-
-    Over a heat map the objects of a maze are letters only, in the corners of cells whose numbers
-    are written. The legend, below the grid, says what the letters mean.
-    """
+    """Draw the grid of a view, north on top, its walls, what stands on it, and the legend below."""
     (top, left), (height, width) = view.origin, view.shape
     axes.set(
         xlim=(left - 0.5, left + width - 0.5),
@@ -233,10 +227,7 @@ def draw_potential(
 
 
 def shared_limits(task: Task, *several: npt.ArrayLike, at: At | None = None) -> tuple[float, float]:
-    """Return the lowest and the highest value that :func:`draw_potential` would draw of `several`.
-
-    States in which the episode is over are left out; their values are 0 by rule.
-    """
+    """Return the least and the largest value :func:`draw_potential` would draw of `several`."""
     view = GridView.of(task, at)
     alive = view.states[~view.ended]
     drawn = np.concatenate([_best(task, values)[alive] for values in several])

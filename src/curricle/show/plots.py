@@ -170,10 +170,8 @@ def check_path(path: str | Path) -> Path:
 
 # -- learning curves -------------------------------------------------------------------------------
 
-ALL = 10**9
-"""More checkpoints than a curve has."""
-ROW_HEIGHT, BAR_HEIGHT = 0.21, 0.28
-"""Inches of an arm in the figure of a comparison, and of a row of a forecast."""
+ALL = 10**9  # more checkpoints than a curve has
+ROW_HEIGHT, BAR_HEIGHT = 0.21, 0.28  # inches of an arm in a comparison, of a forecast's row
 
 
 def draw_curve(
@@ -227,11 +225,7 @@ def places(n: int, most: int) -> IntArray:
 
 
 def shown_curve(comparison: Comparison, name: str, *, strong: bool) -> tuple[Curve, int]:
-    """Return the curve of an arm as it is drawn, and its first checkpoint of the comparison's.
-
-    For strong transfer source steps count, and the curve begins at the first checkpoint at which a
-    seed has left its sources. For weak transfer it ends at the budget of the target.
-    """
+    """Return the curve of an arm as it is drawn, and its first checkpoint of the comparison's."""
     arm = comparison[name]
     if not strong:
         kept = arm.curve.steps <= comparison.budget
@@ -243,11 +237,7 @@ def shown_curve(comparison: Comparison, name: str, *, strong: bool) -> tuple[Cur
 
 @matplotlib.rc_context(STYLE)
 def draw_results(results: Mapping[str, LearningResult]) -> Figure:
-    """Return the figure of what tasks learnt: a panel with a curve for each, of at most the last 4.
-
-    The greedy return, or that of training where nothing was evaluated: mean over seeds with
-    Student's 95 % band.
-    """
+    """Return a figure of at most the last 4 tasks' returns: mean and Student's 95 % band."""
     shown = [*results.items()][-MOST_CURVES:]
     figure, grid = new_figure(1, len(shown), width=1 + 4.2 * len(shown), height=3.4)
     for axes, (name, result) in zip(grid[0], shown, strict=True):
@@ -267,11 +257,7 @@ def draw_results(results: Mapping[str, LearningResult]) -> Figure:
 def draw_learning_curves(
     comparison: Comparison, *, width: float = 8.4, height: float = 4.0, most: int = ALL
 ) -> tuple[Figure, Figure]:
-    """Return two figures of the arms' learning curves with one scale of return.
-
-    First weak transfer, over target steps up to the budget of the target; then strong transfer,
-    over all steps, dotted while an arm trains its sources. There is no legend.
-    """
+    """Return figures of the arms' curves in one scale: weak, then strong transfer; no legend."""
     styles = arm_styles(comparison)
     weak, strong = (new_figure(1, 1, width=width, height=height)[0] for _ in range(2))
     _draw_arms(weak.axes[0], comparison, styles, strong=False, most=most)
@@ -340,10 +326,7 @@ def random_level(comparison: Comparison) -> float:
 
 @matplotlib.rc_context(STYLE)
 def draw_comparison(comparison: Comparison) -> Figure:
-    """Return the figure of a comparison: learning curves, performance profiles and gains.
-
-    The list of arms beside the gains is the legend of all. SettingError when scratch is alone.
-    """
+    """Return the figure of a comparison: learning curves, performance profiles and gains."""
     if not comparison.contrasts:
         raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")
     styles = arm_styles(comparison)
@@ -453,10 +436,7 @@ def _words(comparison: Comparison) -> str:
 
 @matplotlib.rc_context(STYLE)
 def draw_forecast(forecast: Forecast) -> Figure:
-    """Return the figure of a forecast: bars from the random policy's return to predicted starts.
-
-    A row for each aggregate, the best start first, then a row for each transfer alone.
-    """
+    """Return the figure of a forecast: bars from the random policy's return to predicted starts."""
     rows, low = forecast.rows, forecast.random_return
     figure, grid = new_figure(1, 1, width=7.5, height=1.6 + BAR_HEIGHT * max(len(rows), 3))
     axes = grid[0, 0]

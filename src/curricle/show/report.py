@@ -25,12 +25,9 @@ from curricle.study.tuning import effects_of, read_tuning
 from curricle.study.units import seed_ranges
 from curricle.text import counted
 
-BETWEEN, BETWEEN_AT_URL = 2.0, 10.0
-"""Seconds between two interim reports at least."""
-REST = 10.0
-"""An interim report that took t seconds is followed by another after REST * t at the earliest."""
-ATTEMPTS = 3
-"""A file that a listing names may have been merged into another before it is read."""
+BETWEEN, BETWEEN_AT_URL = 2.0, 10.0  # seconds between two interim reports at least
+REST = 10.0  # after an interim report that took t seconds no other is begun for REST * t
+ATTEMPTS = 3  # a file that a listing names may have been merged into another before it is read
 INTERRUPTED = "The run was interrupted. What was stored is whole, and --resume goes on from there."
 NO_LONGER = "The command that followed the run was ended; the run goes on by itself."
 
@@ -61,10 +58,7 @@ def default_page(place: Place) -> Path:
 
 
 def stored_page(study: StudyResults, banner: str = "") -> str:
-    """Return the page of a stored study; StoreError when there is nothing to compare yet.
-
-    With a `banner`, what stands at the top, it is an interim report.
-    """
+    """Return the page of a stored study; StoreError when there is nothing to compare yet."""
     comparison = study.comparison
     learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
     places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
@@ -104,25 +98,17 @@ def _no_analysis(record: CurriculaRecord) -> Analysis:
 
 
 class InterimReport:
-    """The report of a folder in which units are being stored, written anew as they end.
-
-    Nothing that goes wrong is raised, so that a run goes on without its page. `line` says in words
-    how far a study is, from the units that are stored and all units; `say` is called with a
-    sentence when the page cannot be written, once with the same; `opened` with the path when the
-    page is there. A ``with`` block around a run ends the report with it; the run begins it. With
-    `elsewhere` others run the study: the folder tells whether they still do, and `over` whether
-    their run is over.
-    """
+    """Writes the report of a folder anew as units are stored; what fails is said, not raised."""
 
     def __init__(
         self,
         folder: str | Place,
-        line: Callable[[int, int], str],
-        say: Callable[[str], Any],
-        opened: Callable[[Path], Any],
+        line: Callable[[int, int], str],  # how far it is, from the stored units and all units
+        say: Callable[[str], Any],  # told why the page cannot be written, once with the same
+        opened: Callable[[Path], Any],  # called when the page is there
         *,
         path: Path | None = None,
-        elsewhere: bool = False,
+        elsewhere: bool = False,  # others run the study: the folder tells whether they still do
     ):
         self.folder, self.over = place_at(folder), False
         self.path = default_page(self.folder) if path is None else path
@@ -253,11 +239,7 @@ def unit_counts(study: StudyResults) -> tuple[int, int]:
 
 
 def arms_so_far(study: StudyResults) -> list[str]:
-    """Return the arms that can be compared: scratch and others, with the most results in common.
-
-    Those are the n arms for which n times the number of seeds that all have finished is largest.
-    Empty as long as there are no two.
-    """
+    """Return the arms that can be compared: scratch and others, with the most results in common."""
     record = study.record
     if record.total is None or SCRATCH not in record.arms or SCRATCH in study.failed:
         return []
@@ -269,6 +251,7 @@ def arms_so_far(study: StudyResults) -> list[str]:
         if name not in study.failed
     }
     others = sorted(done.keys() - {SCRATCH}, key=lambda name: -len(done[name] & done[SCRATCH]))
+    # The n arms for which n times the number of seeds that all have finished is largest.
     best, most, common = 0, 0, done[SCRATCH]
     for number, name in enumerate(others, start=1):
         common = common & done[name]

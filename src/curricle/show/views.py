@@ -21,15 +21,11 @@ from curricle.tasks.live import is_live, reset_state
 from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.spaces import MISSING, Component, Space, action_name
 
-At = Mapping[str, Any]
-"""Component name -> its value, a number, a label, or for a cell (row, column)."""
-Letters = tuple[tuple[str, int, int], ...]
-"""Letter, row and column."""
+At = Mapping[str, Any]  # component -> its value: a number, a label, or a cell's (row, column)
+Letters = tuple[tuple[str, int, int], ...]  # letter, row and column
 
-STRIP, LONGEST_STRIP = 6, 60
-"""States without geometry stand in a strip: states a row, and states at most."""
-MOST_CELLS = 2500
-"""Cells of a replayed grid at most."""
+STRIP, LONGEST_STRIP = 6, 60  # states without geometry stand in a strip: a row, at most
+MOST_CELLS = 2500  # cells of a replayed grid at most
 DIRECTIONS = {"stay": 0, "noop": 0, "north": 1, "up": 1, "east": 2, "right": 2}
 DIRECTIONS |= {"south": 3, "down": 3, "west": 4, "left": 4}
 DIRECTIONS |= dict.fromkeys(("pick up", "put down", "drop off", "unlock"), 0)
@@ -70,12 +66,7 @@ class GridView:
 
     @classmethod
     def of(cls, task: Any, at: At | None = None) -> "GridView":
-        """Return the view of the states that share the components `at`.
-
-        A component is given by a number, a label, or a cell's row and column. Those left out make
-        the grid: one that is a cell, or two, the first being the row. Where the task or names say
-        where its states lie (:class:`GridLayout`), those left out are as an episode starts.
-        """
+        """Return the view of states that share the components `at`: number, label or cell."""
         fixed = {} if at is None else at
         instance("at", fixed, Mapping, SettingError)
         layout = layout_of(task)
@@ -85,12 +76,7 @@ class GridView:
 
     @classmethod
     def for_replay(cls, task: Any) -> "GridView | None":
-        """Return a view with markers, to replay training in; None where it has too many cells.
-
-        A maze or a pursuit is shown as its grid, states without geometry as a strip. Of several
-        cells in a state the first that an action moves is left free. Cells that no action moves are
-        fixed in the middle, those of other agents in the corners.
-        """
+        """Return a view with markers, to replay training in; None where it has too many cells."""
         space = generative_model(task).states
         read = {component.name: labelled_cells(component) for component in space.components}
         labelled = {name: cells for name, cells in read.items() if cells is not None}
@@ -126,10 +112,7 @@ def stacked(letters: Iterable[tuple[str, int, int]]) -> dict[tuple[int, int], st
 
 
 def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) -> dict[str, Any]:
-    """Return the fields that are read off a task: which states end, and what its actions do.
-
-    `mover` is the component of an action that moves what the cells stand for.
-    """
+    """Return the fields read off a task: which states end, and what its actions do to `mover`."""
     generative = generative_model(task)
     terminal, actions = generative.terminal, generative.actions
     ended = np.zeros(len(states), bool) if terminal is None else terminal[states]
@@ -149,10 +132,7 @@ def _says_where(task: Any) -> bool:
 
 
 def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
-    """Return the view of a task that says where its states lie.
-
-    Components that are neither fixed nor part of the grid are as an episode starts.
-    """
+    """Return the view of a task that says where its states lie."""
     space = generative_model(task).states
     others = [part for part in space.components if part.name not in layout.components]
     if fixed and not others:
