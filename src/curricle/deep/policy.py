@@ -19,11 +19,7 @@ from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.planning.episode import Episode, frame_of, played, with_pictures
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
-from curricle.transfer.rollouts import (
-    Environments,
-    ObservationTarget,
-    mean_episode_return,
-)
+from curricle.transfer.rollouts import Environments, ObservationTarget, mean_episode_return
 
 TOO_LARGE_SEED = 2**32  # the first that NumPy's generator, which SB3 seeds, does not take
 

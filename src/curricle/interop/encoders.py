@@ -1,8 +1,6 @@
 """Encoders: what of an environment's observations a table or a network sees.
 
-:class:`Bins` make numbers of a table's states. An encoder for networks is a function from an
-environment to the same environment, wrapped, so that it has other observations. All are frozen
-dataclasses: equal settings are equal encoders, with the same text in every process.
+All are frozen dataclasses: equal settings are equal encoders, with the same text in every process.
 """
 
 from abc import ABC, abstractmethod
@@ -33,7 +31,7 @@ class Bins:
     """An observation of n numbers as n components, each cut into bins at its edges.
 
     For `encode` of :func:`from_gymnasium`. What lies outside the outermost edges falls into the
-    first or the last bin. Equal edges make equal bins.
+    first or the last bin.
 
     Parameters
     ----------
@@ -97,8 +95,6 @@ class Bins:
     def many(self, observations: FloatTable) -> IntArray:
         """Return the numbers of the states that N observations, (N, n) float, fall into, (N,).
 
-        An :class:`ObservationMapping` reads a source's table with it.
-
         Examples
         --------
         >>> Bins({"position": [-1.2, -0.5, 0.6]}).many(np.array([[-0.7], [0.1]]))
@@ -157,7 +153,7 @@ class FunctionEncoder:
     Parameters
     ----------
     function : callable
-        From one observation to another, always the same for the same. Tasks can be sent to other
+        From an observation to another, always the same for the same. Tasks can be sent to other
         processes if it is a function of a module.
     space : gymnasium.Space
         Of what it returns.
@@ -208,8 +204,7 @@ class FunctionEncoder:
 class FlatDict:
     """A Dict of numbers as one vector, float32.
 
-    Parts are in the space's order. A Box is read row by row as it is, unscaled; ``Discrete`` and
-    ``MultiDiscrete`` are one-hot.
+    A Box is read row by row, unscaled; ``Discrete`` and ``MultiDiscrete`` are one-hot.
 
     Parameters
     ----------
@@ -286,9 +281,7 @@ class StackedFrames:
     """The last n observations at once, for tasks in which one observation shows too little.
 
     Vectors are joined end to end and pictures by their channels, the oldest first. An episode
-    begins with n times its first observation.
-
-    The frames are a history that a state does not show, so :func:`tabulate` refuses them.
+    begins with n times its first observation. :func:`tabulate` refuses them: they are a history.
 
     Parameters
     ----------
@@ -409,13 +402,12 @@ class MiniGridView(_MiniGridEncoder):
     """What a MiniGrid agent sees before it, as zeros and ones.
 
     Each of the view's 7 x 7 cells is one-hot by its object (11), colour (6) and state (3), the
-    agent's direction by 4 more: a vector of 984 numbers, float32. The mission is left out.
+    agent's direction by 4 more: a vector of 984 numbers, float32.
 
     Parameters
     ----------
     picture : bool
-        The same as planes, (24, 7, 7), channels first; the direction is a plane of ones among four.
-        :class:`~curricle.deep.SmallCNN` reads it.
+        The same as planes, (24, 7, 7), channels first, for :class:`~curricle.deep.SmallCNN`.
     mission : bool
         Append which of MiniGrid's 59 words the mission has, whatever their order.
 
@@ -444,8 +436,8 @@ class MiniGridFullView(_MiniGridEncoder):
     """All of a MiniGrid level, as zeros and ones.
 
     Cells are one-hot as in :class:`MiniGridView`. The agent is one more object of its cell, as is
-    what it carries. A level that is smaller lies in the middle, among unseen cells, so that levels
-    of several sizes share a space: 20 x width x height + 4 numbers, float32.
+    what it carries. A smaller level lies in the middle, among unseen cells, so that levels of
+    several sizes share a space: 20 x width x height + 4 numbers, float32.
 
     Parameters
     ----------

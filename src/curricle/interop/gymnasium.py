@@ -1,8 +1,4 @@
-"""Gymnasium, both ways: any environment as a task, and Curricle's tasks as environments.
-
-:func:`from_gymnasium` makes tasks of numbered states, :func:`observation_task` tasks seen through
-observations, :func:`to_gymnasium` environments.
-"""
+"""Gymnasium, both ways: any environment as a task, and Curricle's tasks as environments."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
@@ -69,9 +65,9 @@ def from_gymnasium(
 ) -> FiniteMDP | LiveMDP:
     """Return a Gymnasium environment of discrete spaces as a task: by its table, or live.
 
-    A transition table (``env.unwrapped.P``: FrozenLake, CliffWalking, Taxi) is copied, and the task
-    is solved, evaluated and learnt as fast as any :class:`FiniteMDP`. Every other environment, a
-    subclass or wrapper with its own `step` too, is a :class:`LiveMDP`: learning calls ``env.step``.
+    A transition table (``env.unwrapped.P``: FrozenLake, CliffWalking, Taxi) is copied into a
+    :class:`FiniteMDP`. Every other environment, a subclass or wrapper with its own `step` too, is a
+    :class:`LiveMDP`: learning calls ``env.step``.
 
     Parameters
     ----------
@@ -84,15 +80,14 @@ def from_gymnasium(
     names : sequence of str, optional
         Of a state's components, in their order: the numbers in an observation.
     sizes : sequence of int, optional
-        How many values each of the `names` has, where an observation is one number that stands for
-        all of them, the last counting fastest: row * columns + column.
+        How many values each of the `names` has, where an observation is one number for all of
+        them, the last counting fastest: row * columns + column.
     states : Space, optional
         Needed with an `encode` that has no attribute ``states``. Without `encode`, other names and
         labels for the observations, in their order.
     actions : sequence of str or Space, optional
-        A label for each action, or the actions by other names, in their order. States with a
-        row and a column are drawn as a grid, with arrows where actions are called north, east,
-        south and west, or up, right, down and left.
+        A label for each action, or the actions by other names, in their order. Those called north,
+        east, south and west, or up, right, down and left, are drawn as arrows.
     encode : callable, optional
         From an observation to a state's number or the tuple of its components' values, such as
         :class:`Bins`.
@@ -104,10 +99,9 @@ def from_gymnasium(
     Returns
     -------
     FiniteMDP or LiveMDP
-        Gymnasium's toy-text environments have named components (row, column; passenger,
-        destination; ...) and labelled actions. In others components are called `state` and
-        `action`, numbered if there are several, or after the keys of a ``Dict``. Joint actions of a
-        MultiDiscrete space have a component for each part.
+        Gymnasium's toy-text environments have named components and labelled actions. In others
+        components are called `state` and `action`, numbered if there are several, or after the keys
+        of a ``Dict``.
 
     Raises
     ------
@@ -309,10 +303,9 @@ def observation_task(
     time_limit : int, optional
         Steps after which episodes are truncated; the environment's own by default.
     encode : callable, optional
-        An encoder, from the environment to the same with other observations:
-        :class:`MiniGridView`, :class:`MiniGridFullView`, :class:`FlatDict`,
-        :class:`StackedFrames`, :class:`FunctionEncoder`, a wrapper's class or a function of one's
-        own.
+        From the environment to the same with other observations: :class:`MiniGridView`,
+        :class:`MiniGridFullView`, :class:`FlatDict`, :class:`StackedFrames`,
+        :class:`FunctionEncoder`, a wrapper's class or a function.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
@@ -361,38 +354,31 @@ class TaskEnvironment(gym.Env[Any, Any]):
     """A task as a Gymnasium environment, with its own rewards, ends and time limit.
 
     An episode is `terminated` when it enters a terminal state and `truncated` when it reaches the
-    task's time limit first; never both. Rewards are the task's own, unshaped. ``info`` has the
-    number of the task's state, ``state``, and its label, ``label``. The task is ``task``.
-
-    ``reset(options={"state": ...})`` starts in a given state: its number, or the value or label of
-    each of its components by name.
+    time limit first; never both. ``info`` has the number of the state, ``state``, and its
+    ``label``. ``reset(options={"state": ...})`` starts in a state: its number, or the value or
+    label of each of its components by name.
 
     Parameters
     ----------
     task : Task
         Of any kind but :class:`LiveMDP`, which is an environment already.
     observation : {"index", "components"}
-        The state's number, ``Discrete(S)``; or one number for each component, ``MultiDiscrete``,
-        each counted from the component's lowest value. Not every combination need be a state.
+        The state's number, ``Discrete(S)``; or a number for each component, ``MultiDiscrete``,
+        counted from its lowest value. Not every combination need be a state.
     action : {"index", "components"}
         The action's number, ``Discrete(A)``; or one number for each component.
     render_mode : {"rgb_array", "ansi"}, optional
-        What :meth:`render` returns: a picture, (height, width, 3) uint8, or text. Mazes and
-        pursuits are drawn; for other tasks the state's label is written.
+        What :meth:`render` returns: a picture, (height, width, 3) uint8, or text. Where a task is
+        no maze or pursuit the state's label is written.
 
     Raises
     ------
     TaskError
         When `task` is not a task, or a live one.
     SettingError
-        When a form is unknown or not every combination of action components is an action; from
-        :meth:`step`, when the action is outside the space or no episode is under way; from
-        :meth:`reset`, when the options are unknown, or the state does not exist or is known to be
-        terminal.
-
-    Notes
-    -----
-    One draw of ``np_random`` an episode starts the random stream of the task's transitions.
+        When a form is unknown or not every combination of action components is an action; when an
+        action is outside the space or no episode is under way; when the options of a reset are
+        unknown, or its state does not exist or is known to be terminal.
 
     Examples
     --------
@@ -447,6 +433,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode, in ``options["state"]`` if given; return observation and info."""
         super().reset(seed=seed)
+        # One draw an episode starts the random stream of the task's transitions.
         self._stream[0] = self.np_random.integers(2**64, dtype=np.uint64)
         if options:
             self._state = self._named_start(options)

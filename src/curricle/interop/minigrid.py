@@ -13,14 +13,7 @@ import numpy as np
 
 from curricle.checks import instance
 from curricle.errors import SettingError, TaskError
-from curricle.interop.states import (
-    Copies,
-    Environment,
-    StateAccess,
-    Words,
-    fingerprint,
-    left_out,
-)
+from curricle.interop.states import Copies, Environment, StateAccess, Words, fingerprint, left_out
 from curricle.interop.tabulated_task import Unseen
 from curricle.tasks.spaces import Component, Space
 
@@ -148,23 +141,22 @@ PROBED = 300  # random steps that show whether a level has a state beside MiniGr
 class MiniGridState:
     """States of MiniGrid: the agent, the grid, the objects in it, and plain attributes.
 
-    It is the default for MiniGrid's environments. MiniGrid pays 1 - 0.9 t / max_steps at step t of
-    an episode, which depends on the time and on nothing else; as a table of states that are not
+    MiniGrid pays 1 - 0.9 t / max_steps at step t of an episode; as a table of states that are not
     times it has the goal's reward as 1. Where nothing else is earned, a policy that is optimal at a
     discount below 1 is as short as possible, and best by MiniGrid's own reward as well.
 
     Components are the agent's `x`, `y` and `direction`; the state of each `door`; and the place of
-    each `key`, `ball` and `box`, such as `key_x` and `key_y`: -1 while it is carried, -2 while it
-    is in a box or gone. Several of a kind are numbered, as in `door_1`.
+    each `key`, `ball` and `box`, such as `key_x`: -1 while it is carried, -2 while it is in a box
+    or gone. Several of a kind are numbered, as in `door_1`.
 
     Parameters
     ----------
     own_reward : bool
-        Pay MiniGrid's own reward. The time is then part of a state, `step`, so that there are up to
-        max_steps times as many.
+        Pay MiniGrid's own reward. The time is then part of a state, `step`: up to max_steps times
+        as many.
     copies : bool
-        Whether to save states by copies. By default only where a level keeps a state elsewhere
-        (BabyAI's instructions), or a wrapper does.
+        Whether to save states by copies; by default only where a level (BabyAI's instructions) or a
+        wrapper keeps a state elsewhere.
 
     Examples
     --------

@@ -1,11 +1,9 @@
 """Potential-based shaping of any Gymnasium environment, one or many, for any algorithm.
 
 Ng, Harada and Russell 1999 (paper E2): F = gamma Phi(s') - Phi(s), added to the reward, changes no
-optimal policy. That holds for an episode that ends only if the potential of a terminal state is 0
-(Grzes 2017); an episode that is cut off has not reached a terminal state and keeps Phi(s').
-
-Phi(s, t) = w(t) g(Phi_1(s, t), ..., Phi_N(s, t)): named sources, an aggregate, a weight and one
-discount. t counts the steps taken through the wrapper, episode after episode.
+optimal policy, if the potential of a terminal state is 0 (Grzes 2017); an episode that is cut off
+keeps Phi(s'). Phi(s, t) = w(t) g(Phi_1(s, t), ..., Phi_N(s, t)): named sources, an aggregate, a
+weight and one discount.
 """
 
 import math
@@ -486,39 +484,36 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of an environment.
 
     Phi(s') is 0 where the step terminated and only there: truncation keeps it, and the learner must
-    bootstrap from s'. Nothing else of the environment changes. Values learnt from the shaped
-    rewards are Q - Phi; the greedy policy is the same.
+    bootstrap from s'. Values learnt from the shaped rewards are Q - Phi; the greedy policy is the
+    same.
 
     Each step's ``info`` holds
 
     - ``original_reward``: the environment's own;
     - ``shaping``: F;
-    - ``shaping_terms``: F_i = w(t + 1) gamma Phi_i(s') - w(t) Phi_i(s) of each source alone. F is
-      their mean under `mean` and their sum under `total`; under `maximum` and `minimum` it lies
-      between the least and the largest of them;
+    - ``shaping_terms``: F_i = w(t + 1) gamma Phi_i(s') - w(t) Phi_i(s) of each source alone; F is
+      their mean under `mean`, their sum under `total`, between them under `maximum` and `minimum`;
     - ``potential``: Phi(s'), which is 0 where the step terminated;
     - at an episode's end ``original_return``, the undiscounted sum of the original rewards, and
       ``telescoping_residual``: sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), with Phi(s_0)
       computed anew. It is 0, but for rounding, where Phi depends on the observation and t alone.
 
     A step after an episode's end is taken to be the reset of `gymnasium.wrappers.Autoreset`: its
-    reward stays as it is. Wrappers that record returns belong inside, where rewards are the
-    original ones: ``PotentialShaping(RecordEpisodeStatistics(env))``.
+    reward stays as it is. Wrappers that record returns belong inside.
 
     Parameters
     ----------
     env : gymnasium.Env
     potential : callable, potential over a task, source of values, or dict of str to these
         A function observation -> float; or a `StatePotential`, `MappedPotential` or
-        `StateActionPotential`, whose Phi(s) = max_a phi(s, a), over the states that the
-        observations number: as a whole (`Discrete`), or component by component (`MultiDiscrete`,
-        `Tuple`); or an `ObservationPotential` or other `ValueSource`, whose Phi(s) = V(s). Several
-        sources have names.
+        `StateActionPotential`, whose Phi(s) = max_a phi(s, a), over the states that observations
+        number, whole (`Discrete`) or by component (`MultiDiscrete`, `Tuple`); or an
+        `ObservationPotential` or other `ValueSource`, whose Phi(s) = V(s).
     discount : float, optional
         gamma, which must be the learner's. Needed where no potential has a task to state it.
     weight : float or Schedule
         w(t), which multiplies Phi; t counts the steps taken through this wrapper, episode after
-        episode, also for a `StatePotential` that changes with time (Devlin, Kudenko 2012).
+        episode, also for a `StatePotential` that changes with time.
     aggregate : callable, optional
         g of Phi = w g(Phi_1, ..., Phi_N), (N, S, A) -> (S, A), with A = 1; by default the mean.
     encode : callable, optional
@@ -526,14 +521,13 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     tolerance : float or None
         The largest residual allowed, as a share of the largest |Phi| in the episode; for a
         `ValueSource` at least 0.001, as networks round. None allows any, for potentials that
-        change, such as a network in training: shaping subtracts on leaving s what it added on
-        arriving there, so it is sound for these too (Devlin, Kudenko 2012).
+        change, such as a network in training: shaping is sound for these too (Devlin, Kudenko
+        2012).
 
     Raises
     ------
     PotentialError
-        When a value is not finite, naming the observation; when an episode's residual exceeds
-        the tolerance.
+        When a value is not finite; when an episode's residual exceeds the tolerance.
     SettingError
         When the discount is not stated, or stated differently; when observations do not number
         the states of a task; when the environment is shaped already.
@@ -610,8 +604,7 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
 
     ``infos`` holds the entries of `PotentialShaping` as (n,) float64 arrays, each with its mask
     under its name after an underscore, ``shaping_terms`` as a dict of such arrays. Masks leave out
-    sub-environments that only reset; those of ``telescoping_residual`` and ``original_return`` are
-    true where an episode ended. ``potential`` is Phi of the state the step arrived in.
+    sub-environments that only reset, or where no episode ended.
 
     Parameters
     ----------
@@ -621,10 +614,8 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
         of all sub-environments together, as a budget does.
     batched : bool
         Whether potential functions return an (m,) array for m stacked observations, and `encode`
-        an (m,) array of integers. m is n, or more where episodes end, as the observations at which
-        they were cut off and began are read too. Otherwise functions are called with one
-        observation after another. Observations in which an episode terminated are never read.
-        Sources of values always read stacked observations.
+        an (m,) array of integers; m is n, or more where episodes end. Otherwise they are called
+        with one observation after another. Sources of values always read stacked observations.
 
     Raises
     ------

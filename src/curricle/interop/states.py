@@ -259,15 +259,13 @@ class StateAccess(ABC):
 class DeepCopy:
     """States are deep copies of the environment: right for every environment that can be copied.
 
-    Two states are equal if all attributes are, part by part. Random generators do not count: what
-    they decide is randomness. States that differ in nothing that can be observed or earned later
-    are made one in the end.
+    Two states are equal if all attributes but random generators are, part by part. States that
+    differ in nothing that can be observed or earned later are made one in the end.
 
     Parameters
     ----------
     ignore : collection of str
-        Names of attributes, of whatever object, that make no difference to what happens, such as a
-        counter that is only shown.
+        Names of attributes that make no difference, such as a counter that is only shown.
 
     Examples
     --------

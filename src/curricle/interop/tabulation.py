@@ -1,10 +1,8 @@
 """Any Gymnasium environment as tables, by visiting every state that can be reached.
 
 Three things are needed of an environment: to save a state, to restore it, to step. Deep copies do
-for all; their key is a digest of all attributes, and equivalent states are merged by partition
-refinement, so that counters and notes do no harm. Time limits of wrappers are no part of a state,
-and random generators are swapped between repetitions of a step. What a way of saving misses is
-found by playing episodes beside the tables. A file keeps the tables if the user names it.
+for all, and equivalent states are merged, so that counters and notes do no harm. What a way of
+saving misses is found by playing episodes beside the tables.
 """
 
 import os
@@ -34,13 +32,7 @@ from curricle.interop.exploration import (
     core_and_views,
     time_limit_of,
 )
-from curricle.interop.gymnasium import (
-    Environment,
-    TimeLimit,
-    actions_of,
-    maker_of,
-    opened,
-)
+from curricle.interop.gymnasium import Environment, TimeLimit, actions_of, maker_of, opened
 from curricle.interop.minigrid import (
     MiniGridAccess,
     MiniGridState,
@@ -254,29 +246,27 @@ def tabulate(
 ) -> TabulatedTask:
     """Return a Gymnasium environment as tables of every state that can be reached.
 
-    States are visited breadth first from those that resets lead to: each action is taken in each
-    state. The tables are the environment's own, so what :func:`solve`, :func:`certify` and
-    :func:`evaluate` prove of them holds for it.
+    Each action is taken in each state, breadth first from those that resets lead to. What
+    :func:`solve`, :func:`certify` and :func:`evaluate` prove of the tables holds for the
+    environment.
 
     Steps must be deterministic, which is checked: each is taken twice, and 8 times if it draws
-    random numbers. At the end up to 1,000 steps are played in the environment and must agree with
-    the tables. Outcomes of random steps must be listed or estimated; the table says which.
+    random numbers; up to 1,000 steps of episodes must agree with the tables. Outcomes of random
+    steps must be listed or estimated; the table says which.
 
     Parameters
     ----------
     environment : str, gymnasium.EnvSpec, gymnasium.Env or callable
-        As in :func:`from_gymnasium`. An environment is copied, and itself stepped only if it cannot
-        be copied and there are functions to restore it.
+        As in :func:`from_gymnasium`. It is copied, and itself stepped only if it cannot be copied
+        and there are functions to restore it.
     discount : float
     seeds : int or sequence of int
         Of the resets that starts are taken from, each as likely; K stands for 0 .. K-1.
     time_limit : int, None or "own"
         Steps after which episodes are truncated; by default the least of the environment's own.
         Time is no part of a state, unless the environment counts it itself.
-    names : sequence of str, optional
-        Other names for the components of a state, in their order.
-    actions : sequence of str or Space, optional
-        As in :func:`from_gymnasium`.
+    names, actions : sequence of str, optional
+        Names of a state's components, in their order; actions as in :func:`from_gymnasium`.
     state : DeepCopy, MiniGridState or (save, restore), optional
         How states are saved and restored: by default :class:`DeepCopy`, in MiniGrid's environments
         :class:`MiniGridState`, where the goal's reward is 1. Two functions are faster:
@@ -284,8 +274,8 @@ def tabulate(
         without wrappers, back into it. The fields of a named tuple name components.
     outcomes : callable, optional
         ``outcomes(state, action)`` lists (probability, next state, reward, terminated) of each
-        outcome; states are observations, or what `save` returns. An environment's own table ``P``
-        is used unless `state` is given.
+        outcome; states are observations, or what `save` returns. An environment's table ``P`` is
+        used unless `state` is given.
     samples : int, optional
         Estimate outcomes from so many steps of each pair.
     max_states, max_seconds : int, float
@@ -293,10 +283,9 @@ def tabulate(
     progress : bool or callable, optional
         True shows how far it is; a function is called with a :class:`Progress`.
     cache : str or Path, optional
-        A file that the tables are read from, or written to if it does not exist. It notes the
-        environment's name, classes and content after each reset, the settings above and versions of
-        packages; a file of others is refused. Name another file when you change your environment's
-        code, which is not compared.
+        A file that the tables are read from, or written to if it does not exist. Tables of another
+        environment, content after a reset, setting or version are refused; the environment's code
+        is not compared: name another file when you change it.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 

@@ -41,11 +41,7 @@ class Tracker(Protocol):
     """
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
-        """Begin a study, before anything is trained.
-
-        `configuration` has the settings, nested as in the study's file. `folder`, absolute, is
-        where its results are.
-        """
+        """Begin a study; settings nested as in its file, and the absolute folder of its results."""
 
     def record(self, arm: str, node: str, result: LearningResult) -> None:
         """Log a task that has been trained, in an arm, under its name there."""
@@ -58,8 +54,7 @@ class Trackers:
     """Several trackers, none of which stops the study.
 
     A tracker that raises an `Exception` is reported and not called again; the others go on.
-
-    `report` is called with one sentence for each failure; by default it is printed to stderr.
+    `report` is called with a sentence for each failure; by default it is printed to stderr.
 
     Examples
     --------
