@@ -1,7 +1,4 @@
-"""Distillation: networks of Stable-Baselines3 are fitted to what is known of observations.
-
-:func:`distil` fits a network, :func:`learn_miniatures` one for each seed to solved small tasks.
-"""
+"""Distillation: networks of Stable-Baselines3 are fitted to what is known of observations."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -152,24 +149,21 @@ def learn_miniatures(
         grow = bars.bar("distilling", len(seeds))
         for k, seed in enumerate(seeds):
             known = task.knowledge(potential=potentials[k] if potentials else None, seed=seed)
-            outcomes.append(_outcome(task, distil(known, task, learner, seed=seed)))
+            network: Any = distil(known, task, learner, seed=seed)
+            examined = task.examined(network)[: len(task.members)]
+            record = Record.empty(1)
+            record.greedy_return[0] = np.mean([member.best for member in examined])
+            shares = [member.regained for member in examined if not np.isnan(member.regained)]
+            regained = np.mean(shares) if shares else 1.0
+            if regained < WORTH and not task.shuffled:
+                raise TaskError(
+                    "a network distilled from miniatures must act better than at random, on "
+                    f"held-out levels if any: it regains {regained:.0%} of the way to the optimum "
+                    f"of {task}"
+                )
+            outcomes.append(Outcome(record, network, 0, 0, out_of_memory=False, evaluation_steps=0))
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)
     result = learning_result(task, learner, tuple(seeds), values, outcomes, eval_freq)  # type: ignore[arg-type]
     return DeepResult.of(result)
-
-
-def _outcome(task: Miniatures, values: Any) -> Outcome:
-    """Return what one seed learnt; TaskError if it is worth nothing."""
-    examined = task.examined(values)[: len(task.members)]
-    record = Record.empty(1)
-    record.greedy_return[0] = np.mean([member.best for member in examined])
-    shares = [member.regained for member in examined if not np.isnan(member.regained)]
-    regained = np.mean(shares) if shares else 1.0
-    if regained < WORTH and not task.shuffled:
-        raise TaskError(
-            "a network distilled from miniatures must act better than at random, on held-out "
-            f"levels if any: it regains {regained:.0%} of the way to the optimum of {task}"
-        )
-    return Outcome(record, values, 0, 0, out_of_memory=False, evaluation_steps=0)

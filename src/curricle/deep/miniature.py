@@ -1,8 +1,4 @@
-"""Miniatures: small relatives of a task, solved exactly, that networks are distilled from.
-
-:func:`miniatures` makes them, a :class:`SolvedMember` holds the tables and the optimum of one of
-them, :class:`Knowledge` what is known of observations.
-"""
+"""Miniatures: small relatives of a task, solved exactly, that networks are distilled from."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -187,9 +183,8 @@ def miniatures(
 ) -> Miniatures:
     """Return small relatives of a task as a source that takes no steps.
 
-    Each member is tabulated (:func:`tabulate`) from so many resets and solved. Resets of the same
-    level count once. A level is what can be reached from one reset; a share of the levels is held
-    out, to see how well the network does there.
+    Each member is tabulated (:func:`tabulate`) from so many resets and solved. A level is what can
+    be reached from one reset; a share of them is held out, to see how well the network does there.
 
     Parameters
     ----------
@@ -206,15 +201,15 @@ def miniatures(
     Returns
     -------
     ObservationTask
-        ``solved`` are its members with their tables and optima, ``knowledge()`` what is distilled
-        of them, ``transitions`` the steps of their models, and ``examined(values)`` how a network
-        acts on the levels held out.
+        ``solved`` are its members with tables and optima, ``knowledge()`` what is distilled,
+        ``transitions`` the steps of the models, ``examined(values)`` how a network acts on the
+        levels held out.
 
     Raises
     ------
     TaskError
-        When there is no member, or their spaces or discounts differ. When they are first asked for:
-        a member cannot be tabulated.
+        When there is no member, or their spaces or discounts differ; later, when a member cannot be
+        tabulated.
 
     Examples
     --------

@@ -49,12 +49,6 @@ class NetworkValues:
     values_offset : ObservationPotential, optional
         The Phi that shaped its rewards. Then Q - Phi is learnt, and Phi is added here.
 
-    Attributes
-    ----------
-    policy, values_offset
-    plain : PlainNetwork or None
-        The same network for NumPy, if it is one of plain layers.
-
     Raises
     ------
     PotentialError
@@ -79,7 +73,7 @@ class NetworkValues:
                 f"{type(policy).__name__}"
             )
         self.kind = present[0]
-        self.plain = plain_network(policy, self.kind)
+        self.plain = plain_network(policy, self.kind)  # the same for NumPy, if of plain layers
 
     @property
     def of_actions(self) -> bool:
@@ -132,23 +126,19 @@ class NetworkValues:
         if self.plain is not None and self.plain.takes(observations):
             outputs = self.plain.read(observations).astype(np.float64)
         else:
-            outputs = self._by_torch(observations)
+            if hasattr(self.policy, "lstm_actor"):
+                raise PotentialError(
+                    "values must be of one observation, without memory: got "
+                    f"{type(self.policy).__name__}; WeightTransfer and PolicyReuse read no values"
+                )
+            heads = self.kind == "value_net"
+            network = self.policy.predict_values if heads else getattr(self.policy, self.kind)
+            with torch.no_grad():
+                outputs = _array(network(self._seen(observations)))
         if self.kind == "quantile_net":
             n_actions = int(self.policy.action_space.n)
             outputs = outputs.reshape(len(outputs), -1, n_actions).mean(axis=1)
         return outputs
-
-    def _by_torch(self, observations: Any) -> FloatArray:
-        """Return the network's output, computed by PyTorch, (n, ...)."""
-        heads = self.kind == "value_net"
-        if hasattr(self.policy, "lstm_actor"):
-            raise PotentialError(
-                "values must be of one observation, without memory: got "
-                f"{type(self.policy).__name__}; WeightTransfer and PolicyReuse read no values"
-            )
-        network = self.policy.predict_values if heads else getattr(self.policy, self.kind)
-        with torch.no_grad():
-            return _array(network(self._seen(observations)))
 
     def _critics(self, seen: Any, actions: Any) -> FloatArray:
         of_critics = [_array(values)[:, 0] for values in self.policy.critic(seen, actions)]
@@ -269,10 +259,9 @@ def _relu(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 class SmallCNN(BaseFeaturesExtractor):
     """Two convolutions of 3 x 3 and a layer, for pictures from 5 x 5 cells, channels first.
 
-    It is for ``CnnPolicy``, among the ``policy_kwargs`` of a :class:`DeepLearner`:
-    ``{"features_extractor_class": SmallCNN, "normalize_images": False}``, which reads pictures as
-    they are. (Stable-Baselines3 divides pictures by 255 if they are bytes from 0 to 255, and no
-    others.)
+    For ``CnnPolicy``, among the ``policy_kwargs`` of a :class:`DeepLearner`:
+    ``{"features_extractor_class": SmallCNN, "normalize_images": False}``. (Stable-Baselines3
+    divides pictures by 255 if they are bytes from 0 to 255, and no others.)
 
     Parameters
     ----------

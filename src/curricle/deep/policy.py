@@ -57,10 +57,10 @@ class TrainedPolicy:
         Parameters
         ----------
         observation : array or dict of arrays
-            Of the task's space, (...) or (n, ...); an encoder's where the task has one.
+            Of the task's space, (...) or (n, ...).
         deterministic : bool
-            Whether to take the likeliest action, as evaluations do; else it is sampled, which
-            DQN does not do. SettingError where the policy needs memory or masks of actions too.
+            Whether to take the likeliest action; else it is sampled, which DQN does not do.
+            SettingError where the policy needs memory or masks of actions too.
         """
         check_sight(self.model)
         try:
@@ -75,8 +75,7 @@ class TrainedPolicy:
     def save(self, path: str | Path) -> Path:
         """Write the model as Stable-Baselines3 does, and return the file's path, a ``.zip``.
 
-        ``PPO.load(path)`` reads it, as does :meth:`load`. It holds pickles, as all its files do:
-        load your own alone. StoreError when it cannot be written.
+        It holds pickles: load your own alone. StoreError when it cannot be written.
         """
         file = local_file(path)
         if not file.name.endswith(".zip"):
@@ -144,8 +143,8 @@ class TrainedPolicy:
         Raises
         ------
         SettingError
-            When there is no limit, or the environment draws no pictures: one of an id is made
-            with ``render_mode="rgb_array"``, one's own function must do so, or have that argument.
+            When there is no limit, or the environment draws no pictures: a function that makes it
+            must do so with ``render_mode="rgb_array"``, or have that argument.
         """
         limit = self.task.longest if max_steps is None else max_steps
         if limit is None:
@@ -196,11 +195,7 @@ class DeepResult(LearningResult):
 
     @cached_property
     def policies(self) -> tuple[TrainedPolicy, ...]:
-        """The policy of each seed, K of them.
-
-        They act, are saved as Stable-Baselines3 saves models, and play episodes to look at.
-        SettingError where values were not saved.
-        """
+        """The policy of each seed, K of them; SettingError where values were not saved."""
         return policies_of(self.task, self.learner, self.values, self.steps_used)
 
     @classmethod
@@ -213,15 +208,14 @@ class DeepResult(LearningResult):
     ) -> Self:
         """Return the result in a file that :meth:`save` wrote; the networks are built again.
 
-        The file holds their parameters as plain arrays, and no pickles. :meth:`TrainedPolicy.save`
-        writes a file of Stable-Baselines3.
+        The file holds their parameters as plain arrays, and no pickles.
 
         Parameters
         ----------
         path : path
         task : ObservationTask, optional
         learner : DeepLearner, optional
-            Without task and learner the result has curves, and of the networks their parameters.
+            Without task and learner the networks are their parameters alone.
         shaping : Shaping or sequence of Shaping, optional
             What they were trained with, of each seed if it has a potential.
 

@@ -1,7 +1,4 @@
-"""Training one seed of a deep learner: its curves, when it ends, its checkpoints.
-
-Checkpoints are pickles: read only those of your own runs. Results are no pickles.
-"""
+"""Training one seed of a deep learner: its curves, when it ends, its checkpoints (pickles)."""
 
 import io
 from collections.abc import Callable
@@ -73,7 +70,10 @@ class DeepRun:
                 progress = Progress.begun(self, warm_up)
                 model = model_for(self.task, self.learner, shaping, seed=small, steps=left)
             else:
-                model, progress = restored(saved), saved.progress
+                kind, held = saved.model
+                model, progress = object.__new__(kind), saved.progress
+                model.__dict__.update(held)
+                set_generators(saved.states)
             values = NetworkValues(model.policy, subtracted(shaping))
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
@@ -96,7 +96,8 @@ class DeepRun:
                     progress_bar=self.learner.progress_bar,
                 )
                 recorder.end()
-            recorder.close()
+            if recorder.environments is not None:
+                recorder.environments.close()
         return Outcome(
             progress.record,
             values,  # type: ignore[arg-type]
@@ -154,10 +155,10 @@ class Recorder(BaseCallback):
         self.run, self.progress, self.values = run, progress, values
         self.max_steps, self.start = max_steps, start
         task, evaluation = run.task, run.evaluation
-        self._environments = None
+        self.environments = None  # in which the policy is evaluated
         if evaluation.method != "off":
             episodes, horizon = evaluation.rollouts(task), evaluation.horizon(task)
-            self._environments = Environments(task, episodes, horizon)
+            self.environments = Environments(task, episodes, horizon)
         self._saves, self._saved_at = saves, progress.steps
 
     def _on_training_start(self) -> None:
@@ -199,12 +200,12 @@ class Recorder(BaseCallback):
 
     def _evaluation(self, number: int) -> float:
         """Return the policy's mean return at a checkpoint; NaN if evaluation is off."""
-        if self._environments is None:
+        if self.environments is None:
             return float("nan")
         seed, sampled = splitmix64(self.start ^ (number + 1)), self.run.evaluation.sampled
-        actor = acting(self.values.policy, self._environments.environments, sampled=sampled)
+        actor = acting(self.values.policy, self.environments.environments, sampled=sampled)
         with drawing(seed):
-            episodes = self._environments.rollouts(actor, seed)
+            episodes = self.environments.rollouts(actor, seed)
         self.progress.evaluation_steps += sum(len(episode.rewards) for episode in episodes)
         return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task))
 
@@ -226,11 +227,6 @@ class Recorder(BaseCallback):
         self._reach()
         self.progress.over = True
         self._save()
-
-    def close(self) -> None:
-        """Close the environments in which the policy was evaluated."""
-        if self._environments is not None:
-            self._environments.close()
 
     def _save(self) -> None:
         if self._saves is not None:
@@ -320,12 +316,3 @@ def load_checkpoint(path: Place, run: str) -> Saved | None:
             f"a checkpoint belongs to one run: {path} is of {saved.run}, this is {run}"
         )
     return saved
-
-
-def restored(saved: Saved) -> Any:
-    """Return the model of a checkpoint, and set the random number generators to its states."""
-    kind, held = saved.model
-    model: Any = object.__new__(kind)
-    model.__dict__.update(held)
-    set_generators(saved.states)
-    return model

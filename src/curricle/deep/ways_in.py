@@ -1,10 +1,7 @@
 """What a source hands on to a network, inside the algorithms of Stable-Baselines3.
 
 Q-initialisation, or look-ahead advice, which learns the same (Wiewiora 2003): a network cannot be
-started at phi, but the sum of phi and a network that starts at 0 can be learnt; acting,
-bootstrapping and evaluation all read the sum, so nothing else of the algorithm changes.
-
-Beside its values: a policy that is acted on at first, parameters, a pull to the source's policy.
+started at phi, but the sum of phi and a network that starts at 0 can be learnt.
 """
 
 from copy import deepcopy
@@ -148,18 +145,14 @@ class ResidualQNetwork(QNetwork):
             return features
         read = phi if self.reads == "actions" else best
         if self.untrained and torch.is_grad_enabled():
-            self._standardise(read)
+            # Shift and scale are by the mean and spread of a batch, until something is learnt.
+            self.untrained = not self._last.weight.any()
+            if self.untrained:
+                spread = read.std(correction=0)
+                self.running_scale.copy_(1 / spread if spread > 0 else torch.ones(()))
+                self.running_shift.copy_(-read.mean() * self.running_scale)
         scaled = torch.addcmul(self.running_shift, read, self.running_scale)
         return torch.cat([features, scaled], dim=1)
-
-    def _standardise(self, read: torch.Tensor) -> None:
-        """Set shift and scale by the mean and spread of a batch, until something is learnt."""
-        if self._last.weight.any():
-            self.untrained = False
-            return
-        spread = read.std(correction=0)
-        self.running_scale.copy_(1 / spread if spread > 0 else torch.ones(()))
-        self.running_shift.copy_(-read.mean() * self.running_scale)
 
 
 class PotentialCache:
@@ -182,20 +175,20 @@ class PotentialCache:
 
     def read(self, seen: Any) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Return phi(s, a), (n, A), and Phi(s), (n, 1), of arrays."""
-        cached = not isinstance(seen, dict)
-        both = self._cached(np.ascontiguousarray(seen)) if cached else self._computed(seen)
+        if isinstance(seen, dict):
+            both = self._computed(seen)
+        else:
+            seen = np.ascontiguousarray(seen)
+            keys = seen.reshape(len(seen), -1).view(f"V{seen.nbytes // len(seen)}")[:, 0].tolist()
+            if not all(map(self.places.__contains__, keys)):
+                self._add(keys, seen)
+            both = self.values[list(map(self.places.__getitem__, keys))]
         return both[:, 1:], both[:, :1]
 
     def _computed(self, seen: Any) -> npt.NDArray[np.float32]:
         """Return Phi(s) and phi(s, a), (n, 1 + A)."""
         phi = self.potential.pairs(seen)
         return np.concatenate([phi.max(axis=1, keepdims=True), phi], axis=1, dtype=np.float32)
-
-    def _cached(self, seen: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        keys = seen.reshape(len(seen), -1).view(f"V{seen.nbytes // len(seen)}")[:, 0].tolist()
-        if not all(map(self.places.__contains__, keys)):
-            self._add(keys, seen)
-        return self.values[list(map(self.places.__getitem__, keys))]
 
     def _add(self, keys: list[bytes], seen: npt.NDArray[Any]) -> None:
         """Cache phi of the new ones among some observations."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from copy import deepcopy
+from dataclasses import replace
 from functools import cached_property
 from operator import index
 from typing import TYPE_CHECKING, Any, Literal
@@ -29,7 +30,6 @@ from curricle.interop.spaces import (
     names_of,
     outcomes_of,
     space_of,
-    with_labels,
     with_names,
     with_space,
 )
@@ -211,7 +211,18 @@ def actions_of(
         named = known
     if actions is None or isinstance(actions, Space):
         return act, with_space("actions", named, actions)
-    return act, with_labels(named, actions)
+    labels = name_list(actions, "labels of actions")
+    if len(named.components) > 1:
+        raise TaskError(
+            "labels are for actions that are one number, and others are named by a Space: these "
+            f"have {', '.join(named.names)}"
+        )
+    if len(labels) != named.size:
+        raise TaskError(
+            f"actions must have one label each, {named.size} in all: got {len(labels)}, "
+            f"{', '.join(labels) or 'none'}"
+        )
+    return act, Space([replace(named.components[0], labels=labels)])
 
 
 def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:

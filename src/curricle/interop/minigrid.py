@@ -39,7 +39,13 @@ class Level:
         }
         self.plain = [name for name, value in self.constants.items() if _is_plain(value)]
         self.values_of_plain = itemgetter(*self.plain, "mission")
-        objects = [thing for thing in _objects(env.grid.grid) if thing.type not in STILL]
+        # The different objects in cells and in boxes, in the order of the cells.
+        met = dict[int, Any]()
+        for thing in env.grid.grid:
+            while thing is not None and id(thing) not in met:
+                met[id(thing)] = thing
+                thing = thing.contains
+        objects = [thing for thing in met.values() if thing.type not in STILL]
         self.doors = [thing for thing in objects if thing.type == "door"]
         self.movable = [thing for thing in objects if thing.type != "door"]
         self.standard_doors = [door for door in self.doors if _is_standard(door)]
@@ -111,23 +117,12 @@ def _is_standard(thing: Any) -> bool:
     return type(thing).__module__ == "minigrid.core.world_object"
 
 
-def _objects(cells: Sequence[Any]) -> list[Any]:
-    """Return the different objects in the cells and in boxes, in the order of the cells."""
-    objects = dict[int, Any]()
-    for thing in cells:
-        while thing is not None and id(thing) not in objects:
-            objects[id(thing)] = thing
-            thing = thing.contains
-    return list(objects.values())
-
-
 def _place(place: Any) -> Any:
     """Return the coordinates of an object as MiniGrid first has them: a tuple, or None."""
     return place if place is None or type(place) is tuple else tuple(place.tolist())
 
 
 def _items(thing: Any) -> tuple[tuple[str, Any], ...]:
-    """Return the attributes of an object that is none of MiniGrid's own."""
     return tuple(
         (name, tuple(value.tolist()) if isinstance(value, np.ndarray) else value)
         for name, value in vars(thing).items()

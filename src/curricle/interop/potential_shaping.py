@@ -22,7 +22,7 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import iterate
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray
 from curricle.checks import instance, number, numbers
 from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import StateActionPotential, StatePotential
@@ -62,7 +62,17 @@ class FunctionSource:
     def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
         """Return Phi_i of n observations, (n,)."""
         if not self.batched:
-            return [self._value(observation) for observation in rows]
+            singles = list[float]()
+            for observation in rows:
+                value = self.function(observation)
+                try:
+                    singles.append(float(value))
+                except (TypeError, ValueError):
+                    raise PotentialError(
+                        f"a potential must return one number: {self.name!r} returned {value!r} at "
+                        f"observation {observation!r}"
+                    ) from None
+            return singles
         who = f"a batched potential, {self.name!r},"
         if self.rounding > 0:
             who = f"the values of {self.name!r}"
@@ -72,16 +82,6 @@ class FunctionSource:
                 f"what {who} returns must have shape {(len(rows),)}: got {values.shape}"
             )
         return values.tolist()  # type: ignore[no-any-return]
-
-    def _value(self, observation: Any) -> float:
-        value = self.function(observation)
-        try:
-            return float(value)
-        except (TypeError, ValueError):
-            raise PotentialError(
-                f"a potential must return one number: {self.name!r} returned {value!r} at "
-                f"observation {observation!r}"
-            ) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,16 @@ class StateSource:
             )
         if self.fixed is not None:
             return [*map(self.fixed.item, states)]
-        return _values(self.potential, np.array(states), steps).tolist()  # type: ignore[no-any-return]
+        potential, here = self.potential, np.array(states)
+        if isinstance(potential, MappedPotential):
+            phi = potential.pairs(here).max(axis=1)
+            terminal = generative_model(potential.task).terminal
+            phi = phi if terminal is None else np.where(terminal[here], 0.0, phi)
+        else:
+            frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
+            weights = np.array([potential.weight(step) for step in each_step(steps, len(here))])
+            phi = weights * potential.values[frame, here]
+        return phi.tolist()  # type: ignore[no-any-return]
 
     def _whole(self, state: Any, observation: Any) -> int:
         try:
@@ -214,37 +223,6 @@ def _components(states: Space, starts: list[int], observation: Any) -> Any:
     return states.encode(**{part.name: offset + part.low for part, offset in components})
 
 
-def _values(
-    potential: StatePotential | MappedPotential, states: IntArray, steps: Steps
-) -> FloatArray:
-    """Return Phi(s, t) of n states, (n,) float64."""
-    if isinstance(potential, MappedPotential):
-        phi = potential.pairs(states).max(axis=1)
-        terminal = generative_model(potential.task).terminal
-        return phi if terminal is None else np.where(terminal[states], 0.0, phi)
-    frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
-    weights = np.array([potential.weight(step) for step in each_step(steps, len(states))])
-    return np.asarray(weights * potential.values[frame, states])
-
-
-def _one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
-    """Return the one discount that the potentials' tasks and the caller state."""
-    stated = {}
-    for name, potential in potentials.items():
-        if over_a_task(potential):
-            stated[f"the task of {name!r}"] = generative_model(potential.task).discount
-        elif isinstance(potential, ObservationPotential):
-            stated[f"the task of {name!r}"] = potential.task.discount
-    if discount is not None:
-        stated["the argument"] = number("discount", discount, SettingError, 0, 1)
-    if not stated:
-        raise SettingError("a discount must be given where no potential has a task that states it")
-    if len(set(stated.values())) > 1:
-        discounts = ", ".join(f"{value:g} by {name}" for name, value in stated.items())
-        raise SettingError(f"there must be one discount: got {discounts}")
-    return next(iter(stated.values()))
-
-
 class ShapingPotential:
     """Phi of observations of a space, with what each of its N named sources gives."""
 
@@ -276,7 +254,22 @@ class ShapingPotential:
             name: source(name, potential, space, encode, batched)
             for name, potential in named.items()
         }
-        self.discount = _one_discount(named, discount)
+        stated = {}
+        for name, potential in named.items():
+            if over_a_task(potential):
+                stated[f"the task of {name!r}"] = generative_model(potential.task).discount
+            elif isinstance(potential, ObservationPotential):
+                stated[f"the task of {name!r}"] = potential.task.discount
+        if discount is not None:
+            stated["the argument"] = number("discount", discount, SettingError, 0, 1)
+        if not stated:
+            raise SettingError(
+                "a discount must be given where no potential has a task that states it"
+            )
+        if len(set(stated.values())) > 1:
+            discounts = ", ".join(f"{value:g} by {name}" for name, value in stated.items())
+            raise SettingError(f"there must be one discount: got {discounts}")
+        self.discount = next(iter(stated.values()))
         self.weight = schedule(weight)  # w(t)
         self._constant = self.weight.first if self.weight.shape == CONSTANT else None
         self.aggregate = aggregate  # g, called with n observations as S and A = 1

@@ -11,7 +11,6 @@ from typing import Any, Literal, TypeGuard
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from gymnasium.envs.toy_text.blackjack import BlackjackEnv
 from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
@@ -220,22 +219,6 @@ def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
     return split
 
 
-def with_labels(space: Space, labels: Sequence[str]) -> Space:
-    """Return a space of actions, of one component, with a label for each action."""
-    listed = name_list(labels, "labels of actions")
-    if len(space.components) > 1:
-        raise TaskError(
-            "labels are for actions that are one number, and others are named by a Space: these "
-            f"have {', '.join(space.names)}"
-        )
-    if len(listed) != space.size:
-        raise TaskError(
-            f"actions must have one label each, {space.size} in all: got {len(listed)}, "
-            f"{', '.join(listed) or 'none'}"
-        )
-    return Space([replace(space.components[0], labels=listed)])
-
-
 # -- Gymnasium's toy-text environments -------------------------------------------------------------
 
 TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
@@ -282,21 +265,7 @@ def outcomes_of(world: Any) -> Outcomes:
         for s in range(n_states)
     ]  # fmt: skip
     # Where an episode ends only sometimes, those ends go to one more state, the last.
-    both = _entered_both_ways(outcomes, world.initial_state_distrib)
-    if not both:
-        return outcomes
-    apart: Outcomes = [
-        [[(p, n_states if ended and after in both else after, r, ended)
-          for p, after, r, ended in pair]
-         for pair in pairs]
-        for pairs in outcomes
-    ]  # fmt: skip
-    return [*apart, [[] for _ in range(n_actions)]]
-
-
-def _entered_both_ways(outcomes: Outcomes, start: npt.ArrayLike) -> set[int]:
-    """Return the states, entered or started in, where an episode may end or go on."""
-    continuing = set(np.flatnonzero(start).tolist())
+    continuing = set(np.flatnonzero(world.initial_state_distrib).tolist())
     queue, ends = list(continuing), set[int]()
     while queue:
         for pair in outcomes[queue.pop()]:
@@ -306,7 +275,16 @@ def _entered_both_ways(outcomes: Outcomes, start: npt.ArrayLike) -> set[int]:
                 elif probability > 0 and after not in continuing:
                     continuing.add(after)
                     queue.append(after)
-    return continuing & ends
+    both = continuing & ends  # the states in which an episode may end or go on
+    if not both:
+        return outcomes
+    apart: Outcomes = [
+        [[(p, n_states if ended and after in both else after, r, ended)
+          for p, after, r, ended in pair]
+         for pair in pairs]
+        for pairs in outcomes
+    ]  # fmt: skip
+    return [*apart, [[] for _ in range(n_actions)]]
 
 
 def names_of(world: Any) -> tuple[Space | None, Space | None]:

@@ -134,7 +134,14 @@ class Plan:
 
     def carried_out(self, env: Any, act: Callable[[int], Any], n_actions: int, name: str) -> Made:
         """Return an environment's tables, and how they came about; from the cache if there."""
-        how = self._how(env)
+        how = self.state  # how states are saved and restored
+        if isinstance(how, MiniGridState) and not is_minigrid(env):
+            raise SettingError(f"state={how!r} is for MiniGrid's environments: got {env}")
+        if how is None and is_minigrid(env):
+            core, _, _ = core_and_views(env, views_apart=True)
+            how = fitting_state(env, core, self.seeds[0])
+        elif how is None:
+            how = DeepCopy()
 
         def made(access: Any) -> Made:
             return self._made(World(env, act, n_actions, self.seeds, self.samples, access, name))
@@ -162,20 +169,17 @@ class Plan:
             write_tables(self.cache, origin, *tables)
         return tables
 
-    def _how(self, env: Any) -> Any:
-        """Return how states are saved and restored."""
-        if isinstance(self.state, MiniGridState) and not is_minigrid(env):
-            raise SettingError(f"state={self.state!r} is for MiniGrid's environments: got {env}")
-        if self.state is not None:
-            return self.state
-        if is_minigrid(env):
-            core, _, _ = core_and_views(env, views_apart=True)
-            return fitting_state(env, core, self.seeds[0])
-        return DeepCopy()
-
     def _made(self, world: World) -> Made:
         """Return the tables of a world, and how they came about."""
-        source = self._source(world)
+        source: World | ListedOutcomes = world
+        env, base = world.env, world.env.unwrapped
+        known = world.n_actions, self.seeds, world.name
+        if self.outcomes is not None:
+            save = self.state[0] if isinstance(self.state, tuple) else None
+            source = ListedOutcomes(env, self.outcomes, *known, save)
+        elif self.state is None and self.samples is None and has_table(env):
+            table: Any = base
+            source = ListedOutcomes(env, lambda s, a: table.P[s][a], *known, words=words_of(base))
         with shared_draws() as drawn:
             search = self._explored(source)
             if source is world and drawn():  # seldom, and to ask at every step would take long
@@ -200,18 +204,6 @@ class Plan:
             note=world.access.note,
         )
         return tables, record
-
-    def _source(self, world: World) -> World | ListedOutcomes:
-        """Return what is explored: listed outcomes where there are any, else steps."""
-        env, base = world.env, world.env.unwrapped
-        known = world.n_actions, self.seeds, world.name
-        if self.outcomes is not None:
-            save = self.state[0] if isinstance(self.state, tuple) else None
-            return ListedOutcomes(env, self.outcomes, *known, save)
-        if self.state is None and self.samples is None and has_table(env):
-            table: Any = base
-            return ListedOutcomes(env, lambda s, a: table.P[s][a], *known, words=words_of(base))
-        return world
 
     def _explored(self, source: Any) -> Search:
         """Return all states, and show the progress if asked to."""
@@ -427,8 +419,9 @@ def _outcome_rows(
 def alike(tables: Tables, n_actions: int) -> IntArray:
     """Return each state's block in the coarsest bisimulation (Givan, Dean, Greig 2003), (S,)."""
     assert tables.observations is not None
-    seen = _observation_rows(tables.observations)
-    blocks = _in_order(numbered_rows(np.column_stack([seen, tables.terminal])))
+    parts = [part.reshape(len(part), -1) for part in tables.observations.parts.values()]
+    seen = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
+    blocks = _in_order(numbered_rows(np.column_stack([*seen, tables.terminal])))
     different, rewards = np.unique(tables.reward, return_inverse=True)
     while True:
         outcomes = blocks[tables.next_state] * len(different) + rewards.reshape(tables.reward.shape)
@@ -439,13 +432,6 @@ def alike(tables: Tables, n_actions: int) -> IntArray:
         if finer.max() == blocks.max():
             return finer
         blocks = finer
-
-
-def _observation_rows(observations: ObservationTable) -> npt.NDArray[Any]:
-    """Return the observations as rows of which equal ones are equal, (S, n)."""
-    parts = [part.reshape(len(part), -1) for part in observations.parts.values()]
-    numbers = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
-    return np.concatenate(numbers, axis=1)
 
 
 def _in_order(labels: IntArray) -> IntArray:
@@ -622,27 +608,23 @@ class Checker:
         """Return actions that lead to a state drawn at random if their most likely outcomes do."""
         tables = self.tables
         likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
-        parent = _breadth_first(likely.reshape(-1, self.n_actions), tables.terminal, first)
+        likely = likely.reshape(-1, self.n_actions)
+        # Breadth first, the state and action from which each state is first reached; -1 where not.
+        parent = np.full((len(likely), 2), -1)
+        parent[first] = first, 0
+        front = np.array([first])
+        while front.size:
+            front = front[~tables.terminal[front]]
+            new = likely[front]
+            row, move = np.nonzero(parent[new, 0] < 0)
+            reached, which = np.unique(new[row, move], return_index=True)
+            parent[reached, 0], parent[reached, 1] = front[row[which]], move[which]
+            front = reached
         state, way = int(self.rng.choice(np.flatnonzero(parent[:, 0] >= 0))), list[int]()
         while state != first:
             state, action = parent[state].tolist()
             way.append(action)
         return way[::-1]
-
-
-def _breadth_first(after: IntArray, terminal: Any, first: int) -> IntArray:
-    """Return the state and action from which each state is first reached, (S, 2); -1 where not."""
-    parent = np.full((len(after), 2), -1)
-    parent[first] = first, 0
-    front = np.array([first])
-    while front.size:
-        front = front[~terminal[front]]
-        new = after[front]
-        state, action = np.nonzero(parent[new, 0] < 0)
-        reached, which = np.unique(new[state, action], return_index=True)
-        parent[reached, 0], parent[reached, 1] = front[state[which]], action[which]
-        front = reached
-    return parent
 
 
 # -- tables in a file -----------------------------------------------------------------------------

@@ -103,21 +103,20 @@ def trackers_of(trackers: Iterable[str | Tracker]) -> list[Tracker]:
     """Return trackers, each once; SettingError where a name is unknown or its tool is missing."""
     if isinstance(trackers, str):
         raise SettingError(f"trackers must be a list of them: got {trackers!r}")
-    return [
-        tracker if isinstance(tracker, Tracker) else _tensorboard(tracker)
-        for tracker in dict.fromkeys(trackers)
-    ]
-
-
-def _tensorboard(name: str) -> "TensorBoard":
-    one_of("a tracker", name, ("tensorboard",), SettingError)
-    try:
-        import tensorboard.summary.writer.record_writer  # noqa: F401 - of no empty folder
-    except ModuleNotFoundError:
-        raise SettingError(
-            'TensorBoard must be installed to be a tracker: pip install "curricle[tensorboard]"'
-        ) from None
-    return TensorBoard()
+    listed = list[Tracker]()
+    for tracker in dict.fromkeys(trackers):
+        if isinstance(tracker, Tracker):
+            listed.append(tracker)
+            continue
+        one_of("a tracker", tracker, ("tensorboard",), SettingError)
+        try:
+            import tensorboard.summary.writer.record_writer  # noqa: F401 - of no empty folder
+        except ModuleNotFoundError:
+            raise SettingError(
+                'TensorBoard must be installed to be a tracker: pip install "curricle[tensorboard]"'
+            ) from None
+        listed.append(TensorBoard())
+    return listed
 
 
 def to_stderr(sentence: str) -> None:

@@ -142,16 +142,6 @@ def layout(
     return corners, width, top - FALL
 
 
-def _arrow(start: tuple[int, int], end: tuple[int, int], beside: float | None) -> FloatArray:
-    """Return the cubic from below one card to above another, its middle at x = `beside`, (4, 2)."""
-    (x0, y0), (x1, y1) = (start[0] + CARD / 2, start[1]), (end[0] + CARD / 2, end[1] - 7)
-    middle, inner = (y0 + y1) / 2, (x0, x1)
-    if beside is not None:
-        # A cubic's middle is an eighth of each end and three eighths of each inner point.
-        inner = ((beside - (x0 + x1) / 8) * 4 / 3,) * 2
-    return np.array([(x0, y0), (inner[0], middle), (inner[1], middle), (x1, y1)])
-
-
 def _free(curve: FloatArray, taken: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Return the place of a number on a curve: near its middle, but apart from those taken."""
     along = 0.5 + np.array([0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5]) / 14
@@ -173,11 +163,16 @@ def _edges(arm: ArmRecord, cards: Mapping[str, Data]) -> Iterator[Data]:
         above, below = cards[source], cards[target]
         bottom, top = above["top"] + above["height"], below["top"]
         passed = [card["left"] + CARD for card in cards.values() if bottom < card["top"] < top]
-        beside = max(passed) + SIDE / 2 + around * LANE if passed else None
-        curve = _arrow((above["left"], bottom), (below["left"], top), beside)
-        around += bool(passed)
+        x0, x3, y3 = above["left"] + CARD / 2, below["left"] + CARD / 2, top - 7
+        x1, x2, middle = x0, x3, (bottom + y3) / 2
+        if passed:
+            # A cubic's middle is an eighth of each end and three eighths of each inner point: it is
+            # right of the cards that the arrow goes round.
+            beside = max(passed) + SIDE / 2 + around * LANE
+            x1 = x2 = (beside - (x0 + x3) / 8) * 4 / 3
+            around += 1
+        curve = np.array([(x0, bottom), (x1, middle), (x2, middle), (x3, y3)])
         taken.append(_free(curve, taken))
-        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = curve.tolist()
-        path = f"M{x0:g} {y0:g}C{x1:g} {y1:g} {x2:g} {y2:g} {x3:g} {y3:g}"
+        path = f"M{x0:g} {bottom:g}C{x1:g} {middle:g} {x2:g} {middle:g} {x3:g} {y3:g}"
         names = {"source": source, "target": target}
         yield {**names, "path": path, "place": taken[-1], "words": words}

@@ -1,7 +1,6 @@
 """A study as one HTML page without a network and without other files, and the paper's page.
 
-A page is a function of results alone. Curves are in it twice, both by `shown_curve`: as pictures,
-for paper and for readers without scripts, and as rounded numbers that ``curves.js`` draws.
+Curves are in it twice: as pictures, for paper and for readers without scripts, and as numbers.
 """
 
 import base64

@@ -58,8 +58,7 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
         its rows. Of what was learnt its learning curve, of a curriculum those of its last tasks.
         Of values, (S,) or (S, A) float64, the best of each state as a heat map of their `task`.
     path : str or Path, optional
-        Ending in .png, .svg or .pdf, in a folder that exists. An existing file is replaced only
-        when the new one is complete.
+        Ending in .png, .svg or .pdf, in a folder that exists; written whole or not at all.
     task : Task, optional
         Of an array of values: one whose states lie on a grid, as in :func:`draw_potential`.
 

@@ -1,8 +1,7 @@
 """The report of a study's folder: once, or again and again while units are stored.
 
 An interim report is made of what the folder holds, whoever runs the study, so that ``run --open``
-and ``watch`` do the same. It is a file as the last report is; a few lines of script read it again
-until the run is over. Every page is written beside its place and moved there, whole at any moment.
+and ``watch`` do the same.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -18,7 +17,7 @@ from curricle.errors import StudyError, in_words
 from curricle.files import Place, RemotePath, place_at
 from curricle.show.page import ShownStudy, page_of, render, write_page
 from curricle.statistics.curves import SCRATCH
-from curricle.study.record import Analysis, CurriculaRecord, SectionRecord, StudyRecord
+from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import STUDY, in_use
 from curricle.study.tuning import effects_of, read_tuning
@@ -62,13 +61,21 @@ def stored_page(study: StudyResults, banner: str = "") -> str:
     comparison = study.comparison
     learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
     places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
-    record, tuning = study.record.only(learnt), read_tuning(study.store)
+    record, tuning, analysis = study.record.only(learnt), read_tuning(study.store), study.analysis
+    if analysis is None:
+        why = (
+            "The forecast and certificates are left out, because the run has not ended: "
+            "curricle run --resume makes them."
+        )
+        groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
+        empty: Any = {"forecast": None, "certificates": (), "left_out": (why,)}
+        analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
     shown = ShownStudy(
         name=study.record.name,
         comparison=comparison,
         curricula=record,
         learnt=learnt,
-        analysis=study.analysis or _no_analysis(record),
+        analysis=analysis,
         reasons={place: list(study.ended_by(*place).values()) for place in places},
         effects=effects_of(comparison, record, tuning),
         tuning=tuning,
@@ -79,19 +86,6 @@ def stored_page(study: StudyResults, banner: str = "") -> str:
         environment |= {"seeds": seed_ranges(study.seeds), "commit": last.commit or "none"}
         environment |= {"Python": last.python, "machine": last.machine, **last.versions}
     return page_of(shown, environment, banner)
-
-
-def _no_analysis(record: CurriculaRecord) -> Analysis:
-    """Return the analysis of a run that has not ended: what is left out."""
-    why = (
-        "The forecast and certificates are left out, because the run has not ended: "
-        "curricle run --resume makes them."
-    )
-    groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
-    sections = [
-        SectionRecord(arms=arms, forecast=None, certificates=(), left_out=(why,)) for arms in groups
-    ]
-    return Analysis(of="", sections=tuple(sections))
 
 
 # -- while units are stored ------------------------------------------------------------------------

@@ -187,18 +187,7 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
         set_limits(low - margin, high + margin)
         return
     set_scale("symlog", linthresh=small, linscale=0.5 if low < 0 < high else 0.2)
-    axis.set_ticks(_round_numbers(low, high, small))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda x, _: minus(f"{x:,g}")))
-    # The margin is a share of the drawn length, not of the numbers.
-    transform = axis.get_transform()
-    ends = transform.transform(np.array([low, high]))
-    margin = 0.05 * (ends[1] - ends[0]) * np.array([-1.0, 1.0])
-    set_limits(*transform.inverted().transform(ends + margin))
-
-
-def _round_numbers(low: float, high: float, small: float) -> list[float]:
-    """Return round numbers from `low` to `high`, 0 if it is among them, at most nine."""
+    # Round numbers, 0 if it is among them, at most nine.
     most = math.ceil(math.log10(max(abs(low), abs(high))))
     least = small / 2 if low < 0 < high else small * 0.999
     lowest = math.floor(math.log10(least))
@@ -208,7 +197,14 @@ def _round_numbers(low: float, high: float, small: float) -> list[float]:
         ticks = sorted(x for x in [*both, 0.0] if low <= x <= high)
         if len(ticks) <= 9:
             break
-    return ticks
+    axis.set_ticks(ticks)
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda x, _: minus(f"{x:,g}")))
+    # The margin is a share of the drawn length, not of the numbers.
+    transform = axis.get_transform()
+    ends = transform.transform(np.array([low, high]))
+    margin = 0.05 * (ends[1] - ends[0]) * np.array([-1.0, 1.0])
+    set_limits(*transform.inverted().transform(ends + margin))
 
 
 def steps_scale(axes: Axes, last: int, label: str = "steps") -> None:

@@ -1,8 +1,7 @@
 """Grid views: the states of a task that a grid shows, the cell of each, and what moves.
 
-`grids` draws a view with Matplotlib, `replay` as SVG, `scenes` as pixels and text. Like `scenes`
-this module knows tasks alone: episodes, environments and the records of studies need it, and they
-lie below the rest of this package.
+Like `scenes` this module knows tasks alone: episodes, environments and records lie below the rest
+of this package, and need it.
 """
 
 import re
@@ -141,7 +140,11 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
         )
     _check_names(fixed, [part.name for part in others])
     values = space.decode() if others else {}
-    start = _start_of(task) if others else 0
+    start = 0  # a state that episodes start in; of a task given by functions the first state
+    if others and has_tables(task):
+        start = int(tables(task).start_states[0])
+    elif others and is_live(task):
+        start = reset_state(task)
     shown, keys = np.ones(space.size, bool), list[str]()
     for part in others:
         value = _value(part, fixed.get(part.name, int(values[part.name][start])))
@@ -169,13 +172,6 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
         air=np.flatnonzero(air),
         **_of_task(task, states, None, is_map=True),
     )
-
-
-def _start_of(task: Any) -> int:
-    """Return a state that episodes start in; of a task given by functions the first state."""
-    if has_tables(task):
-        return int(tables(task).start_states[0])
-    return reset_state(task) if is_live(task) else 0
 
 
 def labelled_cells(component: Component) -> IntArray | None:
