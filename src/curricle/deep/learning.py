@@ -135,17 +135,8 @@ def learn_deep(
         stopping = budget.kernel(*levels(budget, task, evaluation, target_of))
     from curricle.deep.training import DeepRun  # needs Stable-Baselines3
 
-    run = DeepRun(
-        task=task,
-        learner=learner,
-        steps=steps,
-        episodes=episodes,
-        eval_freq=eval_freq,
-        longest=longest,
-        evaluation=evaluation,
-        stopping=stopping,
-        stream=stream,
-    )
+    lengths = steps, episodes, eval_freq, longest
+    run = DeepRun(task, learner, *lengths, evaluation, stopping, stream)
     outcomes = []
     with shown(progress) as bars:
         for of_seed in settings:

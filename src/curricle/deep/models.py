@@ -136,7 +136,6 @@ def network_values(
 
 
 def _pull_of(shaping: Shaping | None) -> float:
-    """Return the weight of the pull to the source's policy, 0 where there is none."""
     return shaping.kl if isinstance(shaping, PolicyReuse | WeightTransfer) else 0.0
 
 

@@ -116,7 +116,6 @@ class NetworkValues:
         self.policy.load_state_dict(tensors)
 
     def _seen(self, observations: Any) -> Any:
-        """Return observations as tensors."""
         if self.policy.training:
             self.policy.set_training_mode(False)
         return self.policy.obs_to_tensor(observations)[0]

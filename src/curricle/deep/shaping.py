@@ -25,11 +25,9 @@ class _OfNetworks(Shaping):
 
     @property
     def potential(self) -> Any:
-        """The source."""
         return self.source
 
     def with_potential(self, potential: Any) -> Self:
-        """Return the same way of transfer from another source."""
         return replace(self, source=potential)
 
 

@@ -68,7 +68,6 @@ class _Residual:
             super().set_training_mode(mode)  # type: ignore[misc]
 
     def make_q_net(self) -> Any:
-        """Return a network that starts at phi."""
         settings = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
         network = ResidualQNetwork(**settings, cache=self.cache, reads=self.reads)
         return network.to(self.device)
@@ -186,7 +185,6 @@ class PotentialCache:
         return both[:, 1:], both[:, :1]
 
     def _computed(self, seen: Any) -> npt.NDArray[np.float32]:
-        """Return Phi(s) and phi(s, a), (n, 1 + A)."""
         phi = self.potential.pairs(seen)
         return np.concatenate([phi.max(axis=1, keepdims=True), phi], axis=1, dtype=np.float32)
 

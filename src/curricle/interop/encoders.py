@@ -72,14 +72,18 @@ class Bins:
     @cached_property
     def states(self) -> Space:
         """The space of all combinations of bins."""
-        named = zip(self.edges, self._inner, strict=True)
-        return Space(
-            [Component(name, len(inner) + 1, labels=_labels(inner)) for name, inner in named]
-        )
+        components = list[Component]()
+        for name, inner in zip(self.edges, self._inner, strict=True):
+            shown = [f"{edge:g}" for edge in inner]
+            if len(set(shown)) < len(shown):
+                shown = [repr(edge) for edge in inner]
+            between = [f"{low} to {high}" for low, high in pairwise(shown)]
+            labels = [f"below {shown[0]}", *between, f"{shown[-1]} and above"] if inner else ["any"]
+            components.append(Component(name, len(labels), labels=tuple(labels)))
+        return Space(components)
 
     @cached_property
     def _inner(self) -> list[tuple[float, ...]]:
-        """The edges between the bins of each component."""
         checked: Any = self.edges.values()
         return [edges[1:-1] for edges in checked]
 
@@ -116,17 +120,6 @@ class Bins:
 
     def __hash__(self) -> int:
         return hash(tuple(self.edges.items()))
-
-
-def _labels(inner: tuple[float, ...]) -> tuple[str, ...]:
-    """Return different names for the bins between these edges."""
-    if not inner:
-        return ("any",)
-    shown = [f"{edge:g}" for edge in inner]
-    if len(set(shown)) < len(shown):
-        shown = [repr(edge) for edge in inner]
-    between = (f"{low} to {high}" for low, high in pairwise(shown))
-    return f"below {shown[0]}", *between, f"{shown[-1]} and above"
 
 
 Environment = gym.Env[Any, Any]
@@ -269,7 +262,6 @@ def _flattened(space: Dict, env: Any, observation: Any) -> npt.NDArray[np.float3
 
 
 def _of_numbers(space: gym.Space[Any]) -> bool:
-    """Return whether a space has numbers only, so that it can be flattened."""
     if isinstance(space, Dict | Tuple):
         parts = space.spaces.values() if isinstance(space, Dict) else space.spaces
         return all(map(_of_numbers, parts))
@@ -370,7 +362,6 @@ class _MiniGridEncoder(ABC):
         return image_size
 
     def __call__(self, env: Environment) -> Environment:
-        """Return the environment with encoded observations."""
         space: gym.Space[Any] = env.observation_space
         if not is_minigrid(env):
             raise TaskError(f"{type(self).__name__} is for MiniGrid's environments: got {env}")

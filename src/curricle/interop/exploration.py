@@ -123,7 +123,17 @@ class Search:
             for action in range(n_actions):
                 for reached in self.world.outcomes(content, action):
                     self._add(state * n_actions + action, self._number(reached), reached)
-                self._check_time()
+                now, n_states = time.perf_counter(), len(self._contents)
+                if now - self._began > self.max_seconds:
+                    raise TaskError(
+                        f"a table must be complete within max_seconds, {self.max_seconds:g}: "
+                        f"tabulating {self.world.name} had found {n_states:,} states by then and "
+                        f"done {self._expanded:,} of them"
+                    )
+                if now - self._shown > INTERVAL:
+                    self._shown = now
+                    seconds = now - self._began
+                    self.show(Progress(n_states, self._expanded, len(self.pair), seconds))
             self._expanded += 1
         staying = [s for s, queued in enumerate(self._queued) if not (queued or self.terminal[s])]
         for state in staying:
@@ -163,19 +173,6 @@ class Search:
         self.next_state.append(after)
         self.probability.append(reached.probability)
         self.reward.append(reached.reward)
-
-    def _check_time(self) -> None:
-        now = time.perf_counter()
-        seconds, n_states = now - self._began, len(self._contents)
-        if seconds > self.max_seconds:
-            raise TaskError(
-                f"a table must be complete within max_seconds, {self.max_seconds:g}: tabulating "
-                f"{self.world.name} had found {n_states:,} states by then and done "
-                f"{self._expanded:,} of them"
-            )
-        if now - self._shown > INTERVAL:
-            self._shown = now
-            self.show(Progress(n_states, self._expanded, len(self.pair), seconds))
 
     def _too_many(self) -> TaskError:
         """Return the error of a state budget, which says in what states differ most."""

@@ -253,7 +253,6 @@ class _View(Unseen, UserDict[str, Any]):
 
     @cached_property
     def data(self) -> dict[str, Any]:  # type: ignore[override]
-        """The observation."""
         seen: dict[str, Any] = type(self.env).gen_obs(self.env)
         return seen
 
@@ -303,31 +302,24 @@ class MiniGridAccess(StateAccess):
         """Return the state as a tuple, which tells it from others and restores it."""
         base: Any = env
         x, y = base.agent_pos
-        attributes, level = vars(base), self.level
+        attributes, level, cells = vars(base), self.level, base.grid.grid
+        grid = self.last_grid
+        if grid < 0 or cells != self.grids[grid]:  # seldom after a step; quicker than a look-up
+            grid = self.grid_numbers.setdefault(tuple(cells), len(self.grids))
+            if grid == len(self.grids):
+                self.grids.append(list(cells))
         state = (
             level.number,
             int(x),
             int(y),
             int(base.agent_dir),
             base.carrying,
-            self._grid_number(base.grid.grid),
+            grid,
             level.object_states(),
             level.values_of_plain(attributes),
             base.step_count if self.own_reward else 0,
         )
         return state, state
-
-    def _grid_number(self, cells: list[Any]) -> int:
-        """Return the number of a grid with these contents."""
-        last = self.last_grid
-        if last >= 0 and cells == self.grids[last]:  # as after most steps; quicker than a look-up
-            return last
-        key = tuple(cells)
-        number = self.grid_numbers.get(key)
-        if number is None:
-            number = self.grid_numbers[key] = len(self.grids)
-            self.grids.append(list(cells))
-        return number
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return the same environment, put into the state."""

@@ -82,7 +82,6 @@ class Point:
 
 
 def _parts(space: "Tuple[Any] | Dict") -> list[tuple[Any, gym.Space[Any]]]:
-    """Return the parts of a space with their keys."""
     return list(space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces))
 
 

@@ -82,7 +82,6 @@ def _set(generator: Any, state: Any) -> None:
 
 @cache
 def _fresh(kind: Any, place: int, repetition: int) -> Any:
-    """Return the state of a new generator of a kind."""
     new = kind(SALT + 1000 * place + repetition)
     return new.state if isinstance(new, np.random.BitGenerator) else state_of(new)
 

@@ -353,7 +353,6 @@ def check_sight(model: Any) -> None:
 
 
 def _actions(model: Any, observations: Any, n: int) -> IntArray:
-    """Return the actions that a model predicts for n observations, (n,)."""
     predicted = model.predict(observations, deterministic=True)
     actions = np.asarray(predicted[0] if isinstance(predicted, tuple) else predicted)
     if actions.shape != (n,) or actions.dtype.kind not in "iu":

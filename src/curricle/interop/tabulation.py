@@ -170,7 +170,6 @@ class Plan:
         return tables
 
     def _made(self, world: World) -> Made:
-        """Return the tables of a world, and how they came about."""
         source: World | ListedOutcomes = world
         env, base = world.env, world.env.unwrapped
         known = world.n_actions, self.seeds, world.name
@@ -519,7 +518,6 @@ def _component(name: str, values: Sequence[int | str]) -> Part:
 
 
 def _count(parts: Sequence[Part]) -> int:
-    """Return how many states are told apart."""
     return int((_copy_numbers(parts) == 0).sum()) if parts else 1
 
 
@@ -560,33 +558,27 @@ class Checker:
 
     def _play(self, seed: int, first: int) -> None:
         """Play one episode: on the way to some state, then at random."""
-        way, env = self._way(first), self.world.env
+        way, env, tables = self._way(first), self.world.env, self.tables
         observed, _ = env.reset(seed=seed)
         possible, truncated, taken = {first}, False, 0
         self._compare(possible, observed, f"a reset with seed {seed}")
         most = len(way) + STEPS // WALKS
-        while not truncated and taken < most and not self.tables.terminal[list(possible)].any():
+        while not truncated and taken < most and not tables.terminal[list(possible)].any():
             action = way[taken] if taken < len(way) else int(self.rng.integers(self.n_actions))
             observed, reward, ended, truncated, _ = env.step(self.world.act(action))
             taken += 1
             self.steps += 1
-            possible = {
-                after
-                for state in possible
-                for after in self._successors(state, action, number_of(reward), bool(ended))
-            }
+            reached = set[int]()
+            for state in possible:
+                pair = state * self.n_actions + action
+                fits = (
+                    (tables.probability[pair] > 0)
+                    & np.isclose(tables.reward[pair], number_of(reward), rtol=CLOSE, atol=CLOSE)
+                    & (tables.terminal[tables.next_state[pair]] == bool(ended))
+                )
+                reached.update(tables.next_state[pair][fits].tolist())
             where = f"step {taken} after a reset with seed {seed}, action {action}"
-            possible = self._compare(possible, observed, where)
-
-    def _successors(self, state: int, action: int, reward: float, ended: bool) -> list[int]:
-        """Return the states that the tables give for what a step returned."""
-        tables, pair = self.tables, state * self.n_actions + action
-        fits = (
-            (tables.probability[pair] > 0)
-            & np.isclose(tables.reward[pair], reward, rtol=CLOSE, atol=CLOSE)
-            & (tables.terminal[tables.next_state[pair]] == ended)
-        )
-        return tables.next_state[pair][fits].tolist()  # type: ignore[no-any-return]
+            possible = self._compare(reached, observed, where)
 
     def _compare(self, possible: set[int], observed: Any, where: str) -> set[int]:
         """Return the possible states that look like what was observed, at least one."""

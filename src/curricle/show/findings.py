@@ -136,7 +136,6 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, Row]) -> Find
 
 
 def _reached(comparison: Comparison, row: Row, scratch: Row) -> str:
-    """Return the sentence about the threshold."""
     threshold, seeds = rounded(comparison.threshold), comparison.seeds
     if not row["reached"] and not scratch["reached"]:
         return f"Neither it nor scratch reaches {threshold} in any seed."
@@ -291,11 +290,9 @@ class ForecastSection:
 
     record: SectionRecord
     used: Mapping[str, tuple[str, ...]]  # name of a forecast row -> the arms with that potential
+    # Arm -> mean greedy return at the first target step; None where a guard begins without phi.
     measured: Mapping[str, float | None]
-    """Arm -> greedy return at the first target step, mean over seeds; None where a guard begins
-    without the potential."""
-    other_sources: tuple[str, ...] = ()
-    """Arms that train their sources differently: the forecast does not apply to them."""
+    other_sources: tuple[str, ...] = ()  # arms to which the forecast does not apply
 
     @property
     def same_sources(self) -> tuple[str, ...]:

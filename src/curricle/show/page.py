@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
@@ -89,7 +90,9 @@ def render(template: str, **values: Any) -> str:
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
     environment.globals.update(shades=shades_of, asset=asset, digest=_digest)
-    environment.filters.update(signs=_signs, evidence=_evidence, numbered_seeds=numbered_seeds)
+    # A sentence's negative numbers with a minus sign in place of the hyphen.
+    environment.filters["signs"] = partial(re.sub, r"(?<![\w)\]])-(?=\d)", "−")
+    environment.filters.update(evidence=_evidence, numbered_seeds=numbered_seeds)
     environment.filters.update(rounded=rounded, listed=listed, counted=counted)
     return environment.get_template(template).render(values)
 
@@ -118,11 +121,6 @@ def write_page(page: str, path: str | Path) -> Path:
     except OSError as error:
         raise StoreError(f"a report cannot be written to {path}: {error.strerror}") from None
     return Path(path)
-
-
-def _signs(words: str) -> str:
-    """Return a sentence whose negative numbers have a minus sign in place of the hyphen."""
-    return re.sub(r"(?<![\w)\]])-(?=\d)", "−", words)
 
 
 def _evidence(value: Any) -> str:

@@ -87,36 +87,29 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
     """
     if path is not None:
         check_path(path)
-    figure = _figure_of(subject) if task is None else _figure_of_values(subject, task)
+    if task is not None:
+        array = numbers("the values of a task", subject, SettingError)
+        with matplotlib.rc_context(STYLE):
+            figure, axes = new_figure(1, 1, width=5.5, height=4.2)
+            label = "max Q(s, a)" if array.ndim == 2 else "V(s)"
+            draw_potential(axes[0, 0], task, array, label=label)
+    elif isinstance(subject, Forecast):
+        figure = draw_forecast(subject)
+    elif isinstance(subject, LearningResult):
+        name = "learning" if subject.task is None else type(subject.task).__name__
+        figure = draw_results({name: subject})
+    elif isinstance(subject, CurriculumResult) and subject.nodes:
+        figure = draw_results(subject.nodes)
+    else:
+        compared = getattr(subject, "comparison", subject)  # of a study or a trial, or itself
+        if not isinstance(compared, Comparison):
+            raise SettingError(
+                "what is plotted must be a Comparison, Forecast, StudyResults, LearningResult or "
+                f"CurriculumResult, or an array of values with its task: got {brief(subject)}"
+            )
+        figure = draw_comparison(compared)
     if path is not None:
         save(figure, path)
-    return figure
-
-
-def _figure_of(subject: Any) -> Figure:
-    """Return the figure of a subject; a new picture is a line here and its function below."""
-    if isinstance(subject, Forecast):
-        return draw_forecast(subject)
-    if isinstance(subject, LearningResult):
-        name = "learning" if subject.task is None else type(subject.task).__name__
-        return draw_results({name: subject})
-    if isinstance(subject, CurriculumResult) and subject.nodes:
-        return draw_results(subject.nodes)
-    compared = getattr(subject, "comparison", subject)  # of a study or a trial, or itself
-    if isinstance(compared, Comparison):
-        return draw_comparison(compared)
-    raise SettingError(
-        "what is plotted must be a Comparison, Forecast, StudyResults, LearningResult or "
-        f"CurriculumResult, or an array of values with its task: got {brief(subject)}"
-    )
-
-
-@matplotlib.rc_context(STYLE)
-def _figure_of_values(values: Any, task: Any) -> Figure:
-    """Return values of states, or the best of their actions, over a task's grid."""
-    array = numbers("the values of a task", values, SettingError)
-    figure, axes = new_figure(1, 1, width=5.5, height=4.2)
-    draw_potential(axes[0, 0], task, array, label="max Q(s, a)" if array.ndim == 2 else "V(s)")
     return figure
 
 
@@ -405,7 +398,6 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
 
 
 def _words(comparison: Comparison) -> str:
-    """Return the caption."""
     n, seeds = len(comparison.verdicts), comparison.seeds
     tests = f"adjusted for {n} curricula by Holm's rule" if n > 1 else "of one curriculum"
     if seeds > 1:

@@ -214,7 +214,6 @@ class InterimReport:
         return let_go or (done and not running and study.store.has(ANALYSIS))
 
     def _write(self, sentence: str, seconds: float) -> None:
-        """Write the page with a sentence at its top; it is read again after so many seconds."""
         time, seconds = f"{datetime.now():%X}", round(seconds, 1)
         banner = render("banner.html", sentence=sentence, time=time, seconds=seconds)
         write_page(self._page.replace(self._place, banner), self.path)
@@ -267,7 +266,6 @@ def _only(study: StudyResults, arms: set[str]) -> StudyResults:
 
 
 def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> str:
-    """Return what an interim report is of."""
     if record.total is None or SCRATCH not in record.arms or SCRATCH in {*failed}:
         return "There is no report: it needs the target learnt from scratch, for a number of steps."
     if not arms:
@@ -278,5 +276,4 @@ def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> 
 
 
 def _one_line(error: BaseException) -> str:
-    r"""Return an error as one line."""
     return " ".join(in_words(error).split())

@@ -379,5 +379,4 @@ def _letters_of(grid: GridLayout | GridView, walls: Any) -> Letters:
 
 
 def _lines_of(states: Space, state: int, names: Collection[str]) -> list[str]:
-    """Return the values of these components of a state, a line each."""
     return [f"{name} = {label}" for name, label in parts_of(states, state) if name in names]

@@ -126,7 +126,6 @@ def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) ->
 
 
 def _says_where(task: Any) -> bool:
-    """Return whether a task says itself where its states lie."""
     return isinstance(getattr(task, "layout", None), GridLayout)
 
 
@@ -215,7 +214,6 @@ def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
 
 
 def _check_names(fixed: At, known: Sequence[str]) -> None:
-    """Raise SettingError where `fixed` names what is no component to fix."""
     unknown = [name for name in fixed if name not in known]
     if unknown:
         raise SettingError(
