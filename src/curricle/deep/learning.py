@@ -87,10 +87,8 @@ def learn_deep(
 
     Raises
     ------
-    SettingError
-        When an argument is invalid, before anything runs.
-    ImportError
-        When Stable-Baselines3 is not installed.
+    SettingError, ImportError
+        When an argument is invalid, or Stable-Baselines3 not installed, before anything runs.
 
     Examples
     --------

@@ -221,10 +221,9 @@ class DeepResult(LearningResult):
 
         Raises
         ------
-        StoreError
-            When the file cannot be read, is damaged, or holds something else.
-        SettingError
-            When task, learner or shaping are not those that the networks were trained with.
+        StoreError, SettingError
+            When the file cannot be read, is damaged, or holds something else; when task, learner or
+            shaping are not those that the networks were trained with.
         """
         saved = read_saved(path, cls.__name__)
         result = cls.of_file(saved, saved.arrays, saved.about, task)

@@ -153,10 +153,8 @@ class FunctionEncoder:
 
     Raises
     ------
-    SettingError
-        When `function` cannot be called or `space` is no space.
-    TaskError
-        When an observation has another shape than the space.
+    SettingError, TaskError
+        When a setting makes no sense, or an observation has another shape than the space.
 
     Examples
     --------
@@ -206,10 +204,9 @@ class FlatDict:
 
     Raises
     ------
-    SettingError
-        When `leave_out` is no list of keys.
-    TaskError
-        When observations are no Dict, a key is unknown, or a part is neither numbers nor left out.
+    SettingError, TaskError
+        When `leave_out` is no list of keys, observations are no Dict, a key is unknown, or a part
+        is neither numbers nor left out.
 
     Examples
     --------
@@ -278,16 +275,14 @@ class StackedFrames:
     Parameters
     ----------
     n : int
-        How many.
+        How many, from 2.
     of : callable, optional
         An encoder of each observation.
 
     Raises
     ------
-    SettingError
-        When `n` is no whole number from 2, or `of` cannot be called.
-    TaskError
-        When an observation is no array (``Box``).
+    SettingError, TaskError
+        When a setting makes no sense, or an observation is no array (``Box``).
 
     Examples
     --------
@@ -404,10 +399,8 @@ class MiniGridView(_MiniGridEncoder):
 
     Raises
     ------
-    SettingError
-        When a setting makes no sense.
-    TaskError
-        When an environment is not one of MiniGrid's or a wrapper has changed its observations.
+    SettingError, TaskError
+        When a setting makes no sense, or an environment has not MiniGrid's own observations.
 
     Examples
     --------
@@ -439,10 +432,8 @@ class MiniGridFullView(_MiniGridEncoder):
 
     Raises
     ------
-    SettingError
-        When a setting makes no sense.
-    TaskError
-        When an environment is not one of MiniGrid's, or larger.
+    SettingError, TaskError
+        As in :class:`MiniGridView`, and when a level is larger.
 
     Examples
     --------

@@ -35,19 +35,7 @@ INTERVAL = 0.5  # seconds between two reports of progress
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a tabulation is.
-
-    Attributes
-    ----------
-    states : int
-        Those found so far.
-    expanded : int
-        Those all of whose actions have been taken.
-    transitions : int
-        Outcomes found so far.
-    seconds : float
-        Since the tabulation began.
-    """
+    """How far a tabulation is: states, those with all actions taken, outcomes, and seconds."""
 
     states: int
     expanded: int

@@ -120,8 +120,6 @@ def from_gymnasium(
     ...              "angle": [-0.2, -0.05, 0, 0.05, 0.2], "spin": [-1, 0, 1]})
     >>> from_gymnasium("CartPole-v1", encode=cart, discount=0.99)
     LiveMDP(32 states, 2 actions, discount 0.99, time limit 500)
-    >>> from_gymnasium("Blackjack-v1", discount=0.9, names=["hand", "card", "ace"]).states
-    Space(704 points: hand[32] x card[11] x ace[2])
     """
     if names is None and sizes is not None:
         raise TaskError(f"sizes need names of what has them: got sizes {sizes!r} without names")
@@ -384,12 +382,10 @@ class TaskEnvironment(gym.Env[Any, Any]):
 
     Raises
     ------
-    TaskError
-        When `task` is not a task, or a live one.
-    SettingError
-        When a form is unknown or not every combination of action components is an action; when an
-        action is outside the space or no episode is under way; when the options of a reset are
-        unknown, or its state does not exist or is known to be terminal.
+    TaskError, SettingError
+        When `task` is not a task, or a live one; when a form is unknown or not every combination of
+        action components is an action; when an action is outside the space or no episode is under
+        way; when a reset's options are unknown, or its state is none or known to be terminal.
 
     Examples
     --------

@@ -367,12 +367,10 @@ class ShapedStep(NamedTuple):
 
 
 class Episodes:
-    """The episodes of n environments that step together; n is 1 of a single environment.
+    """The episodes of n environments that step together; n is 1 of a single environment."""
 
-    `finals_in` says, for messages, where the observations are at which episodes were cut off. It
-    is given if a step that ends an episode returns the observation with which the next one begins.
-    """
-
+    # `finals_in` says, for messages, where the observations are at which episodes were cut off; it
+    # is None unless a step that ends an episode returns the observation that begins the next.
     def __init__(self, potential: ShapingPotential, n: int, finals_in: str | None = None):
         self._potential, self._finals_in = potential, finals_in
         self._steps = 0  # of all environments together
@@ -395,13 +393,10 @@ class Episodes:
         rewards: Sequence[float],
         terminated: Sequence[bool],
         truncated: Sequence[bool],
-        final: Callable[[int], Any] | None = None,
+        final: Callable[[int], Any] | None = None,  # where episode i was cut off; None if unknown
         stacked: Any = None,
     ) -> ShapedStep:
-        """Return what shaping makes of a step, given what the step returned.
-
-        ``final(i)`` is the observation at which episode i was cut off, None if unknown.
-        """
+        """Return what shaping makes of a step, given what the step returned."""
         running, discount = self._running, self._potential.discount
         steps: Any
         if not (None in running or True in terminated or True in truncated):
@@ -519,11 +514,9 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
 
     Raises
     ------
-    PotentialError
-        When a value is not finite; when an episode's residual exceeds the tolerance.
-    SettingError
-        When the discount is not stated, or stated differently; when observations do not number
-        the states of a task; when the environment is shaped already.
+    PotentialError, SettingError
+        When a value is not finite or a residual exceeds the tolerance; when the discount is not
+        stated, or twice, observations do not number a task's states, or `env` is shaped already.
 
     Examples
     --------

@@ -179,9 +179,8 @@ class TabulationRecord:
 
     Attributes
     ----------
-    environment : str
-    seeds : tuple of int
-        The seeds of the resets, each a start as likely as the others.
+    environment, seeds
+        Its name, and the seeds of the resets, each a start as likely as the others.
     samples : int or None
         Steps by which each pair's outcomes were estimated; None if outcomes are exact.
     transitions, drawing : int
@@ -189,18 +188,16 @@ class TabulationRecord:
         and still led to one state in all 8 repetitions.
     checked : int
         Steps of episodes in the environment itself that agree with the tables.
-    cut : int
+    cut, explored : int
         States in which episodes are only ever truncated: every action stays there, with reward 0.
-    explored : int
-        States before equivalent states were merged.
+        States before equivalent ones were merged.
     seconds, observing : float
         Wall-clock time of the search, and the part in which new states were observed and described.
     note : str
         How the tables differ from the environment, such as in rewards.
-    cached : bool
-        Whether the tables were read from a file.
-    several : bool
-        Whether resets with other seeds, of which 8 are tried, start in other states or levels.
+    cached, several : bool
+        Whether the tables were read from a file; whether resets with other seeds, of which 8 are
+        tried, start in other states or levels.
     """
 
     environment: str

@@ -289,14 +289,10 @@ def tabulate(
 
     Raises
     ------
-    TaskError
+    TaskError, SettingError, StoreError
         When the environment cannot be copied or its states not be told apart, frames are stacked,
-        steps are random, a budget does not suffice, or an episode in the environment is not in the
-        tables.
-    SettingError
-        When a setting makes no sense.
-    StoreError
-        When the cache holds other tables, is damaged or cannot be written to.
+        steps are random, a budget does not suffice, or an episode is not in the tables; when a
+        setting makes no sense; when the cache is of other tables or damaged, or cannot be written.
 
     Examples
     --------

@@ -272,10 +272,9 @@ def draw_sources(
 
     Raises
     ------
-    CurriculumError
-        When the target is unknown, not unique or has no transfer into it.
-    SettingError
-        When the seed was not trained, or the states make no grid.
+    CurriculumError, SettingError
+        When the target is unknown, not unique or has no transfer into it; when the seed was not
+        trained, or the states make no grid.
 
     Examples
     --------

@@ -72,7 +72,7 @@ def render(template: str, **values: Any) -> str:
     template : str
         File name in ``assets``.
     **values
-        What the template names. A missing one raises ``UndefinedError``.
+        What it names; ``UndefinedError`` where one is missing.
 
     Examples
     --------

@@ -64,11 +64,10 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
 
     Raises
     ------
-    SettingError
+    CurricleError
         When the subject or the file's ending is another, a task is given without values or the
-        other way round, states do not lie on a grid, or the file cannot be written.
-    StoreError, CurricleError
-        As of ``StudyResults.comparison``, where a study cannot be compared.
+        other way round, states do not lie on a grid, the file cannot be written, or a study cannot
+        be compared.
 
     Examples
     --------
