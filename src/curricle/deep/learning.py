@@ -131,7 +131,7 @@ def learn_deep(
         if budget.fraction is not None:
             raise not_solved(budget.fraction, task)
         stopping = budget.kernel(*levels(budget, task, evaluation, target_of))
-    from curricle.deep.training import DeepRun  # needs Stable-Baselines3
+    from curricle.deep.models import DeepRun  # needs Stable-Baselines3
 
     lengths = steps, episodes, eval_freq, longest
     run = DeepRun(task, learner, *lengths, evaluation, stopping, stream)

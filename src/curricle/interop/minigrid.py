@@ -57,24 +57,6 @@ class Level:
             for i, thing in enumerate(alike, start=1):
                 self.names[id(thing)] = kind if len(alike) == 1 else f"{kind}_{i}"
 
-    def object_states(self) -> tuple[Any, ...]:
-        """Return what steps may change of the objects."""
-        doors = tuple([(door.is_open, door.is_locked) for door in self.standard_doors])
-        places = tuple(
-            [(_place(thing.cur_pos), _place(thing.init_pos)) for thing in self.standard_movable]
-        )
-        return doors, places, tuple([_items(thing) for thing in self.others])
-
-    def set_objects(self, states: tuple[Any, ...]) -> None:
-        """Set the objects to states that were returned before."""
-        doors, places, items = states
-        for door, state in zip(self.standard_doors, doors, strict=True):
-            door.is_open, door.is_locked = state
-        for thing, place in zip(self.standard_movable, places, strict=True):
-            thing.cur_pos, thing.init_pos = place
-        for thing, values in zip(self.others, items, strict=True):
-            vars(thing).update(values)
-
     def digests(self) -> dict[str, bytes]:
         """Return a digest of each attribute that is not plain, to see whether it has changed."""
         return {
@@ -303,6 +285,8 @@ class MiniGridAccess(StateAccess):
         base: Any = env
         x, y = base.agent_pos
         attributes, level, cells = vars(base), self.level, base.grid.grid
+        doors = [(door.is_open, door.is_locked) for door in level.standard_doors]
+        places = [(_place(t.cur_pos), _place(t.init_pos)) for t in level.standard_movable]
         grid = self.last_grid
         if grid < 0 or cells != self.grids[grid]:  # seldom after a step; quicker than a look-up
             grid = self.grid_numbers.setdefault(tuple(cells), len(self.grids))
@@ -315,7 +299,7 @@ class MiniGridAccess(StateAccess):
             int(base.agent_dir),
             base.carrying,
             grid,
-            level.object_states(),
+            (tuple(doors), tuple(places), tuple([_items(thing) for thing in level.others])),
             level.values_of_plain(attributes),
             base.step_count if self.own_reward else 0,
         )
@@ -332,7 +316,13 @@ class MiniGridAccess(StateAccess):
         base.agent_pos, base.agent_dir, base.carrying = (x, y), direction, carrying
         base.grid.grid[:] = self.grids[grid]
         self.last_grid = grid
-        level.set_objects(objects)
+        doors, places, items = objects
+        for door, state in zip(level.standard_doors, doors, strict=True):
+            door.is_open, door.is_locked = state
+        for thing, place in zip(level.standard_movable, places, strict=True):
+            thing.cur_pos, thing.init_pos = place
+        for thing, values in zip(level.others, items, strict=True):
+            vars(thing).update(values)
         if level.values_of_plain(vars(base)) != plain:
             vars(base).update(zip([*level.plain, "mission"], plain, strict=True))
         # Without a time in the states a repeated step is at another time than the first.

@@ -192,7 +192,7 @@ def each_step(steps: Steps, n: int) -> list[int]:
 def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:
     """Return the function from an observation, or stacked ones, to numbers of a task's states."""
     if isinstance(space, Discrete) and space.n == states.size:
-        return partial(_counted_from, int(space.start))
+        return partial(operator.add, -int(space.start))
     sizes, starts = None, list[int]()
     if isinstance(space, MultiDiscrete):
         sizes, starts = tuple(space.nvec.tolist()), space.start.tolist()
@@ -206,10 +206,6 @@ def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], An
         f"observations must number the task's {states.size} states, as a whole or component by "
         f"component, or encode= must say how: got {space}"
     )
-
-
-def _counted_from(start: int, observation: Any) -> Any:
-    return observation - start
 
 
 def _components(states: Space, starts: list[int], observation: Any) -> Any:
