@@ -382,7 +382,11 @@ class ListedOutcomes:
                 chance, after, reward, ended = outcome
                 chance = number("a probability", chance, TaskError, 0, 1)
                 reward = number("a reward", reward, TaskError)
-                after = _in_form(after, content)
+                # As an array or named tuple where the environment's own states are these.
+                if isinstance(content, np.ndarray):
+                    after = np.asarray(after, content.dtype)
+                elif isinstance(content, tuple) and isinstance(after, np.ndarray | list | tuple):
+                    after = getattr(content, "_make", tuple)(after)
                 hash(_key(after))
             except (TypeError, ValueError) as error:
                 raise TaskError(
@@ -408,15 +412,6 @@ class ListedOutcomes:
     def _reached(self, chance: float, state: Any, reward: float, *, ended: bool) -> Reached:
         self._state = state
         return Reached(chance, _key(state), state, reward, ended, truncated=False)
-
-
-def _in_form(state: Any, example: Any) -> Any:
-    """Return a listed state as an array or named tuple where the environment's own are these."""
-    if isinstance(example, np.ndarray):
-        return np.asarray(state, example.dtype)
-    if isinstance(example, tuple) and isinstance(state, np.ndarray | list | tuple):
-        return getattr(example, "_make", tuple)(state)
-    return state
 
 
 def _key(state: Any) -> Any:

@@ -177,10 +177,17 @@ class InterimReport:
         if not (self.folder / STUDY).exists():
             return
         study = StudyResults(self.folder)
-        stored_units, units = unit_counts(study)
+        per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
+        seeds, keys, kept = study.record.seeds, set(study.record.keys.values()), study.stored
+        units = len(keys) * len({seed // per_unit for seed in seeds})
+        # A unit is stored when all its seeds are.
+        missing = {
+            (k, seed // per_unit) for k in keys for seed in seeds if seed not in kept.get(k, {})
+        }
+        stored_units = units - len(missing)
         running = in_use(self.folder) if self._elsewhere else True
         over = last or (self._elsewhere and self._ended(study, stored_units == units, running))
-        stored = {key: len(seeds) for key, seeds in study.stored.items()}
+        stored = {key: len(done) for key, done in kept.items()}
         seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
         if seen == self._seen and not over:
             return
@@ -217,18 +224,6 @@ class InterimReport:
         time, seconds = f"{datetime.now():%X}", round(seconds, 1)
         banner = render("banner.html", sentence=sentence, time=time, seconds=seconds)
         write_page(self._page.replace(self._place, banner), self.path)
-
-
-def unit_counts(study: StudyResults) -> tuple[int, int]:
-    """Return how many units of a study are stored with all their seeds, and how many it has."""
-    per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
-    seeds, keys = study.record.seeds, set(study.record.keys.values())
-    units = len(keys) * len({seed // per_unit for seed in seeds})
-    stored = study.stored
-    missing = {
-        (key, seed // per_unit) for key in keys for seed in seeds if seed not in stored.get(key, {})
-    }
-    return units - len(missing), units
 
 
 def arms_so_far(study: StudyResults) -> list[str]:

@@ -187,7 +187,18 @@ def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
     _check_names(fixed, space.names)
     values = {name: _value(space.component(name), value) for name, value in fixed.items()}
     free = [component for component in space.components if component.name not in values]
-    cells, sides = _grid_of(free, space)
+    if len(free) == 1 and (places := labelled_cells(free[0])) is not None:
+        cells, sides = places, {free[0].name: free[0].low + np.arange(free[0].size)}
+    elif len(free) == 2 and all(labelled_cells(component) is None for component in free):
+        ranges = [component.low + np.arange(component.size) for component in free]
+        cells = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 2)
+        sides = {free[0].name: cells[:, 0], free[1].name: cells[:, 1]}
+    else:
+        names = ", ".join(component.name for component in free)
+        raise SettingError(
+            "a picture is of one cell, or of a row and a column; at must fix all other components "
+            f"of {', '.join(space.names)}: it leaves {names or 'none'}"
+        )
     states = space.encode(**values, **sides)
     there = states != MISSING
     (top, left), (bottom, right) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
@@ -219,21 +230,6 @@ def _check_names(fixed: At, known: Sequence[str]) -> None:
         raise SettingError(
             f"at must name components of a state, {', '.join(known)}: got {unknown[0]!r}"
         )
-
-
-def _grid_of(free: list[Component], space: Space) -> tuple[IntArray, dict[str, IntArray]]:
-    """Return all cells that the free components make, (n, 2), and their values, (n,) each."""
-    if len(free) == 1 and (cells := labelled_cells(free[0])) is not None:
-        return cells, {free[0].name: free[0].low + np.arange(free[0].size)}
-    if len(free) == 2 and all(labelled_cells(component) is None for component in free):
-        sides = [component.low + np.arange(component.size) for component in free]
-        cells = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 2)
-        return cells, {free[0].name: cells[:, 0], free[1].name: cells[:, 1]}
-    names = [component.name for component in free]
-    raise SettingError(
-        "a picture is of one cell, or of a row and a column; at must fix all other components of "
-        f"{', '.join(space.names)}: it leaves {', '.join(names) or 'none'}"
-    )
 
 
 def _value(component: Component, value: Any) -> int:
