@@ -40,7 +40,7 @@ class DeepLearner:
     callbacks : callable, optional
         Returns new callbacks (``BaseCallback``); called for each seed.
     progress_bar : bool
-        Whether Stable-Baselines3 shows its progress bar.
+        That of Stable-Baselines3.
     threads : int
         Of torch; more than one helps large networks only.
 

@@ -190,11 +190,10 @@ def miniatures(
     ----------
     *members : ObservationTask
         With the observations and the actions of the task that is to learn from them.
-    resets : int
+    resets, max_states : int
+        Of each member.
     held_out : float
         Share of levels, up to 0.9; of each member at least one level is not held out.
-    max_states : int
-        Of each member; one with more is not small.
     tested_on : sequence of ObservationTask
         Relatives that are only tested on, best of growing size.
 

@@ -97,7 +97,6 @@ class TrainedPolicy:
         ----------
         path : path
         task : ObservationTask
-            What it acts in.
         learner : DeepLearner
             Whose algorithm is that of the file.
 

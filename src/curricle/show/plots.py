@@ -60,7 +60,7 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
     path : str or Path, optional
         Ending in .png, .svg or .pdf, in a folder that exists; written whole or not at all.
     task : Task, optional
-        Of an array of values: one whose states lie on a grid, as in :func:`draw_potential`.
+        Of an array of values, as in :func:`draw_potential`.
 
     Raises
     ------

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, FloatTable, IntArray
 from curricle.learning.record import Snapshots
 from curricle.show.graph import Learnt
+from curricle.show.plots import places
 from curricle.show.style import (
     COLOURS,
     DIVERGING,
@@ -284,8 +285,7 @@ def _episodes(pair: EpisodePair | None, view: GridView) -> dict[str, Any]:
 
 def _values(snapshots: Snapshots, view: GridView, most: int) -> dict[str, Any]:
     """Return the fields of a replay for `most` moments, the first and the last among them."""
-    n = len(snapshots.steps)
-    moments = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+    moments = places(len(snapshots.steps), most)
     values = snapshots.values[moments][:, view.states[~view.ended]]
     best = values.max(axis=-1)
     low, high = (float(best.min()), float(best.max())) if best.size else (0.0, 0.0)
