@@ -15,7 +15,7 @@ import pytest
 import curricle as cr
 from curricle.cli.tables import print_results
 from curricle.comparison.comparing import compare
-from curricle.deep import training
+from curricle.deep import models
 from curricle.errors import ConfigError
 from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
@@ -183,8 +183,8 @@ def test_a_study_killed_within_a_network_goes_on_to_the_same(whole, one_arm, tmp
     run.send_signal(signal.SIGKILL)
     assert run.wait() == -signal.SIGKILL, "the study was over before it was killed"
     (left,) = folder.glob(".checkpoints/**/*.checkpoint")
-    loaded, load = {}, training.load_checkpoint
-    monkeypatch.setattr(training, "load_checkpoint", lambda p, w: loaded.setdefault(p, load(p, w)))
+    loaded, load = {}, models.load_checkpoint
+    monkeypatch.setattr(models, "load_checkpoint", lambda p, w: loaded.setdefault(p, load(p, w)))
     run_study(read_study(one_arm), folder, resume=True)
     assert loaded[left] is not None
     assert not (folder / ".checkpoints").exists()

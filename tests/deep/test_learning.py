@@ -11,7 +11,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
-from curricle.deep import training
+from curricle.deep import models
 from curricle.deep.learner import LIBRARIES
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues, acting
@@ -64,9 +64,9 @@ def test_checkpoints_between_the_steps_of_many_environments_are_recorded(observe
 
 def test_a_seed_depends_on_nothing_but_itself_and_leaves_no_trace(observed):
     torch.manual_seed(1)
-    before = training.generator_states()
+    before = models.generator_states()
     alone = cr.deep.learn_deep(observed, DQN, 200, seeds=[3])
-    after = training.generator_states()
+    after = models.generator_states()
     assert random.getstate() == before[0]
     assert torch.equal(before[2], after[2])
     random.seed(5)
@@ -97,13 +97,13 @@ def test_the_last_rollout_is_learnt_from_and_what_it_taught_is_reported(observed
     sampled = cr.GreedyEvaluation(episodes=40, sampled=True)
     result = cr.deep.learn_deep(observed, learner, budget, eval_freq=budget, evaluation=sampled)
     start = stream_start(0, "")
-    with training.isolated(1):
+    with models.isolated(1):
         alone = model_for(observed, learner, seed=splitmix64(start) >> 33, steps=budget)
         before = NetworkValues(alone.policy).parameters()
         alone.learn(budget)
         environments = Environments(observed, 40, sampled.horizon(observed))
         act = acting(alone.policy, environments.environments, sampled=True)
-        with training.drawing(splitmix64(start ^ 2)):
+        with models.drawing(splitmix64(start ^ 2)):
             episodes = environments.rollouts(act, splitmix64(start ^ 2))
     learnt = result.values[0].parameters()
     for name, wanted in NetworkValues(alone.policy).parameters().items():
@@ -141,18 +141,18 @@ def test_a_killed_run_goes_on_to_the_same_result(
     phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values / 2)
     settings = {"shaping": way(phi), "eval_freq": 100, "seeds": [2]}
     whole = cr.deep.learn_deep(observed, learner, 400, **settings)
-    saved, save = [], training.Recorder._save
+    saved, save = [], models.Recorder._save
 
     def killed(recorder):
         save(recorder)
         saved.append(recorder.progress.steps)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(training.Recorder, "_save", killed)
+    monkeypatch.setattr(models.Recorder, "_save", killed)
     for _ in range(kills):
         with pytest.raises(KeyboardInterrupt):
             cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path)
-    monkeypatch.setattr(training.Recorder, "_save", save)
+    monkeypatch.setattr(models.Recorder, "_save", save)
     assert 0 < saved[0] < 400
     assert saved == sorted(set(saved))
     same(whole, cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
@@ -170,10 +170,10 @@ def test_large_arrays_are_saved_bit_by_bit(tmp_path, dtype, special):
         content[:7] = np.arange(2**10) % 200
         content[3, 0, 5] = np.array(special).astype(dtype)[0]
     kept = {"whole": content, "again": content, "none": np.zeros(2**17), "turned": content.T}
-    training.save_checkpoint(tmp_path / "one", "run", SimpleNamespace(**kept), None)
+    models.save_checkpoint(tmp_path / "one", "run", SimpleNamespace(**kept), None)
     filled = 7 * 2**10 * content.itemsize  # of `whole`; `turned` does not end in zeros
     assert (tmp_path / "one").stat().st_size < content.nbytes + filled + 50_000
-    held = training.load_checkpoint(tmp_path / "one", "run").model[1]
+    held = models.load_checkpoint(tmp_path / "one", "run").model[1]
     for name, array in kept.items():
         assert held[name].dtype == array.dtype
         assert held[name].tobytes() == array.tobytes()
@@ -213,7 +213,7 @@ def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monk
             raise TypeError("this environment cannot be pickled")
 
     task = cr.tasks.ObservationTask(lambda: Shy(MAZE, observation="components"), MAZE.discount)
-    save = training.Recorder._save
+    save = models.Recorder._save
     row = cr.transfer.FunctionValues(state_values=lambda cells: cells[:, 0].astype(float))
     settings = {"saves": tmp_path, "shaping": cr.StateShaping(row) if shaped else None}
     learner = cr.deep.DeepLearner("DQN", settings=QUICK, callbacks=lambda: [Infos()])
@@ -222,10 +222,10 @@ def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monk
         save(recorder)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(training.Recorder, "_save", killed)
+    monkeypatch.setattr(models.Recorder, "_save", killed)
     with pytest.raises(KeyboardInterrupt):
         cr.deep.learn_deep(task, learner, 200, **settings)
-    monkeypatch.setattr(training.Recorder, "_save", save)
+    monkeypatch.setattr(models.Recorder, "_save", save)
     Infos.seen.clear()
     result = cr.deep.learn_deep(task, learner, 200, **settings)
     assert Infos.seen

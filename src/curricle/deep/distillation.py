@@ -1,7 +1,4 @@
-"""Distillation: networks of Stable-Baselines3 are fitted to what is known of observations.
-
-:func:`distil` fits a network, :func:`learn_miniatures` one for each seed to solved small tasks.
-"""
+"""Distillation: networks of Stable-Baselines3 are fitted to what is known of observations."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -52,8 +49,7 @@ class Distillation:
 
 
 DEFAULT = Distillation()
-WORTH = 0.02
-"""Of the way from random to optimal: what a network must regain on held-out levels at least."""
+WORTH = 0.02  # of the way from random to optimal must be regained on held-out levels
 
 
 def distil(
@@ -64,15 +60,7 @@ def distil(
     *,
     seed: int = 0,
 ) -> NetworkValues:
-    """Return a network of a learner's kind, fitted to what is known of observations.
-
-    - An actor-critic's (PPO, A2C) critic by squared error to V, its actor by cross-entropy to the
-      policy. Without a policy the critic alone.
-    - DQN's and QR-DQN's network by squared error to Q.
-
-    Errors of values are in units of their spread. No step of any environment is taken. The network
-    has the task's spaces; `seed` draws its first weights and the batches.
-    """
+    """Return a network of a learner's kind, fitted to what is known of observations; no steps."""
     check_spaces(task, learner)
     small = splitmix64(stream_start(seed, "distillation")) >> 33
     with isolated(learner.threads):
@@ -155,36 +143,27 @@ def learn_miniatures(
     eval_freq: int = 1,
     progress: Progress = None,
 ) -> DeepResult:
-    """Return networks fitted to what is known of miniatures, one for each seed, in no steps.
-
-    ``greedy_return`` has one checkpoint: the exact discounted return of the network's policy on
-    held-out levels, as :class:`Examined` has it, mean over members. Where there are `potentials`,
-    one for each seed, the networks are fitted to what they say of the observations, instead of
-    exact answers. TaskError when a network acts no better than at random there.
-    """
+    """Return networks fitted to miniatures, or to `potentials`, one for each seed, in no steps."""
     outcomes = []
     with shown(progress) as bars:
         grow = bars.bar("distilling", len(seeds))
         for k, seed in enumerate(seeds):
             known = task.knowledge(potential=potentials[k] if potentials else None, seed=seed)
-            outcomes.append(_outcome(task, distil(known, task, learner, seed=seed)))
+            network: Any = distil(known, task, learner, seed=seed)
+            examined = task.examined(network)[: len(task.members)]
+            record = Record.empty(1)
+            record.greedy_return[0] = np.mean([member.best for member in examined])
+            shares = [member.regained for member in examined if not np.isnan(member.regained)]
+            regained = np.mean(shares) if shares else 1.0
+            if regained < WORTH and not task.shuffled:
+                raise TaskError(
+                    "a network distilled from miniatures must act better than at random, on "
+                    f"held-out levels if any: it regains {regained:.0%} of the way to the optimum "
+                    f"of {task}"
+                )
+            outcomes.append(Outcome(record, network, 0, 0, out_of_memory=False, evaluation_steps=0))
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)
     result = learning_result(task, learner, tuple(seeds), values, outcomes, eval_freq)  # type: ignore[arg-type]
     return DeepResult.of(result)
-
-
-def _outcome(task: Miniatures, values: Any) -> Outcome:
-    """Return what one seed learnt; TaskError if it is worth nothing."""
-    examined = task.examined(values)[: len(task.members)]
-    record = Record.empty(1)
-    record.greedy_return[0] = np.mean([member.best for member in examined])
-    shares = [member.regained for member in examined if not np.isnan(member.regained)]
-    regained = np.mean(shares) if shares else 1.0
-    if regained < WORTH and not task.shuffled:
-        raise TaskError(
-            "a network distilled from miniatures must act better than at random, on held-out "
-            f"levels if any: it regains {regained:.0%} of the way to the optimum of {task}"
-        )
-    return Outcome(record, values, 0, 0, out_of_memory=False, evaluation_steps=0)

@@ -14,15 +14,11 @@ from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
 from curricle.tasks.observation_task import ObservationTask, space_text
 
-LIBRARIES = ("stable_baselines3", "sb3_contrib")
-"""Where an algorithm's name is looked up."""
-EXPLORING = ("DQN", "QRDQN")
-"""The algorithms whose exploration falls over a share of the budget, known without importing."""
-SAVES = 20
-"""Checkpoints to resume from that a run writes in all of its budget."""
+LIBRARIES = ("stable_baselines3", "sb3_contrib")  # where an algorithm's name is looked up
+EXPLORING = ("DQN", "QRDQN")  # whose exploration falls over a share of the budget
+SAVES = 20  # checkpoints to resume from that a run writes in all of its budget
 LEAVES = (Box, Discrete, MultiDiscrete, MultiBinary)
-LEAST_SIDE = 36
-"""Cells of a picture's side that the convolutions of ``NatureCNN`` need."""
+LEAST_SIDE = 36  # cells of a picture's side that the convolutions of ``NatureCNN`` need
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,7 @@ class DeepLearner:
     callbacks : callable, optional
         Returns new callbacks (``BaseCallback``); called for each seed.
     progress_bar : bool
-        Whether Stable-Baselines3 shows its progress bar.
+        That of Stable-Baselines3.
     threads : int
         Of torch; more than one helps large networks only.
 

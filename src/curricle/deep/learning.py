@@ -59,7 +59,7 @@ def learn_deep(
         By default DQN with the settings of Stable-Baselines3.
     budget : int, Episodes or StoppingRule
         As in :func:`learn`. A run ends at the first step of its sub-environments that reaches the
-        budget. A rollout that is whole by then is learnt from, one that is cut off is not.
+        budget; a rollout that is cut off is not learnt from.
     seeds : int or sequence of int
         As in :func:`learn`; torch's version and the machine round differently.
     shaping : Shaping or sequence of K Shaping, optional
@@ -69,20 +69,16 @@ def learn_deep(
         - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q(s, a) = phi(s, a) + residual(s, a)
           wherever DQN reads its network; the residual starts at 0 (Wiewiora 2003).
         - :class:`StateShaping`: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
-        - :class:`WeightTransfer`: learning starts with the one source's network.
-        - :class:`PolicyReuse`: the sources' policy is carried over, and not their values.
-
-        A guard is for learners with tables.
+        - :class:`WeightTransfer`, :class:`PolicyReuse`: the one source's network, or the sources'
+          policy and not their values, is carried over.
     eval_freq, stream, warm_up, charged
         As in :func:`learn`.
     evaluation : GreedyEvaluation, optional
         By rollouts, 5 by default.
     saves : path, optional
-        A folder or a URL for checkpoints, from which a killed run resumes, with the same
-        result: network, optimizer, replay buffer, environments, generators.
+        A folder or a URL for checkpoints, from which a killed run resumes, with the same result.
     progress : bool or callable, optional
-        True shows a bar for each seed, of its checkpoints; a function is called with each seed when
-        it is done.
+        True shows a bar for each seed; a function is called with each seed when it is done.
 
     Returns
     -------
@@ -91,10 +87,8 @@ def learn_deep(
 
     Raises
     ------
-    SettingError
-        When an argument is invalid, before anything runs.
-    ImportError
-        When Stable-Baselines3 is not installed.
+    SettingError, ImportError
+        When an argument is invalid, or Stable-Baselines3 not installed, before anything runs.
 
     Examples
     --------
@@ -107,7 +101,19 @@ def learn_deep(
     check_progress(progress)
     learner = DeepLearner() if learner is None else learner
     evaluation = GreedyEvaluation() if evaluation is None else evaluation
-    _check(task, learner, evaluation)
+    instance("a task for a deep learner", task, ObservationTask, SettingError)
+    instance("learner", learner, DeepLearner, SettingError)
+    if isinstance(task, Miniatures):
+        raise SettingError(
+            "miniatures are solved and distilled, as a task of a Curriculum, and not learnt by "
+            f"steps: got {task}"
+        )
+    check_spaces(task, learner)
+    learner.algorithm_class()
+    instance("evaluation", evaluation, GreedyEvaluation, SettingError)
+    check_evaluation(evaluation)
+    if evaluation.method != "off":
+        evaluation.horizon(task)  # SettingError without a bound
     steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
     longest = longest_run(task.longest, budget, eval_freq)
@@ -125,19 +131,10 @@ def learn_deep(
         if budget.fraction is not None:
             raise not_solved(budget.fraction, task)
         stopping = budget.kernel(*levels(budget, task, evaluation, target_of))
-    from curricle.deep.training import DeepRun  # needs Stable-Baselines3
+    from curricle.deep.models import DeepRun  # needs Stable-Baselines3
 
-    run = DeepRun(
-        task=task,
-        learner=learner,
-        steps=steps,
-        episodes=episodes,
-        eval_freq=eval_freq,
-        longest=longest,
-        evaluation=evaluation,
-        stopping=stopping,
-        stream=stream,
-    )
+    lengths = steps, episodes, eval_freq, longest
+    run = DeepRun(task, learner, *lengths, evaluation, stopping, stream)
     outcomes = []
     with shown(progress) as bars:
         for of_seed in settings:
@@ -159,23 +156,6 @@ def check_evaluation(evaluation: GreedyEvaluation) -> None:
             "an exact evaluation needs tables, and networks are evaluated by rollouts: got "
             f"{evaluation}"
         )
-
-
-def _check(task: Any, learner: Any, evaluation: Any) -> None:
-    """Raise SettingError unless a deep learner can learn a task by steps, evaluated so."""
-    instance("a task for a deep learner", task, ObservationTask, SettingError)
-    instance("learner", learner, DeepLearner, SettingError)
-    if isinstance(task, Miniatures):
-        raise SettingError(
-            "miniatures are solved and distilled, as a task of a Curriculum, and not learnt by "
-            f"steps: got {task}"
-        )
-    check_spaces(task, learner)
-    learner.algorithm_class()
-    instance("evaluation", evaluation, GreedyEvaluation, SettingError)
-    check_evaluation(evaluation)
-    if evaluation.method != "off":
-        evaluation.horizon(task)  # SettingError without a bound
 
 
 def _of_observations(

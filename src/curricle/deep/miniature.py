@@ -1,8 +1,4 @@
-"""Miniatures: small relatives of a task, solved exactly, that networks are distilled from.
-
-:func:`miniatures` makes them, a :class:`SolvedMember` holds the tables and the optimum of one of
-them, :class:`Knowledge` what is known of observations.
-"""
+"""Miniatures: small relatives of a task, solved exactly, that networks are distilled from."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,12 +18,9 @@ from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.observation_task import ObservationTask, made_by
 from curricle.text import brief_repr
 
-RESETS = 200
-"""Resets of each miniature that levels are taken from."""
-MOST_STATES = 100_000
-"""States of a miniature at most."""
-HELD_OUT = 0.2
-"""Share of the levels that are held out."""
+RESETS = 200  # resets of each miniature that levels are taken from
+MOST_STATES = 100_000  # states of a miniature at most
+HELD_OUT = 0.2  # share of the levels that are held out
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +46,7 @@ class Knowledge(Frozen):
     def of(
         cls, observations: Any, action_values: FloatArray, policy: FloatArray | None = None
     ) -> Self:
-        """Return what action values (S, A) say of S observations; greedy unless a policy is given.
-
-        V is the largest of an observation's states' action values, then their mean.
-        """
+        """Return what action values (S, A) say of S observations; greedy without a policy."""
         action_values = np.asarray(action_values, np.float64)
         chosen = greedy_policy(action_values) if policy is None else np.asarray(policy)
         values = action_values.max(axis=1)
@@ -64,11 +54,7 @@ class Knowledge(Frozen):
 
     @classmethod
     def read(cls, values: Any, observations: Any) -> Self:
-        """Return what a :class:`ValueSource` says of those of n observations that it knows.
-
-        Its Q and the greedy policy where it has action values, else V, and the policy where it is
-        of one actor-critic that is read as it is.
-        """
+        """Return what a :class:`ValueSource` says of those of n observations that it knows."""
         pairs = values.pairs(observations) if values.of_actions else None
         v = values.v(observations) if pairs is None else pairs.max(axis=1)
         known = np.isfinite(v)
@@ -147,11 +133,7 @@ def rows_of(observations: Any, rows: IntArray | BoolArray) -> Any:
 
 @dataclass(frozen=True)
 class Miniatures(ObservationTask):
-    """Small relatives of a task, made by :func:`miniatures`.
-
-    In a :class:`Curriculum` it is a source like any other: it takes no steps, and what it hands on
-    is a network of its learner's kind, fitted to exact answers (:func:`distil`).
-    """
+    """Small relatives of a task, made by :func:`miniatures`."""
 
     members: tuple[ObservationTask, ...] = ()
     tested_on: tuple[ObservationTask, ...] = ()  # solved too, and all of whose levels are held out
@@ -201,34 +183,32 @@ def miniatures(
 ) -> Miniatures:
     """Return small relatives of a task as a source that takes no steps.
 
-    Each member is tabulated (:func:`tabulate`) from so many resets and solved. Resets of the same
-    level count once. A level is what can be reached from one reset; a share of the levels is held
-    out, to see how well the network does there.
+    Each member is tabulated (:func:`tabulate`) from so many resets and solved. A level is what can
+    be reached from one reset; a share of them is held out, to see how well the network does there.
 
     Parameters
     ----------
     *members : ObservationTask
         With the observations and the actions of the task that is to learn from them.
-    resets : int
+    resets, max_states : int
+        Of each member.
     held_out : float
         Share of levels, up to 0.9; of each member at least one level is not held out.
-    max_states : int
-        Of each member; one with more is not small.
     tested_on : sequence of ObservationTask
         Relatives that are only tested on, best of growing size.
 
     Returns
     -------
     ObservationTask
-        ``solved`` are its members with their tables and optima, ``knowledge()`` what is distilled
-        of them, ``transitions`` the steps of their models, and ``examined(values)`` how a network
-        acts on the levels held out.
+        ``solved`` are its members with tables and optima, ``knowledge()`` what is distilled,
+        ``transitions`` the steps of the models, ``examined(values)`` how a network acts on the
+        levels held out.
 
     Raises
     ------
     TaskError
-        When there is no member, or their spaces or discounts differ. When they are first asked for:
-        a member cannot be tabulated.
+        When there is no member, or their spaces or discounts differ; later, when a member cannot be
+        tabulated.
 
     Examples
     --------
@@ -263,10 +243,7 @@ def miniatures(
 
 
 class Examined(NamedTuple):
-    """Expected discounted returns on held-out levels of a member, from their starts.
-
-    Where none is held out, as of a member with a single level, on those that were trained on.
-    """
+    """Expected discounted returns on held-out levels of a member, or else those trained on."""
 
     member: ObservationTask
     levels: int

@@ -28,8 +28,7 @@ try:
 except ModuleNotFoundError:  # the extra is not installed: SmallCNN raises ImportError
     BaseFeaturesExtractor = object
 
-FEW = 64
-"""Observations up to which NumPy is quicker than PyTorch."""
+FEW = 64  # observations up to which NumPy is quicker than PyTorch
 MOST_PRODUCTS = 2**18
 """Products of a layer up to which OpenBLAS stays on one thread: its threads wait for each other,
 ten times as long as they compute where the processors are busy."""
@@ -49,12 +48,6 @@ class NetworkValues:
         ``model.policy`` of a model.
     values_offset : ObservationPotential, optional
         The Phi that shaped its rewards. Then Q - Phi is learnt, and Phi is added here.
-
-    Attributes
-    ----------
-    policy, values_offset
-    plain : PlainNetwork or None
-        The same network for NumPy, if it is one of plain layers.
 
     Raises
     ------
@@ -80,7 +73,7 @@ class NetworkValues:
                 f"{type(policy).__name__}"
             )
         self.kind = present[0]
-        self.plain = plain_network(policy, self.kind)
+        self.plain = plain_network(policy, self.kind)  # the same for NumPy, if of plain layers
 
     @property
     def of_actions(self) -> bool:
@@ -123,7 +116,6 @@ class NetworkValues:
         self.policy.load_state_dict(tensors)
 
     def _seen(self, observations: Any) -> Any:
-        """Return observations as tensors."""
         if self.policy.training:
             self.policy.set_training_mode(False)
         return self.policy.obs_to_tensor(observations)[0]
@@ -133,23 +125,19 @@ class NetworkValues:
         if self.plain is not None and self.plain.takes(observations):
             outputs = self.plain.read(observations).astype(np.float64)
         else:
-            outputs = self._by_torch(observations)
+            if hasattr(self.policy, "lstm_actor"):
+                raise PotentialError(
+                    "values must be of one observation, without memory: got "
+                    f"{type(self.policy).__name__}; WeightTransfer and PolicyReuse read no values"
+                )
+            heads = self.kind == "value_net"
+            network = self.policy.predict_values if heads else getattr(self.policy, self.kind)
+            with torch.no_grad():
+                outputs = _array(network(self._seen(observations)))
         if self.kind == "quantile_net":
             n_actions = int(self.policy.action_space.n)
             outputs = outputs.reshape(len(outputs), -1, n_actions).mean(axis=1)
         return outputs
-
-    def _by_torch(self, observations: Any) -> FloatArray:
-        """Return the network's output, computed by PyTorch, (n, ...)."""
-        heads = self.kind == "value_net"
-        if hasattr(self.policy, "lstm_actor"):
-            raise PotentialError(
-                "values must be of one observation, without memory: got "
-                f"{type(self.policy).__name__}; WeightTransfer and PolicyReuse read no values"
-            )
-        network = self.policy.predict_values if heads else getattr(self.policy, self.kind)
-        with torch.no_grad():
-            return _array(network(self._seen(observations)))
 
     def _critics(self, seen: Any, actions: Any) -> FloatArray:
         of_critics = [_array(values)[:, 0] for values in self.policy.critic(seen, actions)]
@@ -167,11 +155,7 @@ def _array(tensor: Any) -> FloatArray:
 
 
 def acting(model: Any, environments: Sequence[Any], *, sampled: bool = False) -> Policy:
-    """Return how a model acts in episodes side by side, with its memory and with masks of actions.
-
-    It does what ``evaluate_policy`` of Stable-Baselines3 and sb3-contrib do, for one rollout of
-    each environment. If `sampled`, an actor-critic's actions are drawn by torch's generator.
-    """
+    """Return how a model acts in episodes side by side, with its memory and masks of actions."""
     masked = needs_of(model) == "masks of actions"
     memory: Any = None  # arrays (layers, episodes, size), of those that ran before
     before: Sequence[int] = ()
@@ -235,11 +219,7 @@ class PlainNetwork:
 
 
 def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
-    """Return the network from vectors to a policy's values; None if anything in it is unusual.
-
-    Values are Q(s, a) of DQN (kind "q_net"), the quantiles of QR-DQN ("quantile_net") or V(s) of an
-    actor-critic ("value_net"), each of ``MlpPolicy``.
-    """
+    """Return the network from vectors to a policy's values; None if anything in it is unusual."""
     if kind == "value_net":
         usual = type(policy).predict_values is ActorCriticPolicy.predict_values
         usual = usual and type(policy.mlp_extractor) is MlpExtractor
@@ -278,10 +258,9 @@ def _relu(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 class SmallCNN(BaseFeaturesExtractor):
     """Two convolutions of 3 x 3 and a layer, for pictures from 5 x 5 cells, channels first.
 
-    It is for ``CnnPolicy``, among the ``policy_kwargs`` of a :class:`DeepLearner`:
-    ``{"features_extractor_class": SmallCNN, "normalize_images": False}``, which reads pictures as
-    they are. (Stable-Baselines3 divides pictures by 255 if they are bytes from 0 to 255, and no
-    others.)
+    For ``CnnPolicy``, among the ``policy_kwargs`` of a :class:`DeepLearner`:
+    ``{"features_extractor_class": SmallCNN, "normalize_images": False}``. (Stable-Baselines3
+    divides pictures by 255 if they are bytes from 0 to 255, and no others.)
 
     Parameters
     ----------

@@ -19,14 +19,9 @@ from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.planning.episode import Episode, frame_of, played, with_pictures
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask, space_text
-from curricle.transfer.rollouts import (
-    Environments,
-    ObservationTarget,
-    mean_episode_return,
-)
+from curricle.transfer.rollouts import Environments, ObservationTarget, mean_episode_return
 
-TOO_LARGE_SEED = 2**32
-"""The first seed that NumPy's generator, which Stable-Baselines3 seeds, does not take."""
+TOO_LARGE_SEED = 2**32  # the first that NumPy's generator, which SB3 seeds, does not take
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +57,10 @@ class TrainedPolicy:
         Parameters
         ----------
         observation : array or dict of arrays
-            Of the task's space, (...) or (n, ...); an encoder's where the task has one.
+            Of the task's space, (...) or (n, ...).
         deterministic : bool
-            Whether to take the likeliest action, as evaluations do; else it is sampled, which
-            DQN does not do. SettingError where the policy needs memory or masks of actions too.
+            Whether to take the likeliest action; else it is sampled, which DQN does not do.
+            SettingError where the policy needs memory or masks of actions too.
         """
         check_sight(self.model)
         try:
@@ -80,8 +75,7 @@ class TrainedPolicy:
     def save(self, path: str | Path) -> Path:
         """Write the model as Stable-Baselines3 does, and return the file's path, a ``.zip``.
 
-        ``PPO.load(path)`` reads it, as does :meth:`load`. It holds pickles, as all its files do:
-        load your own alone. StoreError when it cannot be written.
+        It holds pickles: load your own alone. StoreError when it cannot be written.
         """
         file = local_file(path)
         if not file.name.endswith(".zip"):
@@ -103,7 +97,6 @@ class TrainedPolicy:
         ----------
         path : path
         task : ObservationTask
-            What it acts in.
         learner : DeepLearner
             Whose algorithm is that of the file.
 
@@ -149,8 +142,8 @@ class TrainedPolicy:
         Raises
         ------
         SettingError
-            When there is no limit, or the environment draws no pictures: one of an id is made
-            with ``render_mode="rgb_array"``, one's own function must do so, or have that argument.
+            When there is no limit, or the environment draws no pictures: a function that makes it
+            must do so with ``render_mode="rgb_array"``, or have that argument.
         """
         limit = self.task.longest if max_steps is None else max_steps
         if limit is None:
@@ -201,11 +194,7 @@ class DeepResult(LearningResult):
 
     @cached_property
     def policies(self) -> tuple[TrainedPolicy, ...]:
-        """The policy of each seed, K of them.
-
-        They act, are saved as Stable-Baselines3 saves models, and play episodes to look at.
-        SettingError where values were not saved.
-        """
+        """The policy of each seed, K of them; SettingError where values were not saved."""
         return policies_of(self.task, self.learner, self.values, self.steps_used)
 
     @classmethod
@@ -218,24 +207,22 @@ class DeepResult(LearningResult):
     ) -> Self:
         """Return the result in a file that :meth:`save` wrote; the networks are built again.
 
-        The file holds their parameters as plain arrays, and no pickles. :meth:`TrainedPolicy.save`
-        writes a file of Stable-Baselines3.
+        The file holds their parameters as plain arrays, and no pickles.
 
         Parameters
         ----------
         path : path
         task : ObservationTask, optional
         learner : DeepLearner, optional
-            Without task and learner the result has curves, and of the networks their parameters.
+            Without task and learner the networks are their parameters alone.
         shaping : Shaping or sequence of Shaping, optional
             What they were trained with, of each seed if it has a potential.
 
         Raises
         ------
-        StoreError
-            When the file cannot be read, is damaged, or holds something else.
-        SettingError
-            When task, learner or shaping are not those that the networks were trained with.
+        StoreError, SettingError
+            When the file cannot be read, is damaged, or holds something else; when task, learner or
+            shaping are not those that the networks were trained with.
         """
         saved = read_saved(path, cls.__name__)
         result = cls.of_file(saved, saved.arrays, saved.about, task)

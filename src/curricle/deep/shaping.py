@@ -25,11 +25,9 @@ class _OfNetworks(Shaping):
 
     @property
     def potential(self) -> Any:
-        """The source."""
         return self.source
 
     def with_potential(self, potential: Any) -> Self:
-        """Return the same way of transfer from another source."""
         return replace(self, source=potential)
 
 
@@ -42,7 +40,7 @@ class WeightTransfer(_OfNetworks):
     source : ObservationPotential or NetworkValues, optional
         Filled in by a :class:`Curriculum`.
     kl : float
-        Weight of a pull to the source's policy, as that of :class:`PolicyReuse`.
+        As in :class:`PolicyReuse`.
 
     Examples
     --------
@@ -57,14 +55,14 @@ class PolicyReuse(_OfNetworks):
 
     An off-policy learner acts on a source of action values with a probability that falls from 1 to
     0 over the first half of the budget (Fernandez, Veloso 2006). Others start with the source's
-    actor, and may be kept near it at first. The optimal policies stay the same, as the pull ends.
+    actor, and may be kept near it at first.
 
     Parameters
     ----------
     source : ObservationPotential or other ValueSource, optional
         Filled in by a :class:`Curriculum`.
     kl : float
-        Weight of KL(source's policy || learner's) in the loss of an actor-critic. It falls to 0
+        Weight of KL(source's policy || learner's) in the loss of an actor-critic, which falls to 0
         over the first half of the budget (kickstarting, Schmitt et al. 2018).
 
     Examples
@@ -77,17 +75,16 @@ class PolicyReuse(_OfNetworks):
 def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     """Return the policy class with which a network computes phi + a residual.
 
-    The network of a DQN computes phi(s, a) + residual(s, a). It acts, bootstraps and is evaluated
-    on the sum, in the online and the target network alike. The residual starts at 0, and the
-    potential is saved with the model. Among the ``policy_kwargs`` are
+    A DQN acts, bootstraps and is evaluated on phi(s, a) + residual(s, a), in the online and the
+    target network alike. The residual starts at 0; the potential is saved with the model. Among the
+    ``policy_kwargs`` are
 
     - ``potential``, an :class:`ObservationPotential`;
-    - ``reads``, which part of phi is an input of the residual beside the observation, standardised
-      by the first batch it learns from: "actions", phi(s, .), the default for fewer than 32
-      actions; "state", Phi(s) = max_a phi(s, a), the default for more; or "nothing". A linear
-      residual that reads nothing learns exactly what Q-learning from phi learns (Wiewiora 2003);
-      but where phi jumps, as tables do between cells, a network of the observation alone cannot
-      follow it, and may diverge.
+    - ``reads``, which part of phi the residual reads beside the observation, standardised by the
+      first batch: "actions", phi(s, .), the default for fewer than 32 actions; "state", Phi(s) =
+      max_a phi(s, a), the default for more; or "nothing". A linear residual that reads nothing
+      learns what Q-learning from phi learns (Wiewiora 2003); but a network of the observation alone
+      may diverge where phi jumps, as tables do between cells.
 
     Parameters
     ----------

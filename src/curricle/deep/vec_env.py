@@ -28,16 +28,13 @@ except ModuleNotFoundError:  # the extra is not installed: the constructor raise
 class ShapedVecEnv(VecEnvWrapper):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
 
-    It is :class:`VectorPotentialShaping` for the vector environments of Stable-Baselines3. Phi(s')
-    is 0 where an episode terminated; where it was cut off (``info["TimeLimit.truncated"]``) s' is
-    ``info["terminal_observation"]``, from which the algorithms bootstrap.
+    It is :class:`VectorPotentialShaping` for Stable-Baselines3: where an episode was cut off
+    (``info["TimeLimit.truncated"]``) s' is ``info["terminal_observation"]``, from which the
+    algorithms bootstrap. Only where there are several sources the ``info`` has ``shaping_terms``.
 
-    Each sub-environment's ``info`` holds what :class:`PotentialShaping` puts there;
-    ``shaping_terms`` only where there are several sources.
-
-    Wrappers inside see the task's own rewards, wrappers outside the shaped ones. `Monitor`,
-    `VecMonitor` and wrappers that clip rewards belong inside: then ``rollout/ep_rew_mean`` is that
-    of the task. `VecNormalize` belongs outside. An environment for evaluation needs no shaping.
+    `Monitor`, `VecMonitor` and wrappers that clip rewards belong inside, where rewards are the
+    task's: then ``rollout/ep_rew_mean`` is that of the task. `VecNormalize` belongs outside. An
+    environment for evaluation needs no shaping.
 
     Parameters
     ----------

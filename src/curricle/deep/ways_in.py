@@ -1,10 +1,7 @@
 """What a source hands on to a network, inside the algorithms of Stable-Baselines3.
 
 Q-initialisation, or look-ahead advice, which learns the same (Wiewiora 2003): a network cannot be
-started at phi, but the sum of phi and a network that starts at 0 can be learnt; acting,
-bootstrapping and evaluation all read the sum, so nothing else of the algorithm changes.
-
-Beside its values: a policy that is acted on at first, parameters, a pull to the source's policy.
+started at phi, but the sum of phi and a network that starts at 0 can be learnt.
 """
 
 from copy import deepcopy
@@ -24,16 +21,12 @@ from curricle.learning.shaping import Shaping
 from curricle.transfer.observation_mapping import no_actions
 from curricle.transfer.potential import ObservationPotential
 
+# Prefixes of the critic's parameters in an actor-critic.
 VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
-"""Prefixes of the critic's parameters in an actor-critic."""
-REUSED = 0.5
-"""Part of the budget in which the sources' policy is acted on, or pulls, less and less."""
-READS = "actions", "state", "nothing"
-"""What a residual reads beside the observation: phi(s, .), Phi(s) = max_a phi(s, a), or nothing."""
-MANY_ACTIONS = 32
-"""From so many actions on it reads Phi(s) by default: a wider network costs more."""
-MAX_BYTES = 2**28
-"""Of cached values of phi, with their observations."""
+REUSED = 0.5  # part of the budget in which the sources' policy is acted on, or pulls, less and less
+READS = "actions", "state", "nothing"  # phi(s, .), Phi(s), or nothing beside the observation
+MANY_ACTIONS = 32  # from so many actions on it reads Phi(s) by default: a wider network costs more
+MAX_BYTES = 2**28  # of cached values of phi, with their observations
 
 
 class _Residual:
@@ -75,7 +68,6 @@ class _Residual:
             super().set_training_mode(mode)  # type: ignore[misc]
 
     def make_q_net(self) -> Any:
-        """Return a network that starts at phi."""
         settings = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
         network = ResidualQNetwork(**settings, cache=self.cache, reads=self.reads)
         return network.to(self.device)
@@ -105,12 +97,7 @@ POLICIES: dict[str, type] = {
 
 
 class ResidualQNetwork(QNetwork):
-    """Q(s, a) = phi(s, a) + residual(s, a) for DQN; the residual starts at 0.
-
-    The residual reads a part of phi, `reads`, beside its features: where phi jumps, as tables do
-    between cells, a smooth residual of the observation alone cannot follow, and bootstraps from its
-    own errors.
-    """
+    """Q(s, a) = phi(s, a) + residual(s, a) for DQN; the residual starts at 0."""
 
     running_shift: torch.Tensor  # so named, they are copied into the target network
     running_scale: torch.Tensor
@@ -157,25 +144,18 @@ class ResidualQNetwork(QNetwork):
             return features
         read = phi if self.reads == "actions" else best
         if self.untrained and torch.is_grad_enabled():
-            self._standardise(read)
+            # Shift and scale are by the mean and spread of a batch, until something is learnt.
+            self.untrained = not self._last.weight.any()
+            if self.untrained:
+                spread = read.std(correction=0)
+                self.running_scale.copy_(1 / spread if spread > 0 else torch.ones(()))
+                self.running_shift.copy_(-read.mean() * self.running_scale)
         scaled = torch.addcmul(self.running_shift, read, self.running_scale)
         return torch.cat([features, scaled], dim=1)
 
-    def _standardise(self, read: torch.Tensor) -> None:
-        """Set shift and scale by the mean and spread of a batch, until something is learnt."""
-        if self._last.weight.any():
-            self.untrained = False
-            return
-        spread = read.std(correction=0)
-        self.running_scale.copy_(1 / spread if spread > 0 else torch.ones(()))
-        self.running_shift.copy_(-read.mean() * self.running_scale)
-
 
 class PotentialCache:
-    """phi(s, a) of every action, cached: replayed observations that are arrays are computed once.
-
-    Both networks of a policy share a cache. It is emptied when it is too large.
-    """
+    """phi(s, a) of every action, cached for arrays; both networks of a policy share it."""
 
     def __init__(self, potential: ObservationPotential):
         self.potential, self.n_actions = potential, potential.task.n_actions or 0
@@ -194,20 +174,19 @@ class PotentialCache:
 
     def read(self, seen: Any) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Return phi(s, a), (n, A), and Phi(s), (n, 1), of arrays."""
-        cached = not isinstance(seen, dict)
-        both = self._cached(np.ascontiguousarray(seen)) if cached else self._computed(seen)
+        if isinstance(seen, dict):
+            both = self._computed(seen)
+        else:
+            seen = np.ascontiguousarray(seen)
+            keys = seen.reshape(len(seen), -1).view(f"V{seen.nbytes // len(seen)}")[:, 0].tolist()
+            if not all(map(self.places.__contains__, keys)):
+                self._add(keys, seen)
+            both = self.values[list(map(self.places.__getitem__, keys))]
         return both[:, 1:], both[:, :1]
 
     def _computed(self, seen: Any) -> npt.NDArray[np.float32]:
-        """Return Phi(s) and phi(s, a), (n, 1 + A)."""
         phi = self.potential.pairs(seen)
         return np.concatenate([phi.max(axis=1, keepdims=True), phi], axis=1, dtype=np.float32)
-
-    def _cached(self, seen: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        keys = seen.reshape(len(seen), -1).view(f"V{seen.nbytes // len(seen)}")[:, 0].tolist()
-        if not all(map(self.places.__contains__, keys)):
-            self._add(keys, seen)
-        return self.values[list(map(self.places.__getitem__, keys))]
 
     def _add(self, keys: list[bytes], seen: npt.NDArray[Any]) -> None:
         """Cache phi of the new ones among some observations."""
@@ -239,10 +218,7 @@ def check_mappings(shaping: Shaping) -> None:
 
 
 def carry_over(model: Any, potential: ObservationPotential, *, actor_alone: bool) -> None:
-    """Load the parameters of the one source into a model: all of them, or those of its actor.
-
-    What actor and critic share goes with the actor.
-    """
+    """Load all parameters of the one source into a model, or its actor's and what that shares."""
     (source, *others) = potential.values
     if others or not isinstance(source, NetworkValues):
         raise SettingError(
@@ -311,11 +287,7 @@ class _WithLoss(torch.autograd.Function):
 
 
 class _NearSource:
-    """Makes an actor-critic policy add w KL(source || pi) to the loss that is computed from it.
-
-    PPO and A2C compute their losses within one method, which has no place for a further term: it
-    comes in where they differentiate, through the log probabilities that every loss reads.
-    """
+    """Makes an actor-critic policy add w KL(source || pi) to the loss that is computed from it."""
 
     source: Any  # the frozen policy to be near to
     kl_weight: float
@@ -325,6 +297,8 @@ class _NearSource:
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
         values, log_prob, entropy = super().evaluate_actions(obs, actions)  # type: ignore[misc]
         if self.kl_weight > 0:
+            # PPO and A2C compute their losses within one method, without a place for a term: it
+            # comes in where they differentiate, through the log probabilities that they all read.
             loss = self.kl_weight * self._distance(obs).mean()
             log_prob = _WithLoss.apply(log_prob, loss)
         return values, log_prob, entropy

@@ -1,8 +1,6 @@
 """Encoders: what of an environment's observations a table or a network sees.
 
-:class:`Bins` make numbers of a table's states. An encoder for networks is a function from an
-environment to the same environment, wrapped, so that it has other observations. All are frozen
-dataclasses: equal settings are equal encoders, with the same text in every process.
+All are frozen dataclasses: equal settings are equal encoders, with the same text in every process.
 """
 
 from abc import ABC, abstractmethod
@@ -33,7 +31,7 @@ class Bins:
     """An observation of n numbers as n components, each cut into bins at its edges.
 
     For `encode` of :func:`from_gymnasium`. What lies outside the outermost edges falls into the
-    first or the last bin. Equal edges make equal bins.
+    first or the last bin.
 
     Parameters
     ----------
@@ -74,14 +72,18 @@ class Bins:
     @cached_property
     def states(self) -> Space:
         """The space of all combinations of bins."""
-        named = zip(self.edges, self._inner, strict=True)
-        return Space(
-            [Component(name, len(inner) + 1, labels=_labels(inner)) for name, inner in named]
-        )
+        components = list[Component]()
+        for name, inner in zip(self.edges, self._inner, strict=True):
+            shown = [f"{edge:g}" for edge in inner]
+            if len(set(shown)) < len(shown):
+                shown = [repr(edge) for edge in inner]
+            between = [f"{low} to {high}" for low, high in pairwise(shown)]
+            labels = [f"below {shown[0]}", *between, f"{shown[-1]} and above"] if inner else ["any"]
+            components.append(Component(name, len(labels), labels=tuple(labels)))
+        return Space(components)
 
     @cached_property
     def _inner(self) -> list[tuple[float, ...]]:
-        """The edges between the bins of each component."""
         checked: Any = self.edges.values()
         return [edges[1:-1] for edges in checked]
 
@@ -96,8 +98,6 @@ class Bins:
 
     def many(self, observations: FloatTable) -> IntArray:
         """Return the numbers of the states that N observations, (N, n) float, fall into, (N,).
-
-        An :class:`ObservationMapping` reads a source's table with it.
 
         Examples
         --------
@@ -122,29 +122,13 @@ class Bins:
         return hash(tuple(self.edges.items()))
 
 
-def _labels(inner: tuple[float, ...]) -> tuple[str, ...]:
-    """Return different names for the bins between these edges."""
-    if not inner:
-        return ("any",)
-    shown = [f"{edge:g}" for edge in inner]
-    if len(set(shown)) < len(shown):
-        shown = [repr(edge) for edge in inner]
-    between = (f"{low} to {high}" for low, high in pairwise(shown))
-    return f"below {shown[0]}", *between, f"{shown[-1]} and above"
-
-
 Environment = gym.Env[Any, Any]
-Encoder = Callable[[Environment], Environment]
-"""From an environment to the same with other observations."""
-CAMERA = (1, 3, 4)
-"""Channels of pictures that have them last: grey, colours, colours and transparency."""
+Encoder = Callable[[Environment], Environment]  # the same environment, other observations
+CAMERA = (1, 3, 4)  # channels of pictures that have them last: grey, colours, with transparency
 
 
 class EncodedObservations(gym.ObservationWrapper[Any, Any, Any]):
-    """Shows ``encoded(env, observation)``, of the environment without wrappers.
-
-    It has no state, so it can be tabulated.
-    """
+    """Shows ``encoded(env, observation)``, of the unwrapped environment; it has no state."""
 
     def __init__(self, env: Environment, encoded: Callable[[Any, Any], Any], space: gym.Space[Any]):
         super().__init__(env)
@@ -162,17 +146,15 @@ class FunctionEncoder:
     Parameters
     ----------
     function : callable
-        From one observation to another, always the same for the same. Tasks can be sent to other
+        From an observation to another, always the same for the same. Tasks can be sent to other
         processes if it is a function of a module.
     space : gymnasium.Space
         Of what it returns.
 
     Raises
     ------
-    SettingError
-        When `function` cannot be called or `space` is no space.
-    TaskError
-        When an observation has another shape than the space.
+    SettingError, TaskError
+        When a setting makes no sense, or an observation has another shape than the space.
 
     Examples
     --------
@@ -213,8 +195,7 @@ class FunctionEncoder:
 class FlatDict:
     """A Dict of numbers as one vector, float32.
 
-    Parts are in the space's order. A Box is read row by row as it is, unscaled; ``Discrete`` and
-    ``MultiDiscrete`` are one-hot.
+    A Box is read row by row, unscaled; ``Discrete`` and ``MultiDiscrete`` are one-hot.
 
     Parameters
     ----------
@@ -223,10 +204,9 @@ class FlatDict:
 
     Raises
     ------
-    SettingError
-        When `leave_out` is no list of keys.
-    TaskError
-        When observations are no Dict, a key is unknown, or a part is neither numbers nor left out.
+    SettingError, TaskError
+        When `leave_out` is no list of keys, observations are no Dict, a key is unknown, or a part
+        is neither numbers nor left out.
 
     Examples
     --------
@@ -279,7 +259,6 @@ def _flattened(space: Dict, env: Any, observation: Any) -> npt.NDArray[np.float3
 
 
 def _of_numbers(space: gym.Space[Any]) -> bool:
-    """Return whether a space has numbers only, so that it can be flattened."""
     if isinstance(space, Dict | Tuple):
         parts = space.spaces.values() if isinstance(space, Dict) else space.spaces
         return all(map(_of_numbers, parts))
@@ -291,23 +270,19 @@ class StackedFrames:
     """The last n observations at once, for tasks in which one observation shows too little.
 
     Vectors are joined end to end and pictures by their channels, the oldest first. An episode
-    begins with n times its first observation.
-
-    The frames are a history that a state does not show, so :func:`tabulate` refuses them.
+    begins with n times its first observation. :func:`tabulate` refuses them: they are a history.
 
     Parameters
     ----------
     n : int
-        How many.
+        How many, from 2.
     of : callable, optional
         An encoder of each observation.
 
     Raises
     ------
-    SettingError
-        When `n` is no whole number from 2, or `of` cannot be called.
-    TaskError
-        When an observation is no array (``Box``).
+    SettingError, TaskError
+        When a setting makes no sense, or an observation is no array (``Box``).
 
     Examples
     --------
@@ -346,12 +321,10 @@ def _joined(env: Any, frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return frames if frames.ndim == 3 else frames.reshape(-1, *frames.shape[2:])
 
 
-OBJECTS, COLOURS, STATES = 11, 6, 3
-"""MiniGrid's codes of a cell: its object, the object's colour, and whether a door is open."""
+OBJECTS, COLOURS, STATES = 11, 6, 3  # MiniGrid's codes of a cell; the last is of doors
 CHANNELS = OBJECTS + COLOURS + STATES
 DIRECTIONS = 4
-AGENT = 10
-"""The code of the agent among objects."""
+AGENT = 10  # the code of the agent among objects
 VOCABULARY = (
     "a after agent and at avoid ball behind blue box door empty end fetch find floor from front "
     "get go goal green grey hallway in key lava left matching maze must near next object of on "
@@ -384,7 +357,6 @@ class _MiniGridEncoder(ABC):
         return image_size
 
     def __call__(self, env: Environment) -> Environment:
-        """Return the environment with encoded observations."""
         space: gym.Space[Any] = env.observation_space
         if not is_minigrid(env):
             raise TaskError(f"{type(self).__name__} is for MiniGrid's environments: got {env}")
@@ -416,22 +388,19 @@ class MiniGridView(_MiniGridEncoder):
     """What a MiniGrid agent sees before it, as zeros and ones.
 
     Each of the view's 7 x 7 cells is one-hot by its object (11), colour (6) and state (3), the
-    agent's direction by 4 more: a vector of 984 numbers, float32. The mission is left out.
+    agent's direction by 4 more: a vector of 984 numbers, float32.
 
     Parameters
     ----------
     picture : bool
-        The same as planes, (24, 7, 7), channels first; the direction is a plane of ones among four.
-        :class:`~curricle.deep.SmallCNN` reads it.
+        The same as planes, (24, 7, 7), channels first, for :class:`~curricle.deep.SmallCNN`.
     mission : bool
         Append which of MiniGrid's 59 words the mission has, whatever their order.
 
     Raises
     ------
-    SettingError
-        When a setting makes no sense.
-    TaskError
-        When an environment is not one of MiniGrid's or a wrapper has changed its observations.
+    SettingError, TaskError
+        When a setting makes no sense, or an environment has not MiniGrid's own observations.
 
     Examples
     --------
@@ -451,8 +420,8 @@ class MiniGridFullView(_MiniGridEncoder):
     """All of a MiniGrid level, as zeros and ones.
 
     Cells are one-hot as in :class:`MiniGridView`. The agent is one more object of its cell, as is
-    what it carries. A level that is smaller lies in the middle, among unseen cells, so that levels
-    of several sizes share a space: 20 x width x height + 4 numbers, float32.
+    what it carries. A smaller level lies in the middle, among unseen cells, so that levels of
+    several sizes share a space: 20 x width x height + 4 numbers, float32.
 
     Parameters
     ----------
@@ -463,10 +432,8 @@ class MiniGridFullView(_MiniGridEncoder):
 
     Raises
     ------
-    SettingError
-        When a setting makes no sense.
-    TaskError
-        When an environment is not one of MiniGrid's, or larger.
+    SettingError, TaskError
+        As in :class:`MiniGridView`, and when a level is larger.
 
     Examples
     --------

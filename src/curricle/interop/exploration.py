@@ -29,27 +29,13 @@ from curricle.interop.tabulated_task import same_observation
 from curricle.tasks.live import RETURNED
 from curricle.tasks.mdp import SINGLE_PRECISION, number_of
 
-MORE_RESETS = 8
-"""Resets with other seeds, by which it is seen whether the states that they lead to differ."""
-INTERVAL = 0.5
-"""Seconds between two reports of progress."""
+MORE_RESETS = 8  # with other seeds, to see whether the states that they lead to differ
+INTERVAL = 0.5  # seconds between two reports of progress
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a tabulation is.
-
-    Attributes
-    ----------
-    states : int
-        Those found so far.
-    expanded : int
-        Those all of whose actions have been taken.
-    transitions : int
-        Outcomes found so far.
-    seconds : float
-        Since the tabulation began.
-    """
+    """How far a tabulation is: states, those with all actions taken, outcomes, and seconds."""
 
     states: int
     expanded: int
@@ -82,17 +68,12 @@ class Reached(NamedTuple):
     truncated: bool
 
 
+# What every action does in a state in which episodes are only ever truncated.
 STAY = Reached(1.0, None, None, 0.0, terminated=False, truncated=False)
-"""What every action does in a state in which episodes are only ever truncated."""
 
 
 class Search:
-    """All states that can be reached and all outcomes, found breadth first from the start.
-
-    Entering a state with the end of the episode, and entering it without, are two states. A state
-    that is only entered by truncation is not gone on from: every action leads back to it, with
-    reward 0. States are in the order in which they were met.
-    """
+    """All states that can be reached and all outcomes, breadth first, in the order of meeting."""
 
     def __init__(
         self,
@@ -130,7 +111,17 @@ class Search:
             for action in range(n_actions):
                 for reached in self.world.outcomes(content, action):
                     self._add(state * n_actions + action, self._number(reached), reached)
-                self._check_time()
+                now, n_states = time.perf_counter(), len(self._contents)
+                if now - self._began > self.max_seconds:
+                    raise TaskError(
+                        f"a table must be complete within max_seconds, {self.max_seconds:g}: "
+                        f"tabulating {self.world.name} had found {n_states:,} states by then and "
+                        f"done {self._expanded:,} of them"
+                    )
+                if now - self._shown > INTERVAL:
+                    self._shown = now
+                    seconds = now - self._began
+                    self.show(Progress(n_states, self._expanded, len(self.pair), seconds))
             self._expanded += 1
         staying = [s for s, queued in enumerate(self._queued) if not (queued or self.terminal[s])]
         for state in staying:
@@ -145,7 +136,7 @@ class Search:
 
     def _number(self, reached: Reached) -> int:
         """Return the number of a state, a new one if it was not met before."""
-        name = reached.key, reached.terminated
+        name = reached.key, reached.terminated  # entered with the episode's end it is another
         state = self._numbers.get(name)
         if state is None:
             state = self._numbers[name] = len(self._contents)
@@ -171,19 +162,6 @@ class Search:
         self.probability.append(reached.probability)
         self.reward.append(reached.reward)
 
-    def _check_time(self) -> None:
-        now = time.perf_counter()
-        seconds, n_states = now - self._began, len(self._contents)
-        if seconds > self.max_seconds:
-            raise TaskError(
-                f"a table must be complete within max_seconds, {self.max_seconds:g}: tabulating "
-                f"{self.world.name} had found {n_states:,} states by then and done "
-                f"{self._expanded:,} of them"
-            )
-        if now - self._shown > INTERVAL:
-            self._shown = now
-            self.show(Progress(n_states, self._expanded, len(self.pair), seconds))
-
     def _too_many(self) -> TaskError:
         """Return the error of a state budget, which says in what states differ most."""
         everywhere = set(self.words[0]).intersection(*self.words)
@@ -206,19 +184,13 @@ class Search:
         )
 
 
-REPETITIONS = 8
-"""Times that a step is taken in all if it draws random numbers; one that draws none, twice."""
-RESET, STEP = RETURNED["reset"], RETURNED["step"]
-"""What Gymnasium's resets and steps return."""
-LONG_AGO = -(2**62)
-"""Steps that the clock of a wrapper shows, so that no time limit is met."""
+REPETITIONS = 8  # of a step that draws random numbers; one that draws none is taken twice
+RESET, STEP = RETURNED["reset"], RETURNED["step"]  # what Gymnasium's resets and steps return
+LONG_AGO = -(2**62)  # steps that the clock of a wrapper shows, so that no time limit is met
 
 
 class World:
-    """An environment's own steps, and how its states are saved and restored.
-
-    A state that `start` or `outcomes` has made can be looked at until the next is asked for.
-    """
+    """An environment's own steps, and how its states are saved and restored."""
 
     def __init__(
         self,
@@ -360,12 +332,8 @@ def _rewind_clocks(env: Environment) -> None:
 def core_and_views(
     env: Environment, *, views_apart: bool
 ) -> tuple[Environment, list[Any], list[Any]]:
-    """Return the part of an environment that is stepped, and the wrappers that are apart from it.
-
-    Those of observations come from the innermost, those of actions from the outermost. Observations
-    are looked through once a state, not once a step, and actions are changed before the step.
-    """
-    views, acts = list[Any](), list[Any]()
+    """Return the part of an environment that is stepped, and the wrappers apart from it."""
+    views, acts = list[Any](), list[Any]()  # from the innermost; from the outermost
     while isinstance(env, gym.Wrapper):
         if views_apart and acts_as(env, gym.ObservationWrapper):
             views.insert(0, env)
@@ -414,7 +382,11 @@ class ListedOutcomes:
                 chance, after, reward, ended = outcome
                 chance = number("a probability", chance, TaskError, 0, 1)
                 reward = number("a reward", reward, TaskError)
-                after = _in_form(after, content)
+                # As an array or named tuple where the environment's own states are these.
+                if isinstance(content, np.ndarray):
+                    after = np.asarray(after, content.dtype)
+                elif isinstance(content, tuple) and isinstance(after, np.ndarray | list | tuple):
+                    after = getattr(content, "_make", tuple)(after)
                 hash(_key(after))
             except (TypeError, ValueError) as error:
                 raise TaskError(
@@ -440,15 +412,6 @@ class ListedOutcomes:
     def _reached(self, chance: float, state: Any, reward: float, *, ended: bool) -> Reached:
         self._state = state
         return Reached(chance, _key(state), state, reward, ended, truncated=False)
-
-
-def _in_form(state: Any, example: Any) -> Any:
-    """Return a listed state as an array or named tuple where the environment's own are these."""
-    if isinstance(example, np.ndarray):
-        return np.asarray(state, example.dtype)
-    if isinstance(example, tuple) and isinstance(state, np.ndarray | list | tuple):
-        return getattr(example, "_make", tuple)(state)
-    return state
 
 
 def _key(state: Any) -> Any:

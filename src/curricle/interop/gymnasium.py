@@ -1,12 +1,9 @@
-"""Gymnasium, both ways: any environment as a task, and Curricle's tasks as environments.
-
-:func:`from_gymnasium` makes tasks of numbered states, :func:`observation_task` tasks seen through
-observations, :func:`to_gymnasium` environments.
-"""
+"""Gymnasium, both ways: any environment as a task, and Curricle's tasks as environments."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from copy import deepcopy
+from dataclasses import replace
 from functools import cached_property
 from operator import index
 from typing import TYPE_CHECKING, Any, Literal
@@ -33,7 +30,6 @@ from curricle.interop.spaces import (
     names_of,
     outcomes_of,
     space_of,
-    with_labels,
     with_names,
     with_space,
 )
@@ -69,9 +65,9 @@ def from_gymnasium(
 ) -> FiniteMDP | LiveMDP:
     """Return a Gymnasium environment of discrete spaces as a task: by its table, or live.
 
-    A transition table (``env.unwrapped.P``: FrozenLake, CliffWalking, Taxi) is copied, and the task
-    is solved, evaluated and learnt as fast as any :class:`FiniteMDP`. Every other environment, a
-    subclass or wrapper with its own `step` too, is a :class:`LiveMDP`: learning calls ``env.step``.
+    A transition table (``env.unwrapped.P``: FrozenLake, CliffWalking, Taxi) is copied into a
+    :class:`FiniteMDP`. Every other environment, a subclass or wrapper with its own `step` too, is a
+    :class:`LiveMDP`: learning calls ``env.step``.
 
     Parameters
     ----------
@@ -84,15 +80,14 @@ def from_gymnasium(
     names : sequence of str, optional
         Of a state's components, in their order: the numbers in an observation.
     sizes : sequence of int, optional
-        How many values each of the `names` has, where an observation is one number that stands for
-        all of them, the last counting fastest: row * columns + column.
+        How many values each of the `names` has, where an observation is one number for all of
+        them, the last counting fastest: row * columns + column.
     states : Space, optional
         Needed with an `encode` that has no attribute ``states``. Without `encode`, other names and
         labels for the observations, in their order.
     actions : sequence of str or Space, optional
-        A label for each action, or the actions by other names, in their order. States with a
-        row and a column are drawn as a grid, with arrows where actions are called north, east,
-        south and west, or up, right, down and left.
+        A label for each action, or the actions by other names, in their order. Those called north,
+        east, south and west, or up, right, down and left, are drawn as arrows.
     encode : callable, optional
         From an observation to a state's number or the tuple of its components' values, such as
         :class:`Bins`.
@@ -104,10 +99,9 @@ def from_gymnasium(
     Returns
     -------
     FiniteMDP or LiveMDP
-        Gymnasium's toy-text environments have named components (row, column; passenger,
-        destination; ...) and labelled actions. In others components are called `state` and
-        `action`, numbered if there are several, or after the keys of a ``Dict``. Joint actions of a
-        MultiDiscrete space have a component for each part.
+        Gymnasium's toy-text environments have named components and labelled actions. In others
+        components are called `state` and `action`, numbered if there are several, or after the keys
+        of a ``Dict``.
 
     Raises
     ------
@@ -126,8 +120,6 @@ def from_gymnasium(
     ...              "angle": [-0.2, -0.05, 0, 0.05, 0.2], "spin": [-1, 0, 1]})
     >>> from_gymnasium("CartPole-v1", encode=cart, discount=0.99)
     LiveMDP(32 states, 2 actions, discount 0.99, time limit 500)
-    >>> from_gymnasium("Blackjack-v1", discount=0.9, names=["hand", "card", "ace"]).states
-    Space(704 points: hand[32] x card[11] x ace[2])
     """
     if names is None and sizes is not None:
         raise TaskError(f"sizes need names of what has them: got sizes {sizes!r} without names")
@@ -205,11 +197,7 @@ def _observations(
 def actions_of(
     space: gym.Space[Any], actions: Space | Sequence[str] | None, known: Space | None
 ) -> tuple[Callable[[int], Any], Space]:
-    """Return the function from an action's number to the environment's action, and the space.
-
-    `actions` are a caller's names or labels, `known` the names of a known environment, which are
-    left out where a wrapper changed how many actions there are.
-    """
+    """Return the function from an action's number to the environment's action, and the space."""
     if not is_discrete(space):
         raise TaskError(
             f"actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so): got "
@@ -221,7 +209,18 @@ def actions_of(
         named = known
     if actions is None or isinstance(actions, Space):
         return act, with_space("actions", named, actions)
-    return act, with_labels(named, actions)
+    labels = name_list(actions, "labels of actions")
+    if len(named.components) > 1:
+        raise TaskError(
+            "labels are for actions that are one number, and others are named by a Space: these "
+            f"have {', '.join(named.names)}"
+        )
+    if len(labels) != named.size:
+        raise TaskError(
+            f"actions must have one label each, {named.size} in all: got {len(labels)}, "
+            f"{', '.join(labels) or 'none'}"
+        )
+    return act, Space([replace(named.components[0], labels=labels)])
 
 
 def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
@@ -313,10 +312,9 @@ def observation_task(
     time_limit : int, optional
         Steps after which episodes are truncated; the environment's own by default.
     encode : callable, optional
-        An encoder, from the environment to the same with other observations:
-        :class:`MiniGridView`, :class:`MiniGridFullView`, :class:`FlatDict`,
-        :class:`StackedFrames`, :class:`FunctionEncoder`, a wrapper's class or a function of one's
-        own.
+        From the environment to the same with other observations: :class:`MiniGridView`,
+        :class:`MiniGridFullView`, :class:`FlatDict`, :class:`StackedFrames`,
+        :class:`FunctionEncoder`, a wrapper's class or a function.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
@@ -342,8 +340,7 @@ def observation_task(
 # -- tasks as environments -------------------------------------------------------------------------
 
 RenderMode = Literal["rgb_array", "ansi"]
-FORMS = frozenset({"observation", "action", "render_mode"})
-"""The settings of an environment, beside those of its task."""
+FORMS = frozenset({"observation", "action", "render_mode"})  # settings that are not the task's
 FIRST_MAZE = """
     .....P.T
     .#P#....
@@ -366,38 +363,29 @@ class TaskEnvironment(gym.Env[Any, Any]):
     """A task as a Gymnasium environment, with its own rewards, ends and time limit.
 
     An episode is `terminated` when it enters a terminal state and `truncated` when it reaches the
-    task's time limit first; never both. Rewards are the task's own, unshaped. ``info`` has the
-    number of the task's state, ``state``, and its label, ``label``. The task is ``task``.
-
-    ``reset(options={"state": ...})`` starts in a given state: its number, or the value or label of
-    each of its components by name.
+    time limit first; never both. ``info`` has the number of the state, ``state``, and its
+    ``label``. ``reset(options={"state": ...})`` starts in a state: its number, or the value or
+    label of each of its components by name.
 
     Parameters
     ----------
     task : Task
         Of any kind but :class:`LiveMDP`, which is an environment already.
     observation : {"index", "components"}
-        The state's number, ``Discrete(S)``; or one number for each component, ``MultiDiscrete``,
-        each counted from the component's lowest value. Not every combination need be a state.
+        The state's number, ``Discrete(S)``; or a number for each component, ``MultiDiscrete``,
+        counted from its lowest value. Not every combination need be a state.
     action : {"index", "components"}
         The action's number, ``Discrete(A)``; or one number for each component.
     render_mode : {"rgb_array", "ansi"}, optional
-        What :meth:`render` returns: a picture, (height, width, 3) uint8, or text. Mazes and
-        pursuits are drawn; for other tasks the state's label is written.
+        What :meth:`render` returns: a picture, (height, width, 3) uint8, or text. Where a task is
+        no maze or pursuit the state's label is written.
 
     Raises
     ------
-    TaskError
-        When `task` is not a task, or a live one.
-    SettingError
-        When a form is unknown or not every combination of action components is an action; from
-        :meth:`step`, when the action is outside the space or no episode is under way; from
-        :meth:`reset`, when the options are unknown, or the state does not exist or is known to be
-        terminal.
-
-    Notes
-    -----
-    One draw of ``np_random`` an episode starts the random stream of the task's transitions.
+    TaskError, SettingError
+        When `task` is not a task, or a live one; when a form is unknown or not every combination of
+        action components is an action; when an action is outside the space or no episode is under
+        way; when a reset's options are unknown, or its state is none or known to be terminal.
 
     Examples
     --------
@@ -452,6 +440,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode, in ``options["state"]`` if given; return observation and info."""
         super().reset(seed=seed)
+        # One draw an episode starts the random stream of the task's transitions.
         self._stream[0] = self.np_random.integers(2**64, dtype=np.uint64)
         if options:
             self._state = self._named_start(options)
@@ -529,10 +518,7 @@ def _value(component: Component, value: Any) -> int:
 
 
 def maze_environment(map: Any = FIRST_MAZE, **settings: Any) -> TaskEnvironment:
-    """Return a :class:`GridWorld` as an environment, with settings of both: ``Curricle/Maze-v0``.
-
-    Rewards may be a dict, such as ``{"step": -5}``.
-    """
+    """Return a :class:`GridWorld`, with settings of both, as ``Curricle/Maze-v0``."""
     forms = {name: settings.pop(name) for name in FORMS & settings.keys()}
     if isinstance(settings.get("rewards"), Mapping):
         settings["rewards"] = Rewards(**settings["rewards"])

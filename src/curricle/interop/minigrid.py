@@ -13,30 +13,20 @@ import numpy as np
 
 from curricle.checks import instance
 from curricle.errors import SettingError, TaskError
-from curricle.interop.states import (
-    Copies,
-    Environment,
-    StateAccess,
-    Words,
-    fingerprint,
-    left_out,
-)
+from curricle.interop.states import Copies, Environment, StateAccess, Words, fingerprint, left_out
 from curricle.interop.tabulated_task import Unseen
 from curricle.tasks.spaces import Component, Space
 
 MOVED = frozenset({"agent_pos", "agent_dir", "carrying", "step_count"})
 """Attributes that every step of MiniGrid may change, beside the grid."""
+# Attributes that are no part of a state, and methods that are replaced during a tabulation.
 SHOWN = frozenset({"window", "clock", "render_size", "_np_random", "_np_random_seed"})
-"""Attributes that are no part of a state."""
 REPLACED = frozenset({"gen_obs", "_reward"})
-"""Methods that are replaced while an environment is tabulated."""
 PLAIN = (type(None), bool, int, float, str, np.generic)
 DIRECTIONS = "right", "down", "left", "up"
 DOOR_STATES = "open", "closed", "locked"
-CARRIED, AWAY = -1, -2
-"""Coordinates of an object that the agent carries; of one in a box, or gone."""
-STILL = {"wall", "floor", "goal", "lava"}
-"""Types of objects without a state."""
+CARRIED, AWAY = -1, -2  # coordinates of an object that the agent carries; of one in a box, or gone
+STILL = {"wall", "floor", "goal", "lava"}  # types of objects without a state
 
 
 class Level:
@@ -49,7 +39,13 @@ class Level:
         }
         self.plain = [name for name, value in self.constants.items() if _is_plain(value)]
         self.values_of_plain = itemgetter(*self.plain, "mission")
-        objects = [thing for thing in _objects(env.grid.grid) if thing.type not in STILL]
+        # The different objects in cells and in boxes, in the order of the cells.
+        met = dict[int, Any]()
+        for thing in env.grid.grid:
+            while thing is not None and id(thing) not in met:
+                met[id(thing)] = thing
+                thing = thing.contains
+        objects = [thing for thing in met.values() if thing.type not in STILL]
         self.doors = [thing for thing in objects if thing.type == "door"]
         self.movable = [thing for thing in objects if thing.type != "door"]
         self.standard_doors = [door for door in self.doors if _is_standard(door)]
@@ -60,24 +56,6 @@ class Level:
             alike = [thing for thing in objects if thing.type == kind]
             for i, thing in enumerate(alike, start=1):
                 self.names[id(thing)] = kind if len(alike) == 1 else f"{kind}_{i}"
-
-    def object_states(self) -> tuple[Any, ...]:
-        """Return what steps may change of the objects."""
-        doors = tuple([(door.is_open, door.is_locked) for door in self.standard_doors])
-        places = tuple(
-            [(_place(thing.cur_pos), _place(thing.init_pos)) for thing in self.standard_movable]
-        )
-        return doors, places, tuple([_items(thing) for thing in self.others])
-
-    def set_objects(self, states: tuple[Any, ...]) -> None:
-        """Set the objects to states that were returned before."""
-        doors, places, items = states
-        for door, state in zip(self.standard_doors, doors, strict=True):
-            door.is_open, door.is_locked = state
-        for thing, place in zip(self.standard_movable, places, strict=True):
-            thing.cur_pos, thing.init_pos = place
-        for thing, values in zip(self.others, items, strict=True):
-            vars(thing).update(values)
 
     def digests(self) -> dict[str, bytes]:
         """Return a digest of each attribute that is not plain, to see whether it has changed."""
@@ -121,54 +99,41 @@ def _is_standard(thing: Any) -> bool:
     return type(thing).__module__ == "minigrid.core.world_object"
 
 
-def _objects(cells: Sequence[Any]) -> list[Any]:
-    """Return the different objects in the cells and in boxes, in the order of the cells."""
-    objects = dict[int, Any]()
-    for thing in cells:
-        while thing is not None and id(thing) not in objects:
-            objects[id(thing)] = thing
-            thing = thing.contains
-    return list(objects.values())
-
-
 def _place(place: Any) -> Any:
     """Return the coordinates of an object as MiniGrid first has them: a tuple, or None."""
     return place if place is None or type(place) is tuple else tuple(place.tolist())
 
 
 def _items(thing: Any) -> tuple[tuple[str, Any], ...]:
-    """Return the attributes of an object that is none of MiniGrid's own."""
     return tuple(
         (name, tuple(value.tolist()) if isinstance(value, np.ndarray) else value)
         for name, value in vars(thing).items()
     )
 
 
-PROBED = 300
-"""Random steps that show whether a level has a state beside MiniGrid's own."""
+PROBED = 300  # random steps that show whether a level has a state beside MiniGrid's own
 
 
 @dataclass(frozen=True)
 class MiniGridState:
     """States of MiniGrid: the agent, the grid, the objects in it, and plain attributes.
 
-    It is the default for MiniGrid's environments. MiniGrid pays 1 - 0.9 t / max_steps at step t of
-    an episode, which depends on the time and on nothing else; as a table of states that are not
+    MiniGrid pays 1 - 0.9 t / max_steps at step t of an episode; as a table of states that are not
     times it has the goal's reward as 1. Where nothing else is earned, a policy that is optimal at a
     discount below 1 is as short as possible, and best by MiniGrid's own reward as well.
 
     Components are the agent's `x`, `y` and `direction`; the state of each `door`; and the place of
-    each `key`, `ball` and `box`, such as `key_x` and `key_y`: -1 while it is carried, -2 while it
-    is in a box or gone. Several of a kind are numbered, as in `door_1`.
+    each `key`, `ball` and `box`, such as `key_x`: -1 while it is carried, -2 while it is in a box
+    or gone. Several of a kind are numbered, as in `door_1`.
 
     Parameters
     ----------
     own_reward : bool
-        Pay MiniGrid's own reward. The time is then part of a state, `step`, so that there are up to
-        max_steps times as many.
+        Pay MiniGrid's own reward. The time is then part of a state, `step`: up to max_steps times
+        as many.
     copies : bool
-        Whether to save states by copies. By default only where a level keeps a state elsewhere
-        (BabyAI's instructions), or a wrapper does.
+        Whether to save states by copies; by default only where a level (BabyAI's instructions) or a
+        wrapper keeps a state elsewhere.
 
     Examples
     --------
@@ -270,16 +235,12 @@ class _View(Unseen, UserDict[str, Any]):
 
     @cached_property
     def data(self) -> dict[str, Any]:  # type: ignore[override]
-        """The observation."""
         seen: dict[str, Any] = type(self.env).gen_obs(self.env)
         return seen
 
 
 class MiniGridAccess(StateAccess):
-    """Saves states as tuples, and restores them into the one environment.
-
-    While states are visited, observations are made only where they are looked at.
-    """
+    """Saves states as tuples, and restores them into the one environment."""
 
     copies = False
 
@@ -323,31 +284,26 @@ class MiniGridAccess(StateAccess):
         """Return the state as a tuple, which tells it from others and restores it."""
         base: Any = env
         x, y = base.agent_pos
-        attributes, level = vars(base), self.level
+        attributes, level, cells = vars(base), self.level, base.grid.grid
+        doors = [(door.is_open, door.is_locked) for door in level.standard_doors]
+        places = [(_place(t.cur_pos), _place(t.init_pos)) for t in level.standard_movable]
+        grid = self.last_grid
+        if grid < 0 or cells != self.grids[grid]:  # seldom after a step; quicker than a look-up
+            grid = self.grid_numbers.setdefault(tuple(cells), len(self.grids))
+            if grid == len(self.grids):
+                self.grids.append(list(cells))
         state = (
             level.number,
             int(x),
             int(y),
             int(base.agent_dir),
             base.carrying,
-            self._grid_number(base.grid.grid),
-            level.object_states(),
+            grid,
+            (tuple(doors), tuple(places), tuple([_items(thing) for thing in level.others])),
             level.values_of_plain(attributes),
             base.step_count if self.own_reward else 0,
         )
         return state, state
-
-    def _grid_number(self, cells: list[Any]) -> int:
-        """Return the number of a grid with these contents."""
-        last = self.last_grid
-        if last >= 0 and cells == self.grids[last]:  # as after most steps; quicker than a look-up
-            return last
-        key = tuple(cells)
-        number = self.grid_numbers.get(key)
-        if number is None:
-            number = self.grid_numbers[key] = len(self.grids)
-            self.grids.append(list(cells))
-        return number
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
         """Return the same environment, put into the state."""
@@ -360,7 +316,13 @@ class MiniGridAccess(StateAccess):
         base.agent_pos, base.agent_dir, base.carrying = (x, y), direction, carrying
         base.grid.grid[:] = self.grids[grid]
         self.last_grid = grid
-        level.set_objects(objects)
+        doors, places, items = objects
+        for door, state in zip(level.standard_doors, doors, strict=True):
+            door.is_open, door.is_locked = state
+        for thing, place in zip(level.standard_movable, places, strict=True):
+            thing.cur_pos, thing.init_pos = place
+        for thing, values in zip(level.others, items, strict=True):
+            vars(thing).update(values)
         if level.values_of_plain(vars(base)) != plain:
             vars(base).update(zip([*level.plain, "mission"], plain, strict=True))
         # Without a time in the states a repeated step is at another time than the first.

@@ -1,11 +1,9 @@
 """Potential-based shaping of any Gymnasium environment, one or many, for any algorithm.
 
 Ng, Harada and Russell 1999 (paper E2): F = gamma Phi(s') - Phi(s), added to the reward, changes no
-optimal policy. That holds for an episode that ends only if the potential of a terminal state is 0
-(Grzes 2017); an episode that is cut off has not reached a terminal state and keeps Phi(s').
-
-Phi(s, t) = w(t) g(Phi_1(s, t), ..., Phi_N(s, t)): named sources, an aggregate, a weight and one
-discount. t counts the steps taken through the wrapper, episode after episode.
+optimal policy, if the potential of a terminal state is 0 (Grzes 2017); an episode that is cut off
+keeps Phi(s'). Phi(s, t) = w(t) g(Phi_1(s, t), ..., Phi_N(s, t)): named sources, an aggregate, a
+weight and one discount.
 """
 
 import math
@@ -24,7 +22,7 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import iterate
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.arrays import BoolArray, FloatArray
 from curricle.checks import instance, number, numbers
 from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import StateActionPotential, StatePotential
@@ -43,8 +41,7 @@ else:  # it takes types only in newer versions of Gymnasium
     AnyVectorWrapper = VectorWrapper
 
 
-Steps = int | list[int]
-"""t of all observations, or of each."""
+Steps = int | list[int]  # t of all observations, or of each
 TaskPotential = StatePotential | StateActionPotential | MappedPotential
 Potential = Callable[[Any], Any] | TaskPotential | ValueSource
 """A function of an observation, a potential over a task's states, or values of observations."""
@@ -65,7 +62,17 @@ class FunctionSource:
     def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
         """Return Phi_i of n observations, (n,)."""
         if not self.batched:
-            return [self._value(observation) for observation in rows]
+            singles = list[float]()
+            for observation in rows:
+                value = self.function(observation)
+                try:
+                    singles.append(float(value))
+                except (TypeError, ValueError):
+                    raise PotentialError(
+                        f"a potential must return one number: {self.name!r} returned {value!r} at "
+                        f"observation {observation!r}"
+                    ) from None
+            return singles
         who = f"a batched potential, {self.name!r},"
         if self.rounding > 0:
             who = f"the values of {self.name!r}"
@@ -75,16 +82,6 @@ class FunctionSource:
                 f"what {who} returns must have shape {(len(rows),)}: got {values.shape}"
             )
         return values.tolist()  # type: ignore[no-any-return]
-
-    def _value(self, observation: Any) -> float:
-        value = self.function(observation)
-        try:
-            return float(value)
-        except (TypeError, ValueError):
-            raise PotentialError(
-                f"a potential must return one number: {self.name!r} returned {value!r} at "
-                f"observation {observation!r}"
-            ) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +119,16 @@ class StateSource:
             )
         if self.fixed is not None:
             return [*map(self.fixed.item, states)]
-        return _values(self.potential, np.array(states), steps).tolist()  # type: ignore[no-any-return]
+        potential, here = self.potential, np.array(states)
+        if isinstance(potential, MappedPotential):
+            phi = potential.pairs(here).max(axis=1)
+            terminal = generative_model(potential.task).terminal
+            phi = phi if terminal is None else np.where(terminal[here], 0.0, phi)
+        else:
+            frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
+            weights = np.array([potential.weight(step) for step in each_step(steps, len(here))])
+            phi = weights * potential.values[frame, here]
+        return phi.tolist()  # type: ignore[no-any-return]
 
     def _whole(self, state: Any, observation: Any) -> int:
         try:
@@ -186,7 +192,7 @@ def each_step(steps: Steps, n: int) -> list[int]:
 def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:
     """Return the function from an observation, or stacked ones, to numbers of a task's states."""
     if isinstance(space, Discrete) and space.n == states.size:
-        return partial(_counted_from, int(space.start))
+        return partial(operator.add, -int(space.start))
     sizes, starts = None, list[int]()
     if isinstance(space, MultiDiscrete):
         sizes, starts = tuple(space.nvec.tolist()), space.start.tolist()
@@ -202,10 +208,6 @@ def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], An
     )
 
 
-def _counted_from(start: int, observation: Any) -> Any:
-    return observation - start
-
-
 def _components(states: Space, starts: list[int], observation: Any) -> Any:
     """Return the states whose components an observation lists, each counted from its start."""
     parts = observation if isinstance(observation, tuple) else np.asarray(observation).T
@@ -215,37 +217,6 @@ def _components(states: Space, starts: list[int], observation: Any) -> Any:
             return np.ravel_multi_index(tuple(offsets), states.shape)
     components = zip(states.components, offsets, strict=True)
     return states.encode(**{part.name: offset + part.low for part, offset in components})
-
-
-def _values(
-    potential: StatePotential | MappedPotential, states: IntArray, steps: Steps
-) -> FloatArray:
-    """Return Phi(s, t) of n states, (n,) float64."""
-    if isinstance(potential, MappedPotential):
-        phi = potential.pairs(states).max(axis=1)
-        terminal = generative_model(potential.task).terminal
-        return phi if terminal is None else np.where(terminal[states], 0.0, phi)
-    frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
-    weights = np.array([potential.weight(step) for step in each_step(steps, len(states))])
-    return np.asarray(weights * potential.values[frame, states])
-
-
-def _one_discount(potentials: Mapping[str, Potential], discount: float | None) -> float:
-    """Return the one discount that the potentials' tasks and the caller state."""
-    stated = {}
-    for name, potential in potentials.items():
-        if over_a_task(potential):
-            stated[f"the task of {name!r}"] = generative_model(potential.task).discount
-        elif isinstance(potential, ObservationPotential):
-            stated[f"the task of {name!r}"] = potential.task.discount
-    if discount is not None:
-        stated["the argument"] = number("discount", discount, SettingError, 0, 1)
-    if not stated:
-        raise SettingError("a discount must be given where no potential has a task that states it")
-    if len(set(stated.values())) > 1:
-        discounts = ", ".join(f"{value:g} by {name}" for name, value in stated.items())
-        raise SettingError(f"there must be one discount: got {discounts}")
-    return next(iter(stated.values()))
 
 
 class ShapingPotential:
@@ -279,7 +250,22 @@ class ShapingPotential:
             name: source(name, potential, space, encode, batched)
             for name, potential in named.items()
         }
-        self.discount = _one_discount(named, discount)
+        stated = {}
+        for name, potential in named.items():
+            if over_a_task(potential):
+                stated[f"the task of {name!r}"] = generative_model(potential.task).discount
+            elif isinstance(potential, ObservationPotential):
+                stated[f"the task of {name!r}"] = potential.task.discount
+        if discount is not None:
+            stated["the argument"] = number("discount", discount, SettingError, 0, 1)
+        if not stated:
+            raise SettingError(
+                "a discount must be given where no potential has a task that states it"
+            )
+        if len(set(stated.values())) > 1:
+            discounts = ", ".join(f"{value:g} by {name}" for name, value in stated.items())
+            raise SettingError(f"there must be one discount: got {discounts}")
+        self.discount = next(iter(stated.values()))
         self.weight = schedule(weight)  # w(t)
         self._constant = self.weight.first if self.weight.shape == CONSTANT else None
         self.aggregate = aggregate  # g, called with n observations as S and A = 1
@@ -290,10 +276,7 @@ class ShapingPotential:
         self._batched = any(source.batched for source in self.sources.values())
 
     def read(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
-        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, of n observations.
-
-        `stacked` are the observations as a vector environment stacks them, if at hand.
-        """
+        """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, of n observations."""
         if not rows:
             return []
         if self._batched and stacked is None:
@@ -380,12 +363,10 @@ class ShapedStep(NamedTuple):
 
 
 class Episodes:
-    """The episodes of n environments that step together; n is 1 of a single environment.
+    """The episodes of n environments that step together; n is 1 of a single environment."""
 
-    `finals_in` says, for messages, where the observations are at which episodes were cut off. It
-    is given if a step that ends an episode returns the observation with which the next one begins.
-    """
-
+    # `finals_in` says, for messages, where the observations are at which episodes were cut off; it
+    # is None unless a step that ends an episode returns the observation that begins the next.
     def __init__(self, potential: ShapingPotential, n: int, finals_in: str | None = None):
         self._potential, self._finals_in = potential, finals_in
         self._steps = 0  # of all environments together
@@ -408,13 +389,10 @@ class Episodes:
         rewards: Sequence[float],
         terminated: Sequence[bool],
         truncated: Sequence[bool],
-        final: Callable[[int], Any] | None = None,
+        final: Callable[[int], Any] | None = None,  # where episode i was cut off; None if unknown
         stacked: Any = None,
     ) -> ShapedStep:
-        """Return what shaping makes of a step, given what the step returned.
-
-        ``final(i)`` is the observation at which episode i was cut off, None if unknown.
-        """
+        """Return what shaping makes of a step, given what the step returned."""
         running, discount = self._running, self._potential.discount
         steps: Any
         if not (None in running or True in terminated or True in truncated):
@@ -465,16 +443,13 @@ class Episodes:
         ended: Mapping[int, Episode],
         finals: Mapping[int, Any],
     ) -> tuple[list[list[float]], list[list[float]], dict[int, float]]:
-        """Return the potentials of what was returned, those of s', and Phi where the ended began.
-
-        All are read in one batch, as a network costs as much for one observation as for many.
-        Observations that ended an episode by termination are not read: their potential is 0.
-        """
+        """Return Phi of what was returned, of s', and of where the ended episodes began."""
         if not ended:
             here = self._potential.read(rows, self._steps, stacked)
             return here, here, {}
         same_step = self._finals_in is not None
         read = [i for i in range(len(rows)) if same_step or not terminated[i]]
+        # In one batch, as a network costs as much for one observation as for many.
         asked = [rows[i] for i in read] + [*finals.values()] + [e.first for e in ended.values()]
         now = [self._steps] * (len(read) + len(finals))
         begun = [episode.begun for episode in ended.values()]
@@ -493,39 +468,36 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of an environment.
 
     Phi(s') is 0 where the step terminated and only there: truncation keeps it, and the learner must
-    bootstrap from s'. Nothing else of the environment changes. Values learnt from the shaped
-    rewards are Q - Phi; the greedy policy is the same.
+    bootstrap from s'. Values learnt from the shaped rewards are Q - Phi; the greedy policy is the
+    same.
 
     Each step's ``info`` holds
 
     - ``original_reward``: the environment's own;
     - ``shaping``: F;
-    - ``shaping_terms``: F_i = w(t + 1) gamma Phi_i(s') - w(t) Phi_i(s) of each source alone. F is
-      their mean under `mean` and their sum under `total`; under `maximum` and `minimum` it lies
-      between the least and the largest of them;
+    - ``shaping_terms``: F_i = w(t + 1) gamma Phi_i(s') - w(t) Phi_i(s) of each source alone; F is
+      their mean under `mean`, their sum under `total`, between them under `maximum` and `minimum`;
     - ``potential``: Phi(s'), which is 0 where the step terminated;
     - at an episode's end ``original_return``, the undiscounted sum of the original rewards, and
       ``telescoping_residual``: sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), with Phi(s_0)
       computed anew. It is 0, but for rounding, where Phi depends on the observation and t alone.
 
     A step after an episode's end is taken to be the reset of `gymnasium.wrappers.Autoreset`: its
-    reward stays as it is. Wrappers that record returns belong inside, where rewards are the
-    original ones: ``PotentialShaping(RecordEpisodeStatistics(env))``.
+    reward stays as it is. Wrappers that record returns belong inside.
 
     Parameters
     ----------
     env : gymnasium.Env
     potential : callable, potential over a task, source of values, or dict of str to these
         A function observation -> float; or a `StatePotential`, `MappedPotential` or
-        `StateActionPotential`, whose Phi(s) = max_a phi(s, a), over the states that the
-        observations number: as a whole (`Discrete`), or component by component (`MultiDiscrete`,
-        `Tuple`); or an `ObservationPotential` or other `ValueSource`, whose Phi(s) = V(s). Several
-        sources have names.
+        `StateActionPotential`, whose Phi(s) = max_a phi(s, a), over the states that observations
+        number, whole (`Discrete`) or by component (`MultiDiscrete`, `Tuple`); or an
+        `ObservationPotential` or other `ValueSource`, whose Phi(s) = V(s).
     discount : float, optional
         gamma, which must be the learner's. Needed where no potential has a task to state it.
     weight : float or Schedule
         w(t), which multiplies Phi; t counts the steps taken through this wrapper, episode after
-        episode, also for a `StatePotential` that changes with time (Devlin, Kudenko 2012).
+        episode, also for a `StatePotential` that changes with time.
     aggregate : callable, optional
         g of Phi = w g(Phi_1, ..., Phi_N), (N, S, A) -> (S, A), with A = 1; by default the mean.
     encode : callable, optional
@@ -533,17 +505,14 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     tolerance : float or None
         The largest residual allowed, as a share of the largest |Phi| in the episode; for a
         `ValueSource` at least 0.001, as networks round. None allows any, for potentials that
-        change, such as a network in training: shaping subtracts on leaving s what it added on
-        arriving there, so it is sound for these too (Devlin, Kudenko 2012).
+        change, such as a network in training: shaping is sound for these too (Devlin, Kudenko
+        2012).
 
     Raises
     ------
-    PotentialError
-        When a value is not finite, naming the observation; when an episode's residual exceeds
-        the tolerance.
-    SettingError
-        When the discount is not stated, or stated differently; when observations do not number
-        the states of a task; when the environment is shaped already.
+    PotentialError, SettingError
+        When a value is not finite or a residual exceeds the tolerance; when the discount is not
+        stated, or twice, observations do not number a task's states, or `env` is shaped already.
 
     Examples
     --------
@@ -617,8 +586,7 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
 
     ``infos`` holds the entries of `PotentialShaping` as (n,) float64 arrays, each with its mask
     under its name after an underscore, ``shaping_terms`` as a dict of such arrays. Masks leave out
-    sub-environments that only reset; those of ``telescoping_residual`` and ``original_return`` are
-    true where an episode ended. ``potential`` is Phi of the state the step arrived in.
+    sub-environments that only reset, or where no episode ended.
 
     Parameters
     ----------
@@ -628,10 +596,8 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
         of all sub-environments together, as a budget does.
     batched : bool
         Whether potential functions return an (m,) array for m stacked observations, and `encode`
-        an (m,) array of integers. m is n, or more where episodes end, as the observations at which
-        they were cut off and began are read too. Otherwise functions are called with one
-        observation after another. Observations in which an episode terminated are never read.
-        Sources of values always read stacked observations.
+        an (m,) array of integers; m is n, or more where episodes end. Otherwise they are called
+        with one observation after another. Sources of values always read stacked observations.
 
     Raises
     ------

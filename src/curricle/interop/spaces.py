@@ -11,7 +11,6 @@ from typing import Any, Literal, TypeGuard
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from gymnasium.envs.toy_text.blackjack import BlackjackEnv
 from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
@@ -29,11 +28,7 @@ Form = Literal["index", "components"]
 
 
 def space_of(space: gym.Space[Any], name: str) -> Space:
-    """Return the points of a discrete Gymnasium space, one component for each number in them.
-
-    Components are called `name`, or `name_1`, `name_2`, ... if there are several; those of a
-    ``Dict`` have its keys as names if these are all different.
-    """
+    """Return the points of a discrete Gymnasium space, one component for each number in them."""
     components = list(_components(space, name))
     if len({component.name for component in components}) < len(components):
         components = [replace(c, name=f"{name}_{i + 1}") for i, c in enumerate(components)]
@@ -87,7 +82,6 @@ class Point:
 
 
 def _parts(space: "Tuple[Any] | Dict") -> list[tuple[Any, gym.Space[Any]]]:
-    """Return the parts of a space with their keys."""
     return list(space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces))
 
 
@@ -197,10 +191,7 @@ def with_space(what: str, space: Space, other: Space | None) -> Space:
 
 
 def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
-    """Return a space of states whose components have other names, in their order.
-
-    `sizes`, how many values each name has, split a single number; the last counts fastest.
-    """
+    """Return a space of states with other names; `sizes`, of each name, split a single number."""
     here = ", ".join(space.names)
     if sizes is None and len(names) == len(space.names):
         pairs = zip(space.components, names, strict=True)
@@ -227,22 +218,6 @@ def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
     return split
 
 
-def with_labels(space: Space, labels: Sequence[str]) -> Space:
-    """Return a space of actions, of one component, with a label for each action."""
-    listed = name_list(labels, "labels of actions")
-    if len(space.components) > 1:
-        raise TaskError(
-            "labels are for actions that are one number, and others are named by a Space: these "
-            f"have {', '.join(space.names)}"
-        )
-    if len(listed) != space.size:
-        raise TaskError(
-            f"actions must have one label each, {space.size} in all: got {len(listed)}, "
-            f"{', '.join(listed) or 'none'}"
-        )
-    return Space([replace(space.components[0], labels=listed)])
-
-
 # -- Gymnasium's toy-text environments -------------------------------------------------------------
 
 TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
@@ -262,11 +237,7 @@ def acts_as(env: Any, *kinds: type, methods: Sequence[str] = ("step", "reset")) 
 
 
 def has_table(env: gym.Env[Any, Any]) -> bool:
-    """Return whether an environment has a transition table that describes it completely.
-
-    Its `step` and `reset` are Gymnasium's, which follow ``P`` and the start distribution. It has no
-    wrapper that changes what it does, and no time limit beside the specification's.
-    """
+    """Return whether an environment has a transition table that describes it completely."""
     while isinstance(env, gym.Wrapper):
         if not acts_as(env, *HARMLESS) or (isinstance(env, TimeLimit) and env.spec is None):
             return False
@@ -285,18 +256,25 @@ def has_table(env: gym.Env[Any, Any]) -> bool:
 
 
 def outcomes_of(world: Any) -> Outcomes:
-    """Return a table's outcome lists, in which entering a state ends the episode always or never.
-
-    If the table has states that end an episode only sometimes, those ends go to one more state,
-    the last.
-    """
+    """Return a table's outcomes, in which entering a state ends the episode always or never."""
     n_states, n_actions = int(world.observation_space.n), int(world.action_space.n)
     outcomes: Outcomes = [
         [[(p, int(after), r, bool(ended)) for p, after, r, ended in world.P[s][a]]
          for a in range(n_actions)]
         for s in range(n_states)
     ]  # fmt: skip
-    both = _entered_both_ways(outcomes, world.initial_state_distrib)
+    # Where an episode ends only sometimes, those ends go to one more state, the last.
+    continuing = set(np.flatnonzero(world.initial_state_distrib).tolist())
+    queue, ends = list(continuing), set[int]()
+    while queue:
+        for pair in outcomes[queue.pop()]:
+            for probability, after, _, ended in pair:
+                if ended and probability > 0:
+                    ends.add(after)
+                elif probability > 0 and after not in continuing:
+                    continuing.add(after)
+                    queue.append(after)
+    both = continuing & ends  # the states in which an episode may end or go on
     if not both:
         return outcomes
     apart: Outcomes = [
@@ -308,27 +286,9 @@ def outcomes_of(world: Any) -> Outcomes:
     return [*apart, [[] for _ in range(n_actions)]]
 
 
-def _entered_both_ways(outcomes: Outcomes, start: npt.ArrayLike) -> set[int]:
-    """Return the states, entered or started in, where an episode may end or go on."""
-    continuing = set(np.flatnonzero(start).tolist())
-    queue, ends = list(continuing), set[int]()
-    while queue:
-        for pair in outcomes[queue.pop()]:
-            for probability, after, _, ended in pair:
-                if ended and probability > 0:
-                    ends.add(after)
-                elif probability > 0 and after not in continuing:
-                    continuing.add(after)
-                    queue.append(after)
-    return continuing & ends
-
-
 def names_of(world: Any) -> tuple[Space | None, Space | None]:
-    """Return named state and action spaces of a known environment, None for others.
-
-    Directions and coordinates have the names of :class:`GridWorld`, so that mappings by name work
-    between the two.
-    """
+    """Return named state and action spaces of a known environment, None for others."""
+    # Named as in GridWorld, so that mappings by name work between the two.
     if isinstance(world, FrozenLakeEnv):
         moves = _moves(world, "west", "south", "east", "north")
         return _cells(*np.asarray(world.desc).shape), moves

@@ -23,8 +23,7 @@ from curricle.interop.spaces import HARMLESS, TOY_TEXT, acts_as
 GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
 SHARED: tuple[Any, ...] = random.getstate.__self__, np.random.get_state.__self__  # type: ignore[attr-defined]
 """Python's and NumPy's global generators, which belong to no environment."""
-SALT = 2718
-"""Begins the seeds of repeated steps, so that they are not those of the environment's resets."""
+SALT = 2718  # begins the seeds of repeated steps, so that they are not those of resets
 
 
 class Streams:
@@ -83,7 +82,6 @@ def _set(generator: Any, state: Any) -> None:
 
 @cache
 def _fresh(kind: Any, place: int, repetition: int) -> Any:
-    """Return the state of a new generator of a kind."""
     new = kind(SALT + 1000 * place + repetition)
     return new.state if isinstance(new, np.random.BitGenerator) else state_of(new)
 
@@ -100,27 +98,21 @@ CONSTANT = (gym.Space, EnvSpec, *GENERATORS)
 """What is no part of a state: spaces and specifications are constant, and generators of random
 numbers decide what happens next only in environments that are random."""
 NAMED = (type, BuiltinFunctionType, ModuleType)
+# What is read again wherever it is met: sharing it makes no difference.
 UNCHANGING = (tuple, frozenset, Enum, *NAMED, FunctionType, MethodType, CodeType)
-"""What is read again wherever it is met: sharing it makes no difference."""
 
 
 def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
-    """Return a digest of a value and all that it refers to, 16 bytes.
-
-    Equal for values that are equal part by part, with the same parts shared between the same
-    places; attributes with names `left_out` make no difference.
-    """
+    """Return a digest, 16 bytes, of a value and all it refers to but what `left_out` names."""
     return _Reader(value, frozenset(left_out)).digest.digest()
 
 
 class _Reader:
-    """Feeds a value to a digest; each shared part once, then by its number.
-
-    A pickle would not do: equal sets and dicts have several, and equal strings are shared or not.
-    """
+    """Feeds a value to a digest; each shared part once, then by its number."""
 
     def __init__(self, value: Any, left_out: frozenset[str], *, strict: bool = True):
         self.left_out, self.strict = left_out, strict
+        # A pickle would not do: equal sets have several, and equal strings are shared or not.
         self.digest = hashlib.blake2b(digest_size=16)
         self.met = dict[int, int]()
         self.skipped = set[str]()  # the attributes among `left_out` that were met
@@ -218,27 +210,18 @@ class _Reader:
 
 
 Environment = gym.Env[Any, Any]
-Words = Mapping[str, int | str]
-"""A state in words: the value of each component by name."""
-CONSTANTS = frozenset({"metadata", "spec"})
-"""Attributes that no step changes; copies share them."""
-TOY_CONSTANTS = frozenset({"P", "initial_state_distrib", "desc", "locs"})
-"""Further attributes of Gymnasium's toy-text environments that no step changes."""
-LEFT_OUT = CONSTANTS | {"_np_random_seed"}
-"""Attributes that make no difference between states."""
-TOY_LEFT_OUT = TOY_CONSTANTS | {"lastaction", "taxi_orientation"}
-"""Further ones of toy-text environments: some are only drawn."""
-MOST_CELLS = 16
-"""Entries of an array that are part of a state's label, at most."""
+Words = Mapping[str, int | str]  # a state in words: the value of each component by name
+CONSTANTS = frozenset({"metadata", "spec"})  # attributes that no step changes; copies share them
+TOY_CONSTANTS = frozenset({"P", "initial_state_distrib", "desc", "locs"})  # of toy-text
+LEFT_OUT = CONSTANTS | {"_np_random_seed"}  # attributes that make no difference between states
+TOY_LEFT_OUT = TOY_CONSTANTS | {"lastaction", "taxi_orientation"}  # some are only drawn
+MOST_CELLS = 16  # entries of an array that are part of a state's label, at most
 
 
 class StateAccess(ABC):
-    """Saves and restores the states of one environment while it is tabulated.
+    """Saves and restores the states of one environment while it is tabulated."""
 
-    `copies` is whether each restored state has an environment of its own, wrappers included.
-    """
-
-    copies: bool
+    copies: bool  # whether each restored state has an environment of its own, with wrappers
     hint = ""  # what else may be the matter where a repeated step leads elsewhere
     note = ""  # what the tables say in another way than the environment
 
@@ -275,15 +258,13 @@ class StateAccess(ABC):
 class DeepCopy:
     """States are deep copies of the environment: right for every environment that can be copied.
 
-    Two states are equal if all attributes are, part by part. Random generators do not count: what
-    they decide is randomness. States that differ in nothing that can be observed or earned later
-    are made one in the end.
+    Two states are equal if all attributes but random generators are, part by part. States that
+    differ in nothing that can be observed or earned later are made one in the end.
 
     Parameters
     ----------
     ignore : collection of str
-        Names of attributes, of whatever object, that make no difference to what happens, such as a
-        counter that is only shown.
+        Names of attributes that make no difference, such as a counter that is only shown.
 
     Examples
     --------

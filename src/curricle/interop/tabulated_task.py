@@ -18,8 +18,7 @@ from curricle.text import brief_repr, counted
 from curricle.transfer.mapping import UNMAPPED
 
 Leaf = npt.NDArray[Any]
-POSITION = "#"
-"""Begins the name of a part of a tuple, before its position."""
+POSITION = "#"  # begins the name of a part of a tuple, before its position
 
 
 class Unseen:
@@ -33,8 +32,8 @@ class ObservationTable(Frozen):
     Parameters
     ----------
     parts : dict of str to (S, ...) arrays
-        Numbers or text, by their place in an observation: ``""`` if it is one array, else the keys
-        on the way to it, joined by ``/``; ``#0`` is the first part of a tuple.
+        By their place in an observation: ``""`` if it is one array, else the keys on the way to it,
+        joined by ``/``; ``#0`` is the first part of a tuple.
     terminal : (S,) bool array
         Which states end an episode: another state that looks the same is preferred.
 
@@ -61,10 +60,7 @@ class ObservationTable(Frozen):
         self.__post_init__()  # arrays in a dict are writable in a copy
 
     def batch(self, states: Any = None) -> Any:
-        """Return the observations of some states (default: all), stacked; (n, ...) arrays.
-
-        In tuples and dicts where an observation has them, as vector environments stack them.
-        """
+        """Return the observations of some states (default: all), stacked; (n, ...) arrays."""
         chosen = {name: a if states is None else a[states] for name, a in self.parts.items()}
         return assembled(chosen)
 
@@ -174,8 +170,7 @@ def assembled(parts: Mapping[str, Leaf]) -> Any:
     return {key: assembled(part) for key, part in inner.items()}
 
 
-BATCH = 4096
-"""Observations that a model is asked about at once."""
+BATCH = 4096  # observations that a model is asked about at once
 
 
 @dataclass(frozen=True)
@@ -184,29 +179,25 @@ class TabulationRecord:
 
     Attributes
     ----------
-    environment : str
-    seeds : tuple of int
-        The seeds of the resets, each a start as likely as the others.
+    environment, seeds
+        Its name, and the seeds of the resets, each a start as likely as the others.
     samples : int or None
         Steps by which each pair's outcomes were estimated; None if outcomes are exact.
-    transitions : int
-        Pairs of a state and an action that were tried or listed.
-    drawing : int
-        The pairs that drew random numbers, and still led to one state in all 8 repetitions.
+    transitions, drawing : int
+        Pairs of a state and an action that were tried or listed; those that drew random numbers,
+        and still led to one state in all 8 repetitions.
     checked : int
         Steps of episodes in the environment itself that agree with the tables.
-    cut : int
+    cut, explored : int
         States in which episodes are only ever truncated: every action stays there, with reward 0.
-    explored : int
-        States before equivalent states were merged.
+        States before equivalent ones were merged.
     seconds, observing : float
         Wall-clock time of the search, and the part in which new states were observed and described.
     note : str
         How the tables differ from the environment, such as in rewards.
-    cached : bool
-        Whether the tables were read from a file.
-    several : bool
-        Whether resets with other seeds, of which 8 are tried, start in other states or levels.
+    cached, several : bool
+        Whether the tables were read from a file; whether resets with other seeds, of which 8 are
+        tried, start in other states or levels.
     """
 
     environment: str
@@ -230,16 +221,14 @@ class TabulationRecord:
 class TabulatedTask(Frozen):
     """A Gymnasium environment as tables of all states that can be reached (:func:`tabulate`).
 
-    It is a :class:`Task`: it is solved, certified, learnt, and mapped by the names of its
-    components, like any other.
+    It is a :class:`Task`, and is mapped by the names of its components.
 
     Attributes
     ----------
     mdp : FiniteMDP
         The tables, of S states and A actions.
     observations : ObservationTable or None
-        What is observed in each state; None where outcomes are listed of states that are no
-        observations.
+        None where outcomes are listed of states that are no observations.
     record : TabulationRecord
         How the tables came about.
 
@@ -277,17 +266,11 @@ class TabulatedTask(Frozen):
         return replace(self, mdp=replace(self.mdp, start=start))
 
     def state(self, observation: Any) -> int:
-        """Return the state that an observation shows; `UNMAPPED` if none does, or several do.
-
-        It is the `encode` of :class:`PotentialShaping` for potentials over these tables.
-        """
+        """Return the state that an observation shows; `UNMAPPED` if none does, or several do."""
         return self._observations().state(observation)
 
     def many(self, observations: Any) -> IntArray:
-        """Return the states that n stacked observations show, (n,) int64; as :meth:`state`.
-
-        An :class:`ObservationMapping` reads these tables with it.
-        """
+        """Return the states that n stacked observations show, (n,) int64; as :meth:`state`."""
         return self._observations().many(observations)
 
     def policy(self, model: Any, *, deterministic: bool = True) -> IntArray | FloatArray:
@@ -297,10 +280,9 @@ class TabulatedTask(Frozen):
         ----------
         model : object
             With a method ``predict(observations, deterministic=...)`` that returns actions for
-            stacked observations, first in a tuple as models of Stable-Baselines3 do, or alone.
+            stacked observations, alone or first in a tuple.
         deterministic : bool
-            If not, the probability of each action, which Stable-Baselines3 knows of policies with a
-            distribution (A2C, PPO).
+            If not, the probability of each action, of policies with a distribution (A2C, PPO).
 
         Returns
         -------
@@ -368,7 +350,6 @@ def check_sight(model: Any) -> None:
 
 
 def _actions(model: Any, observations: Any, n: int) -> IntArray:
-    """Return the actions that a model predicts for n observations, (n,)."""
     predicted = model.predict(observations, deterministic=True)
     actions = np.asarray(predicted[0] if isinstance(predicted, tuple) else predicted)
     if actions.shape != (n,) or actions.dtype.kind not in "iu":

@@ -1,10 +1,8 @@
 """Any Gymnasium environment as tables, by visiting every state that can be reached.
 
 Three things are needed of an environment: to save a state, to restore it, to step. Deep copies do
-for all; their key is a digest of all attributes, and equivalent states are merged by partition
-refinement, so that counters and notes do no harm. Time limits of wrappers are no part of a state,
-and random generators are swapped between repetitions of a step. What a way of saving misses is
-found by playing episodes beside the tables. A file keeps the tables if the user names it.
+for all, and equivalent states are merged, so that counters and notes do no harm. What a way of
+saving misses is found by playing episodes beside the tables.
 """
 
 import os
@@ -34,13 +32,7 @@ from curricle.interop.exploration import (
     core_and_views,
     time_limit_of,
 )
-from curricle.interop.gymnasium import (
-    Environment,
-    TimeLimit,
-    actions_of,
-    maker_of,
-    opened,
-)
+from curricle.interop.gymnasium import Environment, TimeLimit, actions_of, maker_of, opened
 from curricle.interop.minigrid import (
     MiniGridAccess,
     MiniGridState,
@@ -73,28 +65,18 @@ from curricle.tasks.mdp import FiniteMDP, number_of
 from curricle.tasks.spaces import Component, Space, values_of
 from curricle.transfer.bisimulation import merged_outcomes, numbered_rows
 
-WIDEST = 10_000
-"""Values of a component that is numbered from its lowest to its highest value."""
-ABSENT = "absent"
-"""The value of a component in states that lack it."""
-ANY = "any"
-"""The value of a component that makes no difference in a state."""
-MOST_SAMPLES = 1_000_000
-"""Steps by which the outcomes of a pair are estimated, at most."""
-STEPS = 1000
-"""Steps that are compared with the tables."""
-WALKS = 20
-"""Times that an episode goes to a state drawn at random, before it goes on at random."""
-CLOSE = 1e-9
-"""Relative difference of rewards that is rounding."""
+WIDEST = 10_000  # values of a component that is numbered from its lowest to its highest value
+ABSENT = "absent"  # the value of a component in states that lack it
+ANY = "any"  # the value of a component that makes no difference in a state
+MOST_SAMPLES = 1_000_000  # steps by which the outcomes of a pair are estimated, at most
+STEPS = 1000  # steps that are compared with the tables
+WALKS = 20  # times that an episode goes to a state drawn at random, before it goes on at random
+CLOSE = 1e-9  # relative difference of rewards that is rounding
 KIND = "TabulatedTask"
-OBSERVED = "observed "
-"""Begins the names of arrays of observations."""
+OBSERVED = "observed "  # begins the names of arrays of observations
 ARRAYS = ("probability", "next_state", "reward", "terminal", "start", "first")
-MOST_STATES = 1_000_000
-"""States of a table by default, at most."""
-MOST_SECONDS = 3600.0
-"""Seconds that a tabulation takes by default, at most."""
+MOST_STATES = 1_000_000  # states of a table by default, at most
+MOST_SECONDS = 3600.0  # seconds that a tabulation takes by default, at most
 
 
 class Tables(NamedTuple):
@@ -152,7 +134,14 @@ class Plan:
 
     def carried_out(self, env: Any, act: Callable[[int], Any], n_actions: int, name: str) -> Made:
         """Return an environment's tables, and how they came about; from the cache if there."""
-        how = self._how(env)
+        how = self.state  # how states are saved and restored
+        if isinstance(how, MiniGridState) and not is_minigrid(env):
+            raise SettingError(f"state={how!r} is for MiniGrid's environments: got {env}")
+        if how is None and is_minigrid(env):
+            core, _, _ = core_and_views(env, views_apart=True)
+            how = fitting_state(env, core, self.seeds[0])
+        elif how is None:
+            how = DeepCopy()
 
         def made(access: Any) -> Made:
             return self._made(World(env, act, n_actions, self.seeds, self.samples, access, name))
@@ -180,20 +169,16 @@ class Plan:
             write_tables(self.cache, origin, *tables)
         return tables
 
-    def _how(self, env: Any) -> Any:
-        """Return how states are saved and restored."""
-        if isinstance(self.state, MiniGridState) and not is_minigrid(env):
-            raise SettingError(f"state={self.state!r} is for MiniGrid's environments: got {env}")
-        if self.state is not None:
-            return self.state
-        if is_minigrid(env):
-            core, _, _ = core_and_views(env, views_apart=True)
-            return fitting_state(env, core, self.seeds[0])
-        return DeepCopy()
-
     def _made(self, world: World) -> Made:
-        """Return the tables of a world, and how they came about."""
-        source = self._source(world)
+        source: World | ListedOutcomes = world
+        env, base = world.env, world.env.unwrapped
+        known = world.n_actions, self.seeds, world.name
+        if self.outcomes is not None:
+            save = self.state[0] if isinstance(self.state, tuple) else None
+            source = ListedOutcomes(env, self.outcomes, *known, save)
+        elif self.state is None and self.samples is None and has_table(env):
+            table: Any = base
+            source = ListedOutcomes(env, lambda s, a: table.P[s][a], *known, words=words_of(base))
         with shared_draws() as drawn:
             search = self._explored(source)
             if source is world and drawn():  # seldom, and to ask at every step would take long
@@ -218,18 +203,6 @@ class Plan:
             note=world.access.note,
         )
         return tables, record
-
-    def _source(self, world: World) -> World | ListedOutcomes:
-        """Return what is explored: listed outcomes where there are any, else steps."""
-        env, base = world.env, world.env.unwrapped
-        known = world.n_actions, self.seeds, world.name
-        if self.outcomes is not None:
-            save = self.state[0] if isinstance(self.state, tuple) else None
-            return ListedOutcomes(env, self.outcomes, *known, save)
-        if self.state is None and self.samples is None and has_table(env):
-            table: Any = base
-            return ListedOutcomes(env, lambda s, a: table.P[s][a], *known, words=words_of(base))
-        return world
 
     def _explored(self, source: Any) -> Search:
         """Return all states, and show the progress if asked to."""
@@ -264,29 +237,27 @@ def tabulate(
 ) -> TabulatedTask:
     """Return a Gymnasium environment as tables of every state that can be reached.
 
-    States are visited breadth first from those that resets lead to: each action is taken in each
-    state. The tables are the environment's own, so what :func:`solve`, :func:`certify` and
-    :func:`evaluate` prove of them holds for it.
+    Each action is taken in each state, breadth first from those that resets lead to. What
+    :func:`solve`, :func:`certify` and :func:`evaluate` prove of the tables holds for the
+    environment.
 
     Steps must be deterministic, which is checked: each is taken twice, and 8 times if it draws
-    random numbers. At the end up to 1,000 steps are played in the environment and must agree with
-    the tables. Outcomes of random steps must be listed or estimated; the table says which.
+    random numbers; up to 1,000 steps of episodes must agree with the tables. Outcomes of random
+    steps must be listed or estimated; the table says which.
 
     Parameters
     ----------
     environment : str, gymnasium.EnvSpec, gymnasium.Env or callable
-        As in :func:`from_gymnasium`. An environment is copied, and itself stepped only if it cannot
-        be copied and there are functions to restore it.
+        As in :func:`from_gymnasium`. It is copied, and itself stepped only if it cannot be copied
+        and there are functions to restore it.
     discount : float
     seeds : int or sequence of int
         Of the resets that starts are taken from, each as likely; K stands for 0 .. K-1.
     time_limit : int, None or "own"
         Steps after which episodes are truncated; by default the least of the environment's own.
         Time is no part of a state, unless the environment counts it itself.
-    names : sequence of str, optional
-        Other names for the components of a state, in their order.
-    actions : sequence of str or Space, optional
-        As in :func:`from_gymnasium`.
+    names, actions : sequence of str, optional
+        Names of a state's components, in their order; actions as in :func:`from_gymnasium`.
     state : DeepCopy, MiniGridState or (save, restore), optional
         How states are saved and restored: by default :class:`DeepCopy`, in MiniGrid's environments
         :class:`MiniGridState`, where the goal's reward is 1. Two functions are faster:
@@ -294,8 +265,8 @@ def tabulate(
         without wrappers, back into it. The fields of a named tuple name components.
     outcomes : callable, optional
         ``outcomes(state, action)`` lists (probability, next state, reward, terminated) of each
-        outcome; states are observations, or what `save` returns. An environment's own table ``P``
-        is used unless `state` is given.
+        outcome; states are observations, or what `save` returns. An environment's table ``P`` is
+        used unless `state` is given.
     samples : int, optional
         Estimate outcomes from so many steps of each pair.
     max_states, max_seconds : int, float
@@ -303,10 +274,9 @@ def tabulate(
     progress : bool or callable, optional
         True shows how far it is; a function is called with a :class:`Progress`.
     cache : str or Path, optional
-        A file that the tables are read from, or written to if it does not exist. It notes the
-        environment's name, classes and content after each reset, the settings above and versions of
-        packages; a file of others is refused. Name another file when you change your environment's
-        code, which is not compared.
+        A file that the tables are read from, or written to if it does not exist. Tables of another
+        environment, content after a reset, setting or version are refused; the environment's code
+        is not compared: name another file when you change it.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
@@ -319,14 +289,10 @@ def tabulate(
 
     Raises
     ------
-    TaskError
+    TaskError, SettingError, StoreError
         When the environment cannot be copied or its states not be told apart, frames are stacked,
-        steps are random, a budget does not suffice, or an episode in the environment is not in the
-        tables.
-    SettingError
-        When a setting makes no sense.
-    StoreError
-        When the cache holds other tables, is damaged or cannot be written to.
+        steps are random, a budget does not suffice, or an episode is not in the tables; when a
+        setting makes no sense; when the cache is of other tables or damaged, or cannot be written.
 
     Examples
     --------
@@ -396,8 +362,7 @@ def words_of(world: Any) -> Callable[[Any], Words] | None:
 
 # -- tables of explored states --------------------------------------------------------------------
 
-Part = tuple[Component, IntArray]
-"""A component, and its value in each state."""
+Part = tuple[Component, IntArray]  # a component, and its value in each state
 
 
 def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
@@ -447,14 +412,11 @@ def _outcome_rows(
 
 
 def alike(tables: Tables, n_actions: int) -> IntArray:
-    """Return the block of each state in the coarsest partition that keeps all that matters, (S,).
-
-    States of a block show the same observation, and every action has the same rewards and leads to
-    the same blocks with the same probabilities (stochastic bisimulation: Givan, Dean, Greig 2003).
-    """
+    """Return each state's block in the coarsest bisimulation (Givan, Dean, Greig 2003), (S,)."""
     assert tables.observations is not None
-    seen = _observation_rows(tables.observations)
-    blocks = _in_order(numbered_rows(np.column_stack([seen, tables.terminal])))
+    parts = [part.reshape(len(part), -1) for part in tables.observations.parts.values()]
+    seen = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
+    blocks = _in_order(numbered_rows(np.column_stack([*seen, tables.terminal])))
     different, rewards = np.unique(tables.reward, return_inverse=True)
     while True:
         outcomes = blocks[tables.next_state] * len(different) + rewards.reshape(tables.reward.shape)
@@ -465,13 +427,6 @@ def alike(tables: Tables, n_actions: int) -> IntArray:
         if finer.max() == blocks.max():
             return finer
         blocks = finer
-
-
-def _observation_rows(observations: ObservationTable) -> npt.NDArray[Any]:
-    """Return the observations as rows of which equal ones are equal, (S, n)."""
-    parts = [part.reshape(len(part), -1) for part in observations.parts.values()]
-    numbers = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
-    return np.concatenate(numbers, axis=1)
 
 
 def _in_order(labels: IntArray) -> IntArray:
@@ -519,13 +474,10 @@ def words_of_blocks(words: Sequence[Words], blocks: IntArray) -> tuple[list[Word
 
 
 def named_states(words: Sequence[Words], terminal: BoolArray, vague: Collection[str]) -> Space:
-    """Return the space whose components are what differs between states.
-
-    Where several states have the same values they are told apart by those with an underscore, then
-    those that are vague, by whether they end the episode, `ended`, then by a number, `variant`.
-    """
+    """Return the space whose components are what differs between states."""
     names = dict.fromkeys(name for state_words in words for name in state_words)
     parts = list[Part]()
+    # Public names first, then those with an underscore, then vague ones; at last a number.
     for name in sorted(names, key=lambda name: 2 if name in vague else name.startswith("_")):
         public = name not in vague and not name.startswith("_")
         if not public and _count(parts) == len(words):
@@ -562,7 +514,6 @@ def _component(name: str, values: Sequence[int | str]) -> Part:
 
 
 def _count(parts: Sequence[Part]) -> int:
-    """Return how many states are told apart."""
     return int((_copy_numbers(parts) == 0).sum()) if parts else 1
 
 
@@ -585,11 +536,7 @@ def _free(name: str, parts: Sequence[Part]) -> str:
 
 
 class Checker:
-    """Plays episodes and follows them in the tables.
-
-    What saves and restores a state may miss a part of it; then the tables and the environment
-    differ sooner or later.
-    """
+    """Plays episodes and follows them in the tables, to find what a way of saving states missed."""
 
     def __init__(self, world: World, tables: Tables):
         self.world, self.tables, self.n_actions = world, tables, world.n_actions
@@ -607,33 +554,27 @@ class Checker:
 
     def _play(self, seed: int, first: int) -> None:
         """Play one episode: on the way to some state, then at random."""
-        way, env = self._way(first), self.world.env
+        way, env, tables = self._way(first), self.world.env, self.tables
         observed, _ = env.reset(seed=seed)
         possible, truncated, taken = {first}, False, 0
         self._compare(possible, observed, f"a reset with seed {seed}")
         most = len(way) + STEPS // WALKS
-        while not truncated and taken < most and not self.tables.terminal[list(possible)].any():
+        while not truncated and taken < most and not tables.terminal[list(possible)].any():
             action = way[taken] if taken < len(way) else int(self.rng.integers(self.n_actions))
             observed, reward, ended, truncated, _ = env.step(self.world.act(action))
             taken += 1
             self.steps += 1
-            possible = {
-                after
-                for state in possible
-                for after in self._successors(state, action, number_of(reward), bool(ended))
-            }
+            reached = set[int]()
+            for state in possible:
+                pair = state * self.n_actions + action
+                fits = (
+                    (tables.probability[pair] > 0)
+                    & np.isclose(tables.reward[pair], number_of(reward), rtol=CLOSE, atol=CLOSE)
+                    & (tables.terminal[tables.next_state[pair]] == bool(ended))
+                )
+                reached.update(tables.next_state[pair][fits].tolist())
             where = f"step {taken} after a reset with seed {seed}, action {action}"
-            possible = self._compare(possible, observed, where)
-
-    def _successors(self, state: int, action: int, reward: float, ended: bool) -> list[int]:
-        """Return the states that the tables give for what a step returned."""
-        tables, pair = self.tables, state * self.n_actions + action
-        fits = (
-            (tables.probability[pair] > 0)
-            & np.isclose(tables.reward[pair], reward, rtol=CLOSE, atol=CLOSE)
-            & (tables.terminal[tables.next_state[pair]] == ended)
-        )
-        return tables.next_state[pair][fits].tolist()  # type: ignore[no-any-return]
+            possible = self._compare(reached, observed, where)
 
     def _compare(self, possible: set[int], observed: Any, where: str) -> set[int]:
         """Return the possible states that look like what was observed, at least one."""
@@ -655,27 +596,23 @@ class Checker:
         """Return actions that lead to a state drawn at random if their most likely outcomes do."""
         tables = self.tables
         likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
-        parent = _breadth_first(likely.reshape(-1, self.n_actions), tables.terminal, first)
+        likely = likely.reshape(-1, self.n_actions)
+        # Breadth first, the state and action from which each state is first reached; -1 where not.
+        parent = np.full((len(likely), 2), -1)
+        parent[first] = first, 0
+        front = np.array([first])
+        while front.size:
+            front = front[~tables.terminal[front]]
+            new = likely[front]
+            row, move = np.nonzero(parent[new, 0] < 0)
+            reached, which = np.unique(new[row, move], return_index=True)
+            parent[reached, 0], parent[reached, 1] = front[row[which]], move[which]
+            front = reached
         state, way = int(self.rng.choice(np.flatnonzero(parent[:, 0] >= 0))), list[int]()
         while state != first:
             state, action = parent[state].tolist()
             way.append(action)
         return way[::-1]
-
-
-def _breadth_first(after: IntArray, terminal: Any, first: int) -> IntArray:
-    """Return the state and action from which each state is first reached, (S, 2); -1 where not."""
-    parent = np.full((len(after), 2), -1)
-    parent[first] = first, 0
-    front = np.array([first])
-    while front.size:
-        front = front[~terminal[front]]
-        new = after[front]
-        state, action = np.nonzero(parent[new, 0] < 0)
-        reached, which = np.unique(new[state, action], return_index=True)
-        parent[reached, 0], parent[reached, 1] = front[state[which]], action[which]
-        front = reached
-    return parent
 
 
 # -- tables in a file -----------------------------------------------------------------------------

@@ -41,11 +41,7 @@ class Tracker(Protocol):
     """
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
-        """Begin a study, before anything is trained.
-
-        `configuration` has the settings, nested as in the study's file. `folder`, absolute, is
-        where its results are.
-        """
+        """Begin a study; settings nested as in its file, and the absolute folder of its results."""
 
     def record(self, arm: str, node: str, result: LearningResult) -> None:
         """Log a task that has been trained, in an arm, under its name there."""
@@ -58,8 +54,7 @@ class Trackers:
     """Several trackers, none of which stops the study.
 
     A tracker that raises an `Exception` is reported and not called again; the others go on.
-
-    `report` is called with one sentence for each failure; by default it is printed to stderr.
+    `report` is called with a sentence for each failure; by default it is printed to stderr.
 
     Examples
     --------
@@ -108,21 +103,20 @@ def trackers_of(trackers: Iterable[str | Tracker]) -> list[Tracker]:
     """Return trackers, each once; SettingError where a name is unknown or its tool is missing."""
     if isinstance(trackers, str):
         raise SettingError(f"trackers must be a list of them: got {trackers!r}")
-    return [
-        tracker if isinstance(tracker, Tracker) else _tensorboard(tracker)
-        for tracker in dict.fromkeys(trackers)
-    ]
-
-
-def _tensorboard(name: str) -> "TensorBoard":
-    one_of("a tracker", name, ("tensorboard",), SettingError)
-    try:
-        import tensorboard.summary.writer.record_writer  # noqa: F401 - of no empty folder
-    except ModuleNotFoundError:
-        raise SettingError(
-            'TensorBoard must be installed to be a tracker: pip install "curricle[tensorboard]"'
-        ) from None
-    return TensorBoard()
+    listed = list[Tracker]()
+    for tracker in dict.fromkeys(trackers):
+        if isinstance(tracker, Tracker):
+            listed.append(tracker)
+            continue
+        one_of("a tracker", tracker, ("tensorboard",), SettingError)
+        try:
+            import tensorboard.summary.writer.record_writer  # noqa: F401 - of no empty folder
+        except ModuleNotFoundError:
+            raise SettingError(
+                'TensorBoard must be installed to be a tracker: pip install "curricle[tensorboard]"'
+            ) from None
+        listed.append(TensorBoard())
+    return listed
 
 
 def to_stderr(sentence: str) -> None:
@@ -162,11 +156,7 @@ def hyperparameters(configuration: Mapping[str, Any]) -> dict[str, bool | int | 
 
 
 class TensorBoard:
-    """Event files in ``<folder>/tensorboard/<arm>/<node>/seed-<seed>``, float32.
-
-    Each seed's file is new, so that nothing logged by another process or an earlier run of the
-    study is overwritten; TensorBoard shows all files of a folder as one run.
-    """
+    """Event files in ``<folder>/tensorboard/<arm>/<node>/seed-<seed>``, float32."""
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
         """Make the folder."""
@@ -193,7 +183,7 @@ class TensorBoard:
                 events.append(Event(wall_time=now, step=step, summary=Summary(value=scalars)))
             folder = self._root / file_name(arm) / file_name(node) / f"seed-{seed}"
             folder.mkdir(parents=True, exist_ok=True)
-            # TensorBoard reads a folder's files in the order of their names.
+            # TensorBoard shows a folder's files, one a run, in the order of their names.
             name = f"events.out.tfevents.{int(now):010d}.{uuid.uuid4().hex}"
             # On a full disk the thread of a SummaryWriter dies and its caller waits for ever.
             with (folder / name).open("xb") as file:

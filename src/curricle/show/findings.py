@@ -18,8 +18,7 @@ from curricle.study.tuning import Effects, TuningRecord, short
 from curricle.study.vary import value_text
 from curricle.text import counted
 
-Row = Mapping[str, Any]
-"""Of :meth:`Comparison.rows`."""
+Row = Mapping[str, Any]  # of :meth:`Comparison.rows`
 
 # -- the findings of a comparison in sentences -----------------------------------------------------
 
@@ -37,10 +36,7 @@ class Finding:
 
 
 def headline(comparison: Comparison) -> str:
-    """Return the comparison in one sentence: which curricula paid, and which most.
-
-    Where there is no verdict it says why, and nothing else.
-    """
+    """Return the comparison in a sentence: which curricula paid, or why there is no verdict."""
     verdicts = comparison.verdicts
     if comparison.withheld:
         return _sentence(comparison.withheld)
@@ -140,7 +136,6 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, Row]) -> Find
 
 
 def _reached(comparison: Comparison, row: Row, scratch: Row) -> str:
-    """Return the sentence about the threshold."""
     threshold, seeds = rounded(comparison.threshold), comparison.seeds
     if not row["reached"] and not scratch["reached"]:
         return f"Neither it nor scratch reaches {threshold} in any seed."
@@ -156,10 +151,7 @@ def _reached(comparison: Comparison, row: Row, scratch: Row) -> str:
 
 
 def too_few(comparison: Comparison) -> str:
-    """Return why no difference could have been shown; empty if one could.
-
-    The smallest p value of a sign-flip test depends on the number of seeds alone.
-    """
+    """Return why no difference could have been shown; empty if one could."""
     few = [verdict for verdict in comparison.verdicts.values() if verdict.withheld]
     if not few or comparison.interim:
         return ""
@@ -298,11 +290,9 @@ class ForecastSection:
 
     record: SectionRecord
     used: Mapping[str, tuple[str, ...]]  # name of a forecast row -> the arms with that potential
+    # Arm -> mean greedy return at the first target step; None where a guard begins without phi.
     measured: Mapping[str, float | None]
-    """Arm -> greedy return at the first target step, mean over seeds; None where a guard begins
-    without the potential."""
-    other_sources: tuple[str, ...] = ()
-    """Arms that train their sources differently: the forecast does not apply to them."""
+    other_sources: tuple[str, ...] = ()  # arms to which the forecast does not apply
 
     @property
     def same_sources(self) -> tuple[str, ...]:
@@ -354,11 +344,7 @@ Texts = list[tuple[str, ...]]
 def effects_sections(
     effects: Sequence[Effects], tuning: TuningRecord | None
 ) -> list[tuple[Effects, Texts, Texts]]:
-    """Return for a sweep and for a tuning, where there are any, the rows of their tables.
-
-    Main effects: arm, setting, value, number of trials or arms, mean return, and its bounds. Of a
-    tuning, the best of each arm: arm, trials, steps, mean return, and the settings.
-    """
+    """Return for a sweep and for a tuning, where there are any, the rows of their tables."""
     best: Texts = []
     if tuning is not None:
         for name, arm in tuning.arms.items():

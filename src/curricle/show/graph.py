@@ -17,37 +17,24 @@ from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
 from curricle.study.record import ArmRecord, CurriculaRecord
 
-CARD, GAP, FALL = 156, 14, 64
-"""Width of a card, and the space between cards, across and down, in CSS pixels."""
-SIDE, LANE = 44, 26
-"""Space at the sides for an arrow that goes round other cards, and for each further one."""
-LINE, NAME_LETTERS, LETTERS = 17, 13, 18
-"""Height of a line of a card in CSS pixels; letters that it holds, in its name and below."""
-PLAIN, CURVE_SPACE = 20, 52
-"""Height of a card without text, and of a curve on it, in CSS pixels."""
-BADGE = 24
-"""Space between the middles of two arrows' numbers, which are circles 20 wide."""
+# All in CSS pixels.
+CARD, GAP, FALL = 156, 14, 64  # width of a card, and the space between cards, across and down
+SIDE, LANE = 44, 26  # space for an arrow that goes round other cards, and for each further one
+LINE, NAME_LETTERS, LETTERS = 17, 13, 18  # height of a line; its letters in the name and below
+PLAIN, CURVE_SPACE = 20, 52  # height of a card without text, and of a curve on it
+BADGE = 24  # space between the middles of two arrows' numbers, which are circles 20 wide
 
 
-Learnt = Mapping[str, Mapping[str, LearningResult]]
-"""Arm -> task -> its training."""
+Learnt = Mapping[str, Mapping[str, LearningResult]]  # arm -> task -> its training
 Data = dict[str, Any]
-Reasons = Mapping[tuple[str, str], Sequence[str]]
-"""(arm, task) -> for each seed why its training ended."""
+Reasons = Mapping[tuple[str, str], Sequence[str]]  # (arm, task) -> why each seed's ended
 
-SWATCH = "\xa0" * 4
-"""As wide as the sample of a line before the returns of an arm."""
-CURVE, CURVE_HEIGHT, CURVE_POINTS = 140.0, 44.0, 60
-"""Size of the curve on a card, and its checkpoints at most."""
+SWATCH = "\xa0" * 4  # as wide as the sample of a line before the returns of an arm
+CURVE, CURVE_HEIGHT, CURVE_POINTS = 140.0, 44.0, 60  # size of a curve, its most checkpoints
 
 
 def graphs(curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons) -> list[Data]:
-    """Return the graphs of a study; arms whose tasks and transfers are alike share one.
-
-    A graph is its ``arms``, the ``cards`` of tasks in the order of training, the ``edges`` of pairs
-    that transfer, ``notes`` on how each arm combines several transfers into a task, and ``width``
-    and ``height`` in CSS pixels.
-    """
+    """Return the graphs of a study; arms whose tasks and transfers are alike share one."""
     return [_graph(arms, curricula, learnt, reasons) for arms in curricula.groups()]
 
 
@@ -96,12 +83,7 @@ def _graph(
 
 
 def card_curves(trained: Mapping[str, LearningResult]) -> list[Data]:
-    """Return the curves of one task in one scale; arms that learnt it alike share one.
-
-    A curve has the colour of its first arm, the points of its mean and of its band, empty for a
-    single seed, and its mean return at its start and its end in words. An arm that was not
-    evaluated in the task has no curve.
-    """
+    """Return the curves of one task in one scale; arms that learnt it alike share one."""
     alike: dict[bytes, list[str]] = {}
     for arm, result in trained.items():
         if not np.isnan(result.greedy_return).all():
@@ -141,11 +123,7 @@ def points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> 
 def layout(
     heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]
 ) -> tuple[dict[str, tuple[int, int]], int, int]:
-    """Return left and top of cards, sources above their targets, and width and height of all.
-
-    `heights` holds the height of each card, sources before their targets, `pairs` the source and
-    the target of each transfer.
-    """
+    """Return left and top of cards, sources above their targets, and width and height of all."""
     depth = dict[str, int]()
     for name in heights:
         depth[name] = max((depth[source] + 1 for source, to in pairs if to == name), default=0)
@@ -164,19 +142,6 @@ def layout(
     return corners, width, top - FALL
 
 
-def _arrow(start: tuple[int, int], end: tuple[int, int], beside: float | None) -> FloatArray:
-    """Return the curve from below one card to above another: the points of a cubic, (4, 2).
-
-    Its middle is at the horizontal position `beside`, right of the cards that it goes round.
-    """
-    (x0, y0), (x1, y1) = (start[0] + CARD / 2, start[1]), (end[0] + CARD / 2, end[1] - 7)
-    middle, inner = (y0 + y1) / 2, (x0, x1)
-    if beside is not None:
-        # A cubic's middle is an eighth of each end and three eighths of each inner point.
-        inner = ((beside - (x0 + x1) / 8) * 4 / 3,) * 2
-    return np.array([(x0, y0), (inner[0], middle), (inner[1], middle), (x1, y1)])
-
-
 def _free(curve: FloatArray, taken: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Return the place of a number on a curve: near its middle, but apart from those taken."""
     along = 0.5 + np.array([0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5]) / 14
@@ -189,10 +154,7 @@ def _free(curve: FloatArray, taken: Sequence[tuple[float, float]]) -> tuple[floa
 
 
 def _edges(arm: ArmRecord, cards: Mapping[str, Data]) -> Iterator[Data]:
-    """Yield an arrow for each pair of tasks: none on a card, and no number on another.
-
-    An edge has a sentence for each transfer in `words`; its number stands at `place`.
-    """
+    """Yield an arrow for each pair of tasks: none on a card, and no number on another."""
     pairs: dict[tuple[str, str], list[str]] = {}
     for transfer in arm.transfers:
         pairs.setdefault((transfer.source, transfer.target), []).append(transfer.words)
@@ -201,11 +163,16 @@ def _edges(arm: ArmRecord, cards: Mapping[str, Data]) -> Iterator[Data]:
         above, below = cards[source], cards[target]
         bottom, top = above["top"] + above["height"], below["top"]
         passed = [card["left"] + CARD for card in cards.values() if bottom < card["top"] < top]
-        beside = max(passed) + SIDE / 2 + around * LANE if passed else None
-        curve = _arrow((above["left"], bottom), (below["left"], top), beside)
-        around += bool(passed)
+        x0, x3, y3 = above["left"] + CARD / 2, below["left"] + CARD / 2, top - 7
+        x1, x2, middle = x0, x3, (bottom + y3) / 2
+        if passed:
+            # A cubic's middle is an eighth of each end and three eighths of each inner point: it is
+            # right of the cards that the arrow goes round.
+            beside = max(passed) + SIDE / 2 + around * LANE
+            x1 = x2 = (beside - (x0 + x3) / 8) * 4 / 3
+            around += 1
+        curve = np.array([(x0, bottom), (x1, middle), (x2, middle), (x3, y3)])
         taken.append(_free(curve, taken))
-        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = curve.tolist()
-        path = f"M{x0:g} {y0:g}C{x1:g} {y1:g} {x2:g} {y2:g} {x3:g} {y3:g}"
+        path = f"M{x0:g} {bottom:g}C{x1:g} {middle:g} {x2:g} {middle:g} {x3:g} {y3:g}"
         names = {"source": source, "target": target}
         yield {**names, "path": path, "place": taken[-1], "words": words}

@@ -34,10 +34,8 @@ from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, generative_model
 from curricle.transfer.transfer import transfer_names
 
-DARK = 0.45
-"""Brightness of a colour below which the text on it is white."""
-PANEL = 2.6
-"""Width of a panel in inches."""
+DARK = 0.45  # brightness of a colour below which the text on it is white
+PANEL = 2.6  # width of a panel in inches
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
@@ -93,11 +91,7 @@ def frame_cells(axes: Axes, maze: GridWorld, marked: BoolArray) -> None:
 
 
 def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = True) -> None:
-    """Draw the grid of a view, north on top, its walls and what stands on it.
-
-    Over a heat map the objects of a maze are letters only, in the corners of cells whose numbers
-    are written. The legend, below the grid, says what the letters mean.
-    """
+    """Draw the grid of a view, north on top, its walls, what stands on it, and the legend below."""
     (top, left), (height, width) = view.origin, view.shape
     axes.set(
         xlim=(left - 0.5, left + width - 0.5),
@@ -172,30 +166,26 @@ def draw_potential(
 ) -> AxesImage:
     r"""Draw values of states, or the best of their actions, as a heat map of a grid.
 
-    Colours diverge from white at 0 where the limits have both signs and for differences; otherwise
-    they run from the lower limit to the upper. States in which the episode is over are hatched.
+    Colours diverge from white at 0 where the limits have both signs and for differences. States in
+    which the episode is over are hatched.
 
     Parameters
     ----------
     axes : Axes
     task : Task
-        A :class:`GridWorld`, or a task whose states have one cell that `at` leaves free: in
-        :class:`Pursuit` that of the prey or of one predator.
+        A :class:`GridWorld`, or a task whose states have one cell that `at` leaves free.
     values : (S,) or (S, A) float64
         Of (S, A) the maximum over actions is drawn.
     label : str
-        What the values are; the title of the panel.
+        The title of the panel.
     at : dict of str to int, str or (int, int), optional
         The other components of the state, as in ``{"prey": (1, 2)}``. Letters mark them.
     limits : (float, float), optional
-        Ends of the colours, to compare panels; by default those of the drawn values
-        (:func:`shared_limits`).
+        Ends of the colours, to compare panels; by default those of the drawn values.
     difference : bool
         Whether 0 is the middle of the colours in any case.
-    bar : bool
-        Whether to draw a bar of colours beside the panel.
-    unit : str
-        Label of that bar.
+    bar, unit : bool, str
+        Whether to draw a bar of colours beside the panel, and its label.
 
     Returns
     -------
@@ -233,10 +223,7 @@ def draw_potential(
 
 
 def shared_limits(task: Task, *several: npt.ArrayLike, at: At | None = None) -> tuple[float, float]:
-    """Return the lowest and the highest value that :func:`draw_potential` would draw of `several`.
-
-    States in which the episode is over are left out; their values are 0 by rule.
-    """
+    """Return the least and the largest value :func:`draw_potential` would draw of `several`."""
     view = GridView.of(task, at)
     alive = view.states[~view.ended]
     drawn = np.concatenate([_best(task, values)[alive] for values in several])
@@ -267,10 +254,10 @@ def draw_sources(
 ) -> Figure:
     """Return the figure of a target's potentials: of each transfer, aggregated, and V*.
 
-    A panel for phi_i(s) = max_a phi_i(s, a) of each transfer, one for the aggregate as it enters
-    the target, one for V*(s) = max_a Q*(s, a), all in the same colours; and one for the error of
+    A panel for phi_i(s) = max_a phi_i(s, a) of each transfer, for the aggregate, unless it equals
+    the only source, and for V*(s) = max_a Q*(s, a), all in the same colours; and for the error of
     the aggregate, phi(s, a*) - V*(s), where a* is the action that phi prefers. The last two are
-    left out where the target cannot be solved, the aggregate where it equals the only source.
+    left out where the target cannot be solved.
 
     Parameters
     ----------
@@ -285,10 +272,9 @@ def draw_sources(
 
     Raises
     ------
-    CurriculumError
-        When the target is unknown, not unique or has no transfer into it.
-    SettingError
-        When the seed was not trained, or the states make no grid.
+    CurriculumError, SettingError
+        When the target is unknown, not unique or has no transfer into it; when the seed was not
+        trained, or the states make no grid.
 
     Examples
     --------

@@ -1,7 +1,6 @@
 """A study as one HTML page without a network and without other files, and the paper's page.
 
-A page is a function of results alone. Curves are in it twice, both by `shown_curve`: as pictures,
-for paper and for readers without scripts, and as rounded numbers that ``curves.js`` draws.
+Curves are in it twice: as pictures, for paper and for readers without scripts, and as numbers.
 """
 
 import base64
@@ -12,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
@@ -61,8 +61,7 @@ from curricle.text import counted
 
 # -- templates -------------------------------------------------------------------------------------
 
-WHITE = "\n\t\u00a0\u202f"
-"""Characters that are not printable and stay: breaks of lines, tabs and narrow spaces."""
+WHITE = "\n\t\u00a0\u202f"  # characters that are not printable and stay
 
 
 def render(template: str, **values: Any) -> str:
@@ -73,7 +72,7 @@ def render(template: str, **values: Any) -> str:
     template : str
         File name in ``assets``.
     **values
-        What the template names. A missing one raises ``UndefinedError``.
+        What it names; ``UndefinedError`` where one is missing.
 
     Examples
     --------
@@ -91,7 +90,9 @@ def render(template: str, **values: Any) -> str:
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
     environment.globals.update(shades=shades_of, asset=asset, digest=_digest)
-    environment.filters.update(signs=_signs, evidence=_evidence, numbered_seeds=numbered_seeds)
+    # A sentence's negative numbers with a minus sign in place of the hyphen.
+    environment.filters["signs"] = partial(re.sub, r"(?<![\w)\]])-(?=\d)", "−")
+    environment.filters.update(evidence=_evidence, numbered_seeds=numbered_seeds)
     environment.filters.update(rounded=rounded, listed=listed, counted=counted)
     return environment.get_template(template).render(values)
 
@@ -120,11 +121,6 @@ def write_page(page: str, path: str | Path) -> Path:
     except OSError as error:
         raise StoreError(f"a report cannot be written to {path}: {error.strerror}") from None
     return Path(path)
-
-
-def _signs(words: str) -> str:
-    """Return a sentence whose negative numbers have a minus sign in place of the hyphen."""
-    return re.sub(r"(?<![\w)\]])-(?=\d)", "−", words)
 
 
 def _evidence(value: Any) -> str:
@@ -161,10 +157,7 @@ class ShownStudy:
 
 
 def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "") -> str:
-    """Return the page of a study; SettingError when it has no arm besides the scratch baseline.
-
-    With a `banner` at its top it is an interim one, which is read again while the run goes on.
-    """
+    """Return the page of a study; with a `banner` at its top it is an interim one."""
     comparison, curricula, learnt = study.comparison, study.curricula, study.learnt
     if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
@@ -221,10 +214,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
 
 
 def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[str, Axes]]:
-    """Return the drawn learning curves, and the panels that they were drawn in.
-
-    The first are kind of transfer -> width -> SVG, the second kind of transfer -> axes.
-    """
+    """Return the learning curves, kind of transfer -> width -> SVG, and the axes of each kind."""
     drawn: dict[str, dict[str, Markup]] = {"weak": {}, "strong": {}}
     panels: dict[str, Axes] = {}
     for size, (width, height, most) in WIDTHS.items():
@@ -259,16 +249,11 @@ def _shared(rows: Iterable[tuple[str, str, Any]]) -> list[tuple[list[str], str, 
 # -- figures as SVG --------------------------------------------------------------------------------
 
 _REFERENCE = re.compile(r"#([\w-]+)")
-_DRAWN = ("d", "transform", "x", "y", "width", "height")
-"""Attributes that hold coordinates."""
+_DRAWN = ("d", "transform", "x", "y", "width", "height")  # attributes that hold coordinates
 
 
 def inline_svg(figure: Figure, name: str, label: str) -> Markup:
-    """Return a figure as an ``<svg>`` element, its text kept as text in the font of the page.
-
-    It scales with the width of its container, refers to nothing outside and shares no identifier
-    with an element of another name.
-    """
+    """Return a figure as an ``<svg>`` element that shares no identifier with another name's."""
     content = io.BytesIO()
     with matplotlib.rc_context({**STYLE, "svg.fonttype": "none"}):
         figure.savefig(content, format="svg", metadata={"Date": None})
@@ -309,28 +294,15 @@ def _plain(key: str, value: str, name: str) -> str:
 
 # -- learning curves as data for the script of the page --------------------------------------------
 
-MOST_CHECKPOINTS = 400
-"""Checkpoints of a mean that a page holds."""
-MOST_SEEDS, MOST_SEED_VALUES = 100, 60_000
-"""Seeds of an arm that a page shows, and the values of all of them that it holds at most."""
-SEEN, SEEN_NEAR_ZERO = 4000, 100
-"""Values are rounded to this share of a linear axis, or of the linear part of a symlog axis."""
+MOST_CHECKPOINTS = 400  # checkpoints of a mean that a page holds
+MOST_SEEDS, MOST_SEED_VALUES = 100, 60_000  # seeds of an arm that a page shows, values of all
+SEEN, SEEN_NEAR_ZERO = 4000, 100  # rounded to a share of an axis, of a symlog axis's linear part
 
 
 def curve_data(
     comparison: Comparison, styles: Mapping[str, ArmStyle], panels: Mapping[str, Axes]
 ) -> dict[str, Any]:
-    """Return what the script of a page draws curves from, as data for JSON.
-
-    Returns are whole numbers of 10^-digits, and a row of numbers holds its first number, then
-    differences, so that the text is short. None stands for a bound that does not exist.
-
-    ``digits``; ``threshold`` and its words; ``random``, the return while sources are trained;
-    ``symlog``, the return up to which its axis is linear and Matplotlib's ``linscale``, or None;
-    ``panels``, the limits of each; ``steps`` (T,) and ``seed_steps`` (T',); ``arms`` in the order
-    of drawing: for each panel the place of its first step, mean, low and high; for each seed its
-    ``source_steps``, and in ``seeds`` its returns over target steps.
-    """
+    """Return what the script of a page draws curves from, as data for JSON."""
     scale, symlog = panels["strong"].yaxis.get_transform(), None
     if isinstance(scale, SymmetricalLogTransform):
         symlog = [float(scale.linthresh), float(scale.linscale)]
@@ -365,7 +337,7 @@ def curve_data(
         "digits": digits,
         "threshold": comparison.threshold,
         "threshold_words": minus(f"{comparison.threshold:.4g}"),
-        "random": random_level(comparison),
+        "random": random_level(comparison),  # the return while sources are trained
         "symlog": symlog,
         "panels": {
             name: {"x": list(axes.get_xlim()), "y": list(axes.get_ylim())}

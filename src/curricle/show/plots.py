@@ -58,18 +58,16 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
         its rows. Of what was learnt its learning curve, of a curriculum those of its last tasks.
         Of values, (S,) or (S, A) float64, the best of each state as a heat map of their `task`.
     path : str or Path, optional
-        Ending in .png, .svg or .pdf, in a folder that exists. An existing file is replaced only
-        when the new one is complete.
+        Ending in .png, .svg or .pdf, in a folder that exists; written whole or not at all.
     task : Task, optional
-        Of an array of values: one whose states lie on a grid, as in :func:`draw_potential`.
+        Of an array of values, as in :func:`draw_potential`.
 
     Raises
     ------
-    SettingError
+    CurricleError
         When the subject or the file's ending is another, a task is given without values or the
-        other way round, states do not lie on a grid, or the file cannot be written.
-    StoreError, CurricleError
-        As of ``StudyResults.comparison``, where a study cannot be compared.
+        other way round, states do not lie on a grid, the file cannot be written, or a study cannot
+        be compared.
 
     Examples
     --------
@@ -88,36 +86,29 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
     """
     if path is not None:
         check_path(path)
-    figure = _figure_of(subject) if task is None else _figure_of_values(subject, task)
+    if task is not None:
+        array = numbers("the values of a task", subject, SettingError)
+        with matplotlib.rc_context(STYLE):
+            figure, axes = new_figure(1, 1, width=5.5, height=4.2)
+            label = "max Q(s, a)" if array.ndim == 2 else "V(s)"
+            draw_potential(axes[0, 0], task, array, label=label)
+    elif isinstance(subject, Forecast):
+        figure = draw_forecast(subject)
+    elif isinstance(subject, LearningResult):
+        name = "learning" if subject.task is None else type(subject.task).__name__
+        figure = draw_results({name: subject})
+    elif isinstance(subject, CurriculumResult) and subject.nodes:
+        figure = draw_results(subject.nodes)
+    else:
+        compared = getattr(subject, "comparison", subject)  # of a study or a trial, or itself
+        if not isinstance(compared, Comparison):
+            raise SettingError(
+                "what is plotted must be a Comparison, Forecast, StudyResults, LearningResult or "
+                f"CurriculumResult, or an array of values with its task: got {brief(subject)}"
+            )
+        figure = draw_comparison(compared)
     if path is not None:
         save(figure, path)
-    return figure
-
-
-def _figure_of(subject: Any) -> Figure:
-    """Return the figure of a subject; a new picture is a line here and its function below."""
-    if isinstance(subject, Forecast):
-        return draw_forecast(subject)
-    if isinstance(subject, LearningResult):
-        name = "learning" if subject.task is None else type(subject.task).__name__
-        return draw_results({name: subject})
-    if isinstance(subject, CurriculumResult) and subject.nodes:
-        return draw_results(subject.nodes)
-    compared = getattr(subject, "comparison", subject)  # of a study or a trial, or itself
-    if isinstance(compared, Comparison):
-        return draw_comparison(compared)
-    raise SettingError(
-        "what is plotted must be a Comparison, Forecast, StudyResults, LearningResult or "
-        f"CurriculumResult, or an array of values with its task: got {brief(subject)}"
-    )
-
-
-@matplotlib.rc_context(STYLE)
-def _figure_of_values(values: Any, task: Any) -> Figure:
-    """Return values of states, or the best of their actions, over a task's grid."""
-    array = numbers("the values of a task", values, SettingError)
-    figure, axes = new_figure(1, 1, width=5.5, height=4.2)
-    draw_potential(axes[0, 0], task, array, label="max Q(s, a)" if array.ndim == 2 else "V(s)")
     return figure
 
 
@@ -170,10 +161,8 @@ def check_path(path: str | Path) -> Path:
 
 # -- learning curves -------------------------------------------------------------------------------
 
-ALL = 10**9
-"""More checkpoints than a curve has."""
-ROW_HEIGHT, BAR_HEIGHT = 0.21, 0.28
-"""Inches of an arm in the figure of a comparison, and of a row of a forecast."""
+ALL = 10**9  # more checkpoints than a curve has
+ROW_HEIGHT, BAR_HEIGHT = 0.21, 0.28  # inches of an arm in a comparison, of a forecast's row
 
 
 def draw_curve(
@@ -227,11 +216,7 @@ def places(n: int, most: int) -> IntArray:
 
 
 def shown_curve(comparison: Comparison, name: str, *, strong: bool) -> tuple[Curve, int]:
-    """Return the curve of an arm as it is drawn, and its first checkpoint of the comparison's.
-
-    For strong transfer source steps count, and the curve begins at the first checkpoint at which a
-    seed has left its sources. For weak transfer it ends at the budget of the target.
-    """
+    """Return the curve of an arm as it is drawn, and its first checkpoint of the comparison's."""
     arm = comparison[name]
     if not strong:
         kept = arm.curve.steps <= comparison.budget
@@ -243,11 +228,7 @@ def shown_curve(comparison: Comparison, name: str, *, strong: bool) -> tuple[Cur
 
 @matplotlib.rc_context(STYLE)
 def draw_results(results: Mapping[str, LearningResult]) -> Figure:
-    """Return the figure of what tasks learnt: a panel with a curve for each, of at most the last 4.
-
-    The greedy return, or that of training where nothing was evaluated: mean over seeds with
-    Student's 95 % band.
-    """
+    """Return a figure of at most the last 4 tasks' returns: mean and Student's 95 % band."""
     shown = [*results.items()][-MOST_CURVES:]
     figure, grid = new_figure(1, len(shown), width=1 + 4.2 * len(shown), height=3.4)
     for axes, (name, result) in zip(grid[0], shown, strict=True):
@@ -267,11 +248,7 @@ def draw_results(results: Mapping[str, LearningResult]) -> Figure:
 def draw_learning_curves(
     comparison: Comparison, *, width: float = 8.4, height: float = 4.0, most: int = ALL
 ) -> tuple[Figure, Figure]:
-    """Return two figures of the arms' learning curves with one scale of return.
-
-    First weak transfer, over target steps up to the budget of the target; then strong transfer,
-    over all steps, dotted while an arm trains its sources. There is no legend.
-    """
+    """Return figures of the arms' curves in one scale: weak, then strong transfer; no legend."""
     styles = arm_styles(comparison)
     weak, strong = (new_figure(1, 1, width=width, height=height)[0] for _ in range(2))
     _draw_arms(weak.axes[0], comparison, styles, strong=False, most=most)
@@ -340,10 +317,7 @@ def random_level(comparison: Comparison) -> float:
 
 @matplotlib.rc_context(STYLE)
 def draw_comparison(comparison: Comparison) -> Figure:
-    """Return the figure of a comparison: learning curves, performance profiles and gains.
-
-    The list of arms beside the gains is the legend of all. SettingError when scratch is alone.
-    """
+    """Return the figure of a comparison: learning curves, performance profiles and gains."""
     if not comparison.contrasts:
         raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")
     styles = arm_styles(comparison)
@@ -423,7 +397,6 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
 
 
 def _words(comparison: Comparison) -> str:
-    """Return the caption."""
     n, seeds = len(comparison.verdicts), comparison.seeds
     tests = f"adjusted for {n} curricula by Holm's rule" if n > 1 else "of one curriculum"
     if seeds > 1:
@@ -453,10 +426,7 @@ def _words(comparison: Comparison) -> str:
 
 @matplotlib.rc_context(STYLE)
 def draw_forecast(forecast: Forecast) -> Figure:
-    """Return the figure of a forecast: bars from the random policy's return to predicted starts.
-
-    A row for each aggregate, the best start first, then a row for each transfer alone.
-    """
+    """Return the figure of a forecast: bars from the random policy's return to predicted starts."""
     rows, low = forecast.rows, forecast.random_return
     figure, grid = new_figure(1, 1, width=7.5, height=1.6 + BAR_HEIGHT * max(len(rows), 3))
     axes = grid[0, 0]

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, FloatTable, IntArray
 from curricle.learning.record import Snapshots
 from curricle.show.graph import Learnt
+from curricle.show.plots import places
 from curricle.show.style import (
     COLOURS,
     DIVERGING,
@@ -31,18 +32,12 @@ from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, Episod
 from curricle.tasks.grid_layout import LETTERS
 from curricle.text import counted
 
-MOST_MOMENTS = 48
-"""Moments of one training at most."""
-MOST_CELLS = 16_000
-"""Cells of all replays together; each is printed at three moments, under four megabytes."""
-MOST_CELL_MOMENTS = 400_000
-"""Cells times moments of all replays together: a megabyte and a half."""
-LEVELS = 2**16
-"""Levels between the lowest and the highest value to which values are rounded."""
-LONGEST_WORD = 9
-"""Letters of an action's name up to which it is written into a cell."""
-APART = 0.2
-"""Distance of markers from the middle of a cell, where there are several."""
+MOST_MOMENTS = 48  # moments of one training at most
+MOST_CELLS = 16_000  # of all replays, each printed at three moments: under four megabytes
+MOST_CELL_MOMENTS = 400_000  # cells times moments of all replays together: a megabyte and a half
+LEVELS = 2**16  # levels between the lowest and the highest value to which values are rounded
+LONGEST_WORD = 9  # letters of an action's name up to which it is written into a cell
+APART = 0.2  # distance of markers from the middle of a cell, where there are several
 # Shapes around the middle of a cell one wide: a move north drawn alone, one of several, a stay.
 _HALF = ((0.15, -0.05), (0.05, -0.05), (0.05, 0.26))
 _ARROW = ((0, -0.26), *_HALF, *((-x, y) for x, y in reversed(_HALF)))
@@ -89,11 +84,7 @@ def shifted(view: GridView, cells: IntArray) -> list[tuple[int, int]]:
 
 
 def move_path(direction: int, *, alone: bool) -> str:
-    """Return a move as a path from the middle of a cell and back to it.
-
-    Directions are 0 stay, 1 north, 2 east, 3 south, 4 west. The only greedy move is an arrow, a
-    move that is as good as others the tip of an arrow.
-    """
+    """Return a move as a path around a cell's middle: an arrow, or a tip if others are as good."""
     points: tuple[tuple[float, float], ...] = _STAY
     if direction:
         # A quarter turn from north for each direction after it.
@@ -243,10 +234,7 @@ class Replay:
 def replays(
     curricula: CurriculaRecord, learnt: Learnt, analysis: Analysis
 ) -> tuple[tuple[Replay, ...], tuple[str, ...]]:
-    """Return the replays of all snapshots, the last task first, and the tasks too large to show.
-
-    Arms whose snapshots of a task are equal share a replay.
-    """
+    """Return the replays of all snapshots, the last task first, and the tasks too large to show."""
     shown, left_out, cells = list[tuple[str, GridView, list[str]]](), dict[str, None](), 0
     for name, task, arms in reversed(_tasks(curricula, learnt)):
         view = None if task.view is None else task.view.view
@@ -297,8 +285,7 @@ def _episodes(pair: EpisodePair | None, view: GridView) -> dict[str, Any]:
 
 def _values(snapshots: Snapshots, view: GridView, most: int) -> dict[str, Any]:
     """Return the fields of a replay for `most` moments, the first and the last among them."""
-    n = len(snapshots.steps)
-    moments = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+    moments = places(len(snapshots.steps), most)
     values = snapshots.values[moments][:, view.states[~view.ended]]
     best = values.max(axis=-1)
     low, high = (float(best.min()), float(best.max())) if best.size else (0.0, 0.0)

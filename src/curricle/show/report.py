@@ -1,8 +1,7 @@
 """The report of a study's folder: once, or again and again while units are stored.
 
 An interim report is made of what the folder holds, whoever runs the study, so that ``run --open``
-and ``watch`` do the same. It is a file as the last report is; a few lines of script read it again
-until the run is over. Every page is written beside its place and moved there, whole at any moment.
+and ``watch`` do the same.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -19,18 +18,15 @@ from curricle.errors import StudyError, in_words
 from curricle.files import Place, RemotePath, place_at
 from curricle.show.page import ShownStudy, page_of, render, write_page
 from curricle.statistics.curves import SCRATCH
-from curricle.study.record import Analysis, CurriculaRecord, SectionRecord, StudyRecord
+from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import STUDY, in_use
 from curricle.study.tuning import effects_of, read_tuning
 from curricle.text import counted
 
-BETWEEN, BETWEEN_AT_URL = 2.0, 10.0
-"""Seconds between two interim reports at least."""
-REST = 10.0
-"""An interim report that took t seconds is followed by another after REST * t at the earliest."""
-ATTEMPTS = 3
-"""A file that a listing names may have been merged into another before it is read."""
+BETWEEN, BETWEEN_AT_URL = 2.0, 10.0  # seconds between two interim reports at least
+REST = 10.0  # after an interim report that took t seconds no other is begun for REST * t
+ATTEMPTS = 3  # a file that a listing names may have been merged into another before it is read
 INTERRUPTED = "The run was interrupted. What was stored is whole, and --resume goes on from there."
 NO_LONGER = "The command that followed the run was ended; the run goes on by itself."
 
@@ -61,20 +57,25 @@ def default_page(place: Place) -> Path:
 
 
 def stored_page(study: StudyResults, banner: str = "") -> str:
-    """Return the page of a stored study; StoreError when there is nothing to compare yet.
-
-    With a `banner`, what stands at the top, it is an interim report.
-    """
+    """Return the page of a stored study; StoreError when there is nothing to compare yet."""
     comparison = study.comparison
     learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
     places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
-    record, tuning = study.record.only(learnt), read_tuning(study.store)
+    record, tuning, analysis = study.record.only(learnt), read_tuning(study.store), study.analysis
+    if analysis is None:
+        why = (
+            "The forecast and certificates are left out, because the run has not ended: "
+            "curricle run --resume makes them."
+        )
+        groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
+        empty: Any = {"forecast": None, "certificates": (), "left_out": (why,)}
+        analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
     shown = ShownStudy(
         name=study.record.name,
         comparison=comparison,
         curricula=record,
         learnt=learnt,
-        analysis=study.analysis or _no_analysis(record),
+        analysis=analysis,
         reasons={place: list(study.ended_by(*place).values()) for place in places},
         effects=effects_of(comparison, record, tuning),
         tuning=tuning,
@@ -87,42 +88,21 @@ def stored_page(study: StudyResults, banner: str = "") -> str:
     return page_of(shown, environment, banner)
 
 
-def _no_analysis(record: CurriculaRecord) -> Analysis:
-    """Return the analysis of a run that has not ended: what is left out."""
-    why = (
-        "The forecast and certificates are left out, because the run has not ended: "
-        "curricle run --resume makes them."
-    )
-    groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
-    sections = [
-        SectionRecord(arms=arms, forecast=None, certificates=(), left_out=(why,)) for arms in groups
-    ]
-    return Analysis(of="", sections=tuple(sections))
-
-
 # -- while units are stored ------------------------------------------------------------------------
 
 
 class InterimReport:
-    """The report of a folder in which units are being stored, written anew as they end.
-
-    Nothing that goes wrong is raised, so that a run goes on without its page. `line` says in words
-    how far a study is, from the units that are stored and all units; `say` is called with a
-    sentence when the page cannot be written, once with the same; `opened` with the path when the
-    page is there. A ``with`` block around a run ends the report with it; the run begins it. With
-    `elsewhere` others run the study: the folder tells whether they still do, and `over` whether
-    their run is over.
-    """
+    """Writes the report of a folder anew as units are stored; what fails is said, not raised."""
 
     def __init__(
         self,
         folder: str | Place,
-        line: Callable[[int, int], str],
-        say: Callable[[str], Any],
-        opened: Callable[[Path], Any],
+        line: Callable[[int, int], str],  # how far it is, from the stored units and all units
+        say: Callable[[str], Any],  # told why the page cannot be written, once with the same
+        opened: Callable[[Path], Any],  # called when the page is there
         *,
         path: Path | None = None,
-        elsewhere: bool = False,
+        elsewhere: bool = False,  # others run the study: the folder tells whether they still do
     ):
         self.folder, self.over = place_at(folder), False
         self.path = default_page(self.folder) if path is None else path
@@ -197,10 +177,17 @@ class InterimReport:
         if not (self.folder / STUDY).exists():
             return
         study = StudyResults(self.folder)
-        stored_units, units = unit_counts(study)
+        per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
+        seeds, keys, kept = study.record.seeds, set(study.record.keys.values()), study.stored
+        units = len(keys) * len({seed // per_unit for seed in seeds})
+        # A unit is stored when all its seeds are.
+        missing = {
+            (k, seed // per_unit) for k in keys for seed in seeds if seed not in kept.get(k, {})
+        }
+        stored_units = units - len(missing)
         running = in_use(self.folder) if self._elsewhere else True
         over = last or (self._elsewhere and self._ended(study, stored_units == units, running))
-        stored = {key: len(seeds) for key, seeds in study.stored.items()}
+        stored = {key: len(done) for key, done in kept.items()}
         seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
         if seen == self._seen and not over:
             return
@@ -234,30 +221,13 @@ class InterimReport:
         return let_go or (done and not running and study.store.has(ANALYSIS))
 
     def _write(self, sentence: str, seconds: float) -> None:
-        """Write the page with a sentence at its top; it is read again after so many seconds."""
         time, seconds = f"{datetime.now():%X}", round(seconds, 1)
         banner = render("banner.html", sentence=sentence, time=time, seconds=seconds)
         write_page(self._page.replace(self._place, banner), self.path)
 
 
-def unit_counts(study: StudyResults) -> tuple[int, int]:
-    """Return how many units of a study are stored with all their seeds, and how many it has."""
-    per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
-    seeds, keys = study.record.seeds, set(study.record.keys.values())
-    units = len(keys) * len({seed // per_unit for seed in seeds})
-    stored = study.stored
-    missing = {
-        (key, seed // per_unit) for key in keys for seed in seeds if seed not in stored.get(key, {})
-    }
-    return units - len(missing), units
-
-
 def arms_so_far(study: StudyResults) -> list[str]:
-    """Return the arms that can be compared: scratch and others, with the most results in common.
-
-    Those are the n arms for which n times the number of seeds that all have finished is largest.
-    Empty as long as there are no two.
-    """
+    """Return the arms that can be compared: scratch and others, with the most results in common."""
     record = study.record
     if record.total is None or SCRATCH not in record.arms or SCRATCH in study.failed:
         return []
@@ -269,6 +239,7 @@ def arms_so_far(study: StudyResults) -> list[str]:
         if name not in study.failed
     }
     others = sorted(done.keys() - {SCRATCH}, key=lambda name: -len(done[name] & done[SCRATCH]))
+    # The n arms for which n times the number of seeds that all have finished is largest.
     best, most, common = 0, 0, done[SCRATCH]
     for number, name in enumerate(others, start=1):
         common = common & done[name]
@@ -293,7 +264,6 @@ def _only(study: StudyResults, arms: set[str]) -> StudyResults:
 
 
 def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> str:
-    """Return what an interim report is of."""
     if record.total is None or SCRATCH not in record.arms or SCRATCH in {*failed}:
         return "There is no report: it needs the target learnt from scratch, for a number of steps."
     if not arms:
@@ -304,5 +274,4 @@ def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> 
 
 
 def _one_line(error: BaseException) -> str:
-    r"""Return an error as one line."""
     return " ".join(in_words(error).split())

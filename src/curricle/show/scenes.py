@@ -26,12 +26,11 @@ from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space, parts_of
 from curricle.tasks.start_states import TaskWithStart
 
-FINER = 4
-"""Figures are drawn this many times larger and then reduced, which smooths their edges."""
+FINER = 4  # figures are drawn this many times larger and then reduced, which smooths their edges
 FLOOR, DARK, INK = "#f7f5f0", "#4d5366", "#22242c"
 
+# The method that draws it, its coordinates in a cell of side 1, and its colour.
 Shape = tuple[Callable[..., None], tuple[float, ...], str]
-"""The method that draws it, its coordinates in a cell of side 1, and its colour."""
 OVAL, BLOCK = ImageDraw.ImageDraw.ellipse, ImageDraw.ImageDraw.rectangle
 POLYGON = ImageDraw.ImageDraw.polygon
 
@@ -133,10 +132,8 @@ def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDA
 
 Pixels = npt.NDArray[np.uint8]
 Letters = npt.NDArray[np.str_]
-Cells = list[tuple[int, int]]
-"""Row and column of everything that moves."""
-SIDE = 640
-"""Pixels along the longer side of a grid, unless its cells would be too large or too small."""
+Cells = list[tuple[int, int]]  # row and column of everything that moves
+SIDE = 640  # pixels along the longer side of a grid, unless its cells are too large or small
 LARGEST_CELL, SMALLEST_CELL = 64, 4
 MARGIN = 4
 LINES, GLOW = "#dedace", "#fadcc9"
@@ -206,10 +203,8 @@ def _paste(image: Pixels, corner: tuple[int, int], figure: Figure, side: int) ->
 
 # -- scenes: pictures, (height, width, 3) uint8 of one size, and text of all moments of a task -----
 
-MOST_CELLS = 40_000
-"""Cells of a grid that is drawn, at most, but for mazes."""
-WIDTH, LINE, LETTER = 480, 28, 9
-"""A picture of text: its width, the height of a line, and the width of a letter, in pixels."""
+MOST_CELLS = 40_000  # cells of a grid that is drawn, at most, but for mazes
+WIDTH, LINE, LETTER = 480, 28, 9  # pixels: a picture of text, its line's height, a letter
 MOST_LINES, LONGEST_LINE = 14, 48
 INKS = dict(zip(("blue", "green", "vermillion", "purple", "black"), COATS[:5], strict=True))
 """Colours of a view's markers by name."""
@@ -384,5 +379,4 @@ def _letters_of(grid: GridLayout | GridView, walls: Any) -> Letters:
 
 
 def _lines_of(states: Space, state: int, names: Collection[str]) -> list[str]:
-    """Return the values of these components of a state, a line each."""
     return [f"{name} = {label}" for name, label in parts_of(states, state) if name in names]

@@ -37,14 +37,10 @@ STYLE: Any = {
 TINTS = {"treasure": "#f2c14e", "fire": "#ee6c4d", "pit": "#3d405b", "goal": "#f2c14e"}
 TINTS |= {"key": "#8ecae6", "lock": "#c9a0dc", "exit": "#90be6d"}
 """Of the objects on a grid."""
-DIVERGING, SEQUENTIAL = "PuOr", "cividis"
-"""Colour maps that colour-blind readers can read."""
-MOST_NUMBERS = 36
-"""Cells of a grid up to which their values are written."""
-SHADES = 64
-"""Colours of a map on a page."""
-SCREEN = 72
-"""Pixels of an inch in a notebook."""
+DIVERGING, SEQUENTIAL = "PuOr", "cividis"  # colour maps that colour-blind readers can read
+MOST_NUMBERS = 36  # cells of a grid up to which their values are written
+SHADES = 64  # colours of a map on a page
+SCREEN = 72  # pixels of an inch in a notebook
 
 
 def shades_of(palette: str) -> list[str]:
@@ -64,8 +60,7 @@ CONTROL_DASHES: tuple[Any, ...] = (
     (0, (5, 1.2, 1, 1.2, 1, 1.2)),
     (0, (8, 1.5, 3, 1.5)),
 )
-GREY, GREYNESS = "#999999", 0.6
-"""The grey in a control's colour, and its share."""
+GREY, GREYNESS = "#999999", 0.6  # the grey in a control's colour, and its share
 
 
 @dataclass(frozen=True)
@@ -84,10 +79,7 @@ class ArmStyle:
 
 
 def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
-    """Return how each arm is drawn; a control has the colour of the curriculum before it, greyer.
-
-    Learners from scratch are black, those beside the target's own dashed.
-    """
+    """Return how each arm is drawn; a control has the colour of its curriculum, greyer."""
     styles = {SCRATCH: ArmStyle(SCRATCH, COLOURS["black"], "-", False)}
     for number, name in enumerate(comparison.scratches[1:]):
         dashes = CONTROL_DASHES[number % len(CONTROL_DASHES)]
@@ -133,10 +125,7 @@ def without_seeds(interval: Interval) -> str:
 
 
 class ShownFigure(Figure):
-    """A figure that a notebook shows by itself, once, whether pyplot is imported or not.
-
-    pyplot knows nothing of it, so that nothing has to be closed.
-    """
+    """A figure that a notebook shows by itself, once, and that pyplot knows nothing of."""
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         """Return the picture, at twice the size that it is shown at."""
@@ -181,15 +170,11 @@ def write_columns(axes: Axes, columns: Sequence[Sequence[str]]) -> None:
 DECADES, MIXED = 1.2, 1.0
 """Decades between the absolute ends of an axis from which it is ``symlog``: where both ends have
 the same sign, and where they have two."""
-SMALLEST = 1e-3
-"""Share of the largest absolute return below which an axis is linear in any case."""
+SMALLEST = 1e-3  # share of the largest absolute return below which an axis is linear in any case
 
 
 def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> None:
-    """Scale and label an axis of returns, with a ``symlog`` scale where they span decades.
-
-    A ``symlog`` axis is linear up to the smaller absolute end, then logarithmic.
-    """
+    """Scale and label an axis of returns, with a ``symlog`` scale where they span decades."""
     (small, large), axes = sorted([abs(low), abs(high)]), axis.axes
     small = max(small, SMALLEST * large)
     decades = math.log10(large / small) if large else 0.0
@@ -202,18 +187,7 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
         set_limits(low - margin, high + margin)
         return
     set_scale("symlog", linthresh=small, linscale=0.5 if low < 0 < high else 0.2)
-    axis.set_ticks(_round_numbers(low, high, small))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda x, _: minus(f"{x:,g}")))
-    # The margin is a share of the drawn length, not of the numbers.
-    transform = axis.get_transform()
-    ends = transform.transform(np.array([low, high]))
-    margin = 0.05 * (ends[1] - ends[0]) * np.array([-1.0, 1.0])
-    set_limits(*transform.inverted().transform(ends + margin))
-
-
-def _round_numbers(low: float, high: float, small: float) -> list[float]:
-    """Return round numbers from `low` to `high`, 0 if it is among them, at most nine."""
+    # Round numbers, 0 if it is among them, at most nine.
     most = math.ceil(math.log10(max(abs(low), abs(high))))
     least = small / 2 if low < 0 < high else small * 0.999
     lowest = math.floor(math.log10(least))
@@ -223,7 +197,14 @@ def _round_numbers(low: float, high: float, small: float) -> list[float]:
         ticks = sorted(x for x in [*both, 0.0] if low <= x <= high)
         if len(ticks) <= 9:
             break
-    return ticks
+    axis.set_ticks(ticks)
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda x, _: minus(f"{x:,g}")))
+    # The margin is a share of the drawn length, not of the numbers.
+    transform = axis.get_transform()
+    ends = transform.transform(np.array([low, high]))
+    margin = 0.05 * (ends[1] - ends[0]) * np.array([-1.0, 1.0])
+    set_limits(*transform.inverted().transform(ends + margin))
 
 
 def steps_scale(axes: Axes, last: int, label: str = "steps") -> None:

@@ -1,8 +1,7 @@
 """Grid views: the states of a task that a grid shows, the cell of each, and what moves.
 
-`grids` draws a view with Matplotlib, `replay` as SVG, `scenes` as pixels and text. Like `scenes`
-this module knows tasks alone: episodes, environments and the records of studies need it, and they
-lie below the rest of this package.
+Like `scenes` this module knows tasks alone: episodes, environments and records lie below the rest
+of this package, and need it.
 """
 
 import re
@@ -21,15 +20,11 @@ from curricle.tasks.live import is_live, reset_state
 from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.spaces import MISSING, Component, Space, action_name
 
-At = Mapping[str, Any]
-"""Component name -> its value, a number, a label, or for a cell (row, column)."""
-Letters = tuple[tuple[str, int, int], ...]
-"""Letter, row and column."""
+At = Mapping[str, Any]  # component -> its value: a number, a label, or a cell's (row, column)
+Letters = tuple[tuple[str, int, int], ...]  # letter, row and column
 
-STRIP, LONGEST_STRIP = 6, 60
-"""States without geometry stand in a strip: states a row, and states at most."""
-MOST_CELLS = 2500
-"""Cells of a replayed grid at most."""
+STRIP, LONGEST_STRIP = 6, 60  # states without geometry stand in a strip: a row, at most
+MOST_CELLS = 2500  # cells of a replayed grid at most
 DIRECTIONS = {"stay": 0, "noop": 0, "north": 1, "up": 1, "east": 2, "right": 2}
 DIRECTIONS |= {"south": 3, "down": 3, "west": 4, "left": 4}
 DIRECTIONS |= dict.fromkeys(("pick up", "put down", "drop off", "unlock"), 0)
@@ -70,12 +65,7 @@ class GridView:
 
     @classmethod
     def of(cls, task: Any, at: At | None = None) -> "GridView":
-        """Return the view of the states that share the components `at`.
-
-        A component is given by a number, a label, or a cell's row and column. Those left out make
-        the grid: one that is a cell, or two, the first being the row. Where the task or names say
-        where its states lie (:class:`GridLayout`), those left out are as an episode starts.
-        """
+        """Return the view of states that share the components `at`: number, label or cell."""
         fixed = {} if at is None else at
         instance("at", fixed, Mapping, SettingError)
         layout = layout_of(task)
@@ -85,12 +75,7 @@ class GridView:
 
     @classmethod
     def for_replay(cls, task: Any) -> "GridView | None":
-        """Return a view with markers, to replay training in; None where it has too many cells.
-
-        A maze or a pursuit is shown as its grid, states without geometry as a strip. Of several
-        cells in a state the first that an action moves is left free. Cells that no action moves are
-        fixed in the middle, those of other agents in the corners.
-        """
+        """Return a view with markers, to replay training in; None where it has too many cells."""
         space = generative_model(task).states
         read = {component.name: labelled_cells(component) for component in space.components}
         labelled = {name: cells for name, cells in read.items() if cells is not None}
@@ -126,10 +111,7 @@ def stacked(letters: Iterable[tuple[str, int, int]]) -> dict[tuple[int, int], st
 
 
 def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) -> dict[str, Any]:
-    """Return the fields that are read off a task: which states end, and what its actions do.
-
-    `mover` is the component of an action that moves what the cells stand for.
-    """
+    """Return the fields read off a task: which states end, and what its actions do to `mover`."""
     generative = generative_model(task)
     terminal, actions = generative.terminal, generative.actions
     ended = np.zeros(len(states), bool) if terminal is None else terminal[states]
@@ -144,15 +126,11 @@ def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) ->
 
 
 def _says_where(task: Any) -> bool:
-    """Return whether a task says itself where its states lie."""
     return isinstance(getattr(task, "layout", None), GridLayout)
 
 
 def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
-    """Return the view of a task that says where its states lie.
-
-    Components that are neither fixed nor part of the grid are as an episode starts.
-    """
+    """Return the view of a task that says where its states lie."""
     space = generative_model(task).states
     others = [part for part in space.components if part.name not in layout.components]
     if fixed and not others:
@@ -161,7 +139,11 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
         )
     _check_names(fixed, [part.name for part in others])
     values = space.decode() if others else {}
-    start = _start_of(task) if others else 0
+    start = 0  # a state that episodes start in; of a task given by functions the first state
+    if others and has_tables(task):
+        start = int(tables(task).start_states[0])
+    elif others and is_live(task):
+        start = reset_state(task)
     shown, keys = np.ones(space.size, bool), list[str]()
     for part in others:
         value = _value(part, fixed.get(part.name, int(values[part.name][start])))
@@ -191,13 +173,6 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
     )
 
 
-def _start_of(task: Any) -> int:
-    """Return a state that episodes start in; of a task given by functions the first state."""
-    if has_tables(task):
-        return int(tables(task).start_states[0])
-    return reset_state(task) if is_live(task) else 0
-
-
 def labelled_cells(component: Component) -> IntArray | None:
     """Return the row and column of each value, (size, 2); None if its labels are no cells."""
     matches = [match for label in component.labels or () if (match := _CELL.fullmatch(label))]
@@ -212,7 +187,18 @@ def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
     _check_names(fixed, space.names)
     values = {name: _value(space.component(name), value) for name, value in fixed.items()}
     free = [component for component in space.components if component.name not in values]
-    cells, sides = _grid_of(free, space)
+    if len(free) == 1 and (places := labelled_cells(free[0])) is not None:
+        cells, sides = places, {free[0].name: free[0].low + np.arange(free[0].size)}
+    elif len(free) == 2 and all(labelled_cells(component) is None for component in free):
+        ranges = [component.low + np.arange(component.size) for component in free]
+        cells = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 2)
+        sides = {free[0].name: cells[:, 0], free[1].name: cells[:, 1]}
+    else:
+        names = ", ".join(component.name for component in free)
+        raise SettingError(
+            "a picture is of one cell, or of a row and a column; at must fix all other components "
+            f"of {', '.join(space.names)}: it leaves {names or 'none'}"
+        )
     states = space.encode(**values, **sides)
     there = states != MISSING
     (top, left), (bottom, right) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
@@ -239,27 +225,11 @@ def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
 
 
 def _check_names(fixed: At, known: Sequence[str]) -> None:
-    """Raise SettingError where `fixed` names what is no component to fix."""
     unknown = [name for name in fixed if name not in known]
     if unknown:
         raise SettingError(
             f"at must name components of a state, {', '.join(known)}: got {unknown[0]!r}"
         )
-
-
-def _grid_of(free: list[Component], space: Space) -> tuple[IntArray, dict[str, IntArray]]:
-    """Return all cells that the free components make, (n, 2), and their values, (n,) each."""
-    if len(free) == 1 and (cells := labelled_cells(free[0])) is not None:
-        return cells, {free[0].name: free[0].low + np.arange(free[0].size)}
-    if len(free) == 2 and all(labelled_cells(component) is None for component in free):
-        sides = [component.low + np.arange(component.size) for component in free]
-        cells = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 2)
-        return cells, {free[0].name: cells[:, 0], free[1].name: cells[:, 1]}
-    names = [component.name for component in free]
-    raise SettingError(
-        "a picture is of one cell, or of a row and a column; at must fix all other components of "
-        f"{', '.join(space.names)}: it leaves {', '.join(names) or 'none'}"
-    )
 
 
 def _value(component: Component, value: Any) -> int:
