@@ -55,10 +55,7 @@ def _for_good(array: npt.NDArray[Any]) -> bool:
 
 
 class Frozen:
-    """A frozen dataclass whose copies and pickles have frozen arrays, which NumPy's would not.
-
-    Copies have the fields alone: cached properties are computed anew.
-    """
+    """A frozen dataclass whose copies and pickles have frozen arrays, and its fields alone."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]

@@ -65,10 +65,7 @@ class Line:
 
 
 def block(title: str, *parts: Any) -> str:
-    """Return the HTML of a result: its title, and below it its parts that are not empty.
-
-    Parts that are text become paragraphs, escaped.
-    """
+    """Return the HTML of a result: its title, and its parts that are not empty, texts escaped."""
     shown = [part if isinstance(part, Markup) else _paragraph(part) for part in parts if part]
     head = Markup("<div><strong>{}</strong></div>").format(title)
     return str(STYLE + _element('<div class="curricle">{}</div>', [head, *shown]))

@@ -49,10 +49,7 @@ PLAIN = "/=+@,:;~!$&'()*"
 
 
 class RemotePath:
-    """A file or a folder of a file system that pyarrow opens, such as S3 or Google Cloud Storage.
-
-    A file is written in one request: there is no move of a whole file, and no lock.
-    """
+    """A file or folder of a file system of pyarrow's, such as S3, with neither moves nor locks."""
 
     def __init__(self, system: "FileSystem", key: str, root: str, options: str = ""):
         self.system, self.key = system, PurePosixPath(key)
@@ -60,10 +57,7 @@ class RemotePath:
 
     @classmethod
     def of(cls, url: str) -> "RemotePath":
-        """Return the folder at a URL; StoreError if it has a password or pyarrow does not open it.
-
-        Options are those of ``pyarrow.fs.FileSystem.from_uri``.
-        """
+        """Return the folder at a URL; StoreError if it has a password or does not open."""
         parts = urlsplit(url)
         options = parse_qsl(parts.query)
         secret = next((key for key, value in options if SECRETS.search(key) or "@" in value), None)
@@ -282,10 +276,7 @@ def opened_regular(path: Place) -> Iterator[tuple[IO[bytes], int]]:
 
 
 def write_whole(path: Place, content: bytes) -> None:
-    """Write a file under another name and rename it when it is complete; at a URL, at once.
-
-    OSError where a device, a pipe or a folder is in its place: that would be lost.
-    """
+    """Write a file under another name and rename it when it is complete; at a URL, at once."""
     if isinstance(path, RemotePath):
         path.write(content)
         return
@@ -415,11 +406,7 @@ class ArrayArchive:
     def read(
         self, *names: str, compressed: Collection[str] = (), most: int | None = None
     ) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays with these names, where there are any, without pickles.
-
-        Those in `compressed` may be compressed, and unpack to at most `most` bytes in all;
-        ValueError otherwise.
-        """
+        """Return the arrays with these names that are there, at most `most` bytes unpacked."""
         files = {name: f"{name}.npy" for name in names}
         wanted = {name: self.members[file] for name, file in files.items() if file in self.members}
         packed = {name: member for name, member in wanted.items() if member.compress_type}
@@ -453,10 +440,7 @@ def check_held(size: int, held: int) -> None:
 
 @contextmanager
 def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive]:
-    """Yield an archive, open to read some arrays or the `whole`, which is then in memory at once.
-
-    Damaged, also while it is read; ValueError where Curricle did not write it; OSError.
-    """
+    """Yield an archive, open to read some arrays or the `whole`; else Damaged or ValueError."""
     with opened_regular(path) as (file, size):
         source: IO[bytes] = file
         blocks = getattr(path.stat(), "st_blocks", size) if isinstance(path, Path) else size
@@ -511,10 +495,7 @@ class SavedFile(NamedTuple):
 def write_saved(
     path: str | Path, kind: str, arrays: Mapping[str, npt.NDArray[Any]], about: Mapping[str, Any]
 ) -> Path:
-    """Write a whole ``.npz`` file, make its folders, and return its path; StoreError.
-
-    `kind` is the class whose ``load`` reads it.
-    """
+    """Write a whole ``.npz`` file, make its folders, and return its path; StoreError."""
     file = saved_path(path)
     others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
     content = archive_content(arrays, others)

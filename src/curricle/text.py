@@ -42,11 +42,7 @@ def text_table(
     *,
     words: bool = False,
 ) -> list[str]:
-    """Return the lines of a table: a column of names, then numbers, which are never cut.
-
-    Where lines would be longer than `width`, the last column folds if it holds `words`, and names
-    fold. Where that is not enough a row becomes several lines: its name, then a line a number.
-    """
+    """Return a table's lines: names, then numbers, which are never cut; all fits `width`."""
     cells = [tuple(heads), *(tuple(row) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     excess = sum(widths) + GAP * (len(widths) - 1) - width

@@ -44,14 +44,7 @@ KEPT = f"curricle: {ONCE}; what is compiled is kept, so that later runs start at
 
 
 class Compilation(event.Listener):
-    """Says on standard error what is compiled: each loop in a terminal, elsewhere once that it is.
-
-    Loops that were compiled before are read from the disk, and nothing is said. How many there will
-    be is not known beforehand. Garbage is collected afterwards, which saves a tenth of the time.
-
-    `loops` were compiled so far; `words` say what is being compiled, if anything is; with `silent`
-    they are shown elsewhere, such as below bars.
-    """
+    """Says on standard error what is compiled: each loop in a terminal, elsewhere once."""
 
     def __init__(self) -> None:
         self.loops, self.words, self.silent = 0, "", False

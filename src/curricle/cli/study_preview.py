@@ -299,10 +299,7 @@ def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
 
 
 def _solving(source: Any) -> float:
-    """Return the seconds that solving a source twice takes at most: trained, and learnt perfectly.
-
-    In a chain of states each sweep carries values one state further.
-    """
+    """Return the seconds that solving a source twice takes at most: trained, and learnt exactly."""
     if is_observation_task(source) or not has_tables(source):
         return 0.0
     return 2 * sweeping_seconds(source, generative_model(source).states.size)

@@ -163,10 +163,7 @@ class Node:
         saves: Place | None = None,
         progress: Progress = None,
     ) -> LearningResult:
-        """Return the task learnt by K seeds, with K potentials and warm-ups or none.
-
-        The other arguments are those of :func:`learn`, `saves` that of :func:`learn_deep`.
-        """
+        """Return the task learnt by K seeds, with K potentials and warm-ups or none."""
         if self.takes_no_steps:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
@@ -229,11 +226,7 @@ def default_shaping(
     distilled: bool = False,
     budget: Budget | None = None,
 ) -> Shaping:
-    """Return the start of Q as the way of potentials, guarded where that is possible.
-
-    An actor-critic whose only source is `distilled` from miniatures starts as that network and is
-    kept near it, unless its budget is in episodes, of which no half is known.
-    """
+    """Return the start of Q as the way of potentials, guarded where that is possible."""
     if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
         return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)
     # A guard needs a learner without a bonus, and dense tables, whatever the machine's memory.

@@ -85,11 +85,7 @@ def source_potentials(
     aggregate: Aggregate,
     unknown_value: float = 0.0,
 ) -> list[AnyPotential]:
-    """Return the potential of a task for each of K seeds; none without edges.
-
-    `values` has those of a source by its name, as in :class:`SourceValues`; CurriculumError where
-    they were not kept, or not in a form that the task can read.
-    """
+    """Return the potential of a task for each of K seeds; none without edges."""
     if not edges:
         return []
     observed, read = is_observation_task(task), []
@@ -161,11 +157,7 @@ def sources_read(curriculum: Any, name: str) -> set[str]:
 def source_values(
     curriculum: Any, seeds: tuple[int, ...], sources: Mapping[str, StoredValues]
 ) -> dict[str, SourceValues]:
-    """Return stored values as :meth:`Curriculum.train` takes them; networks are rebuilt.
-
-    `sources` has the values of all tasks that :func:`sources_read` names for a network. ImportError
-    where networks are to be rebuilt without Stable-Baselines3.
-    """
+    """Return stored values as :meth:`Curriculum.train` takes them; networks are rebuilt."""
     learnt: dict[str, SourceValues] = {}
     for name in (name for name in curriculum.order if name in sources):
         node, (values, steps_used, scales) = curriculum.node(name), sources[name]

@@ -345,12 +345,7 @@ def _missed(mdp: FiniteMDP, goal: BoolArray, optimal: BoolArray) -> str:
 
 
 def same_up_to_homomorphism(task: Judged, other: Judged) -> bool:
-    """Return whether both tasks are mapped onto the same task by exact homomorphisms.
-
-    Their states and actions may be numbered in any way, and several states of a task may stand for
-    a single state of the other. Discount, time limit, and the chance to start in each block are
-    equal. Tasks whose fingerprints differ are not refined.
-    """
+    """Return whether both tasks are mapped onto the same task by exact homomorphisms."""
     first, second = task.mdp, other.mdp
     if (first.discount, first.time_limit) != (second.discount, second.time_limit):
         return False

@@ -102,11 +102,7 @@ def _member(target: Any, source: Any) -> Made:
 
 
 def crops(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the windows around the goal of a task that has `crop`, half the size first.
-
-    Windows are squares where the task has rows and columns, and as long in any other axis. Of a
-    :class:`DeepSea` the lowest rows are taken. Tasks of other classes yield none.
-    """
+    """Yield the windows around the goal of a task that has `crop`, half the size first."""
     task = target.task
     if isinstance(task, DeepSea):
         for rows in spread(range(1, task.size)):
@@ -190,10 +186,7 @@ def _cut(task: Any, part: dict[str, Range]) -> Any:
 
 
 def start_rings(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target with starts in 1 to d steps from the goal, half the way first.
-
-    d is less than the distance of the farthest start.
-    """
+    """Yield the target with starts in 1 to d steps from the goal, half the way first."""
     far = int(goal_distance(target.mdp, target.goal)[target.mdp.start_states].max(initial=0))
     goal = np.flatnonzero(target.goal)
     for most in spread(range(1, far)):
@@ -215,11 +208,7 @@ def start_rings(target: DesignTarget) -> Iterator[Draft]:
 
 
 def betweenness(task: Task) -> FloatArray:
-    """Return the share of shortest paths between other states through each state, (S,) float64.
-
-    Paths lead by possible outcomes from a state that the start can reach to another, through no
-    terminal state; from more than 1,000 states (50 in dense graphs), a sample of them counts.
-    """
+    """Return the share of shortest paths between other states through each state, (S,) float64."""
     mdp = tables(task)
     if len(mdp.terminal) > LARGEST_GRAPH:
         raise TaskError(
@@ -240,11 +229,7 @@ def betweenness(task: Task) -> FloatArray:
 
 
 def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target with a bottleneck as its goal, the strongest first.
-
-    Entering the bottleneck ends the episode, and pays what entering the goal pays at best. The
-    mapping leaves the pairs of the bottleneck unmapped, of which the source learns nothing.
-    """
+    """Yield the target with a bottleneck as its goal, paid as the goal is, strongest first."""
     mdp = target.mdp
     if len(mdp.terminal) > LARGEST_GRAPH:
         return
@@ -287,11 +272,7 @@ def _edges(mdp: FiniteMDP) -> Any:
 
 
 def _dependencies(edges: Any, first: Any) -> FloatArray:
-    """Return for each state the share of shortest paths through it, summed over ends, (S,).
-
-    Brandes' recursion, level by level: delta(v) = sum over w one level farther, next to v, of
-    paths(v) / paths(w) (1 + delta(w)).
-    """
+    """Return for each state the share of shortest paths through it, summed over ends, (S,)."""
     n = edges.shape[0]
     forward = edges.T.tocsr()
     place = first, np.arange(len(first))
@@ -431,13 +412,7 @@ def _with_predators(task: Pursuit, n: int) -> Made:
 
 
 def likeliest_outcomes(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target without chance, if there is any in it.
-
-    A task with a parameter for slipping has it switched off. In any other a pair goes to its
-    likeliest next state, with the mean reward of going there. That is not defined where two next
-    states are equally likely in a state that can be reached, as those of a prey that moves at
-    random: the draft then fails.
-    """
+    """Yield the target without chance; fails where two next states are equally likely."""
     task, mdp = target.task, target.mdp
     if (np.count_nonzero(mdp.probability, axis=1) <= 1).all():
         return
@@ -478,12 +453,7 @@ def _likeliest(mdp: FiniteMDP) -> FiniteMDP:
 
 
 def coarser_tables(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target with neighbouring values merged, of all ordered components and of each.
-
-    A component is ordered if its values have no labels, or those that :class:`Bins` gives them.
-    The only component of a table without names, ``state``, is a numbering and no order. A terminal
-    state is never merged with a live one.
-    """
+    """Yield the target with neighbouring values merged, of all ordered components and of each."""
     states = target.mdp.states
     names = tuple(c.name for c in states.components if c.size >= FEWEST and _ordered(c))
     names = () if states.names == ("state",) else names
@@ -560,10 +530,7 @@ def _clusters(mdp: FiniteMDP, names: tuple[str, ...]) -> tuple[Space, IntArray]:
 
 
 def _average(mdp: FiniteMDP, cluster: IntArray, n: int) -> tuple[Any, Any, Any]:
-    """Return chances, next clusters and rewards of the pairs of clusters, (n A, O') each.
-
-    A reward is the mean over the outcomes of a pair that lead to the same cluster.
-    """
+    """Return chances, next clusters and mean rewards of the pairs of clusters, (n A, O') each."""
     n_actions = mdp.outcome_row.shape[1]
     size = np.bincount(cluster, minlength=n)
     pair = (cluster[:, None] * n_actions + np.arange(n_actions)).ravel()

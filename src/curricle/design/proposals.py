@@ -201,10 +201,7 @@ class Draft(NamedTuple):
 
 
 def paired(target: Any, make: Callable[[], Any], reads: Any = None) -> Callable[[], Made]:
-    """Return the `build` of a task that `make` returns; `reads(target, source)` is the mapping.
-
-    By default a pair of the target reads the pair of the same number.
-    """
+    """Return the `build` of a task that `make` returns; `reads(target, source)` is the mapping."""
 
     def build() -> Made:
         source = make()
@@ -222,10 +219,7 @@ def design_target(target: Any) -> DesignTarget:
 
 
 def aims(mdp: FiniteMDP) -> BoolArray:
-    """Return the goal of a task, (S,) bool: the ends that are entered with the largest reward.
-
-    Where nothing ends the task, the states in which some action has the largest expected reward.
-    """
+    """Return the goal, (S,) bool: the best ends, or else the states of the largest reward."""
     try:
         return goal_states(mdp)
     except TaskError:

@@ -39,12 +39,7 @@ def reproduce(
     workers: int | None = None,
     progress: bool | Progress | Bars | None = True,
 ) -> list[dict[str, Any]]:
-    """Write figures, data, claims and the page into a folder, and return the claims.
-
-    Nothing is written before all figures are made. A function as `progress` is called with a short
-    message for each part. SettingError on an unknown figure or fewer than 2 seeds; StoreError on a
-    folder with other files than those of an earlier run.
-    """
+    """Write figures, data, claims and the page into a folder, and return the claims."""
     wanted = list(dict.fromkeys(figures))
     for name in wanted:
         one_of("a figure", name, FIGURES, SettingError)

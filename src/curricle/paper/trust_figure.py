@@ -112,10 +112,7 @@ def corner_plan(size: int) -> Curriculum:
 
 
 def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], FloatArray]:
-    """Return the maze from scratch and from its 3x3 corner, without and with a guard.
-
-    And the share of seeds whose greedy choice is wrong with the corner, less that without, (S,).
-    """
+    """Return the maze's arms: scratch, its 3x3 corner, guarded; and the wrong choices added."""
     plan = corner_plan(3)
     sources = plan.train(seeds, only=["corner"], workers=workers).sources
     arms = {

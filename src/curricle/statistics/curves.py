@@ -134,11 +134,7 @@ class Curve(Frozen):
 
 
 def smooth(values: FloatArray, window: int) -> FloatArray:
-    """Return the trailing mean of each row over the last `window` checkpoints.
-
-    smooth_t = mean(values_{t - window + 1}, ..., values_t), over fewer at the start; NaN stays. A
-    constant row stays exactly constant, so that rounding moves no threshold.
-    """
+    """Return the trailing mean of each row over the last `window` checkpoints; NaN stays."""
     mean = values.copy()
     if not 1 <= window <= mean.shape[1] or int(window) != window:
         raise SettingError(
@@ -155,13 +151,7 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     """Return a transfer curve over total steps, source steps included (strong transfer).
 
     At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, and
-    then its value at x - source_steps_k target steps, interpolated between checkpoints. A measure
-    of the result is that measure under strong transfer, at the same total budget.
-
-    Where learning falls below its first value, that value would be a gift: the baseline itself,
-    begun later, would have a larger area. Its gain, mean over seeds, is taken off the first value.
-    So a source that teaches nothing gains nothing, and no strong gain exceeds the weak gain over
-    the same target steps.
+    then its value at x - source_steps_k target steps, interpolated between checkpoints.
     """
     require_pair(baseline, transfer)
     require_no_source(baseline)

@@ -189,12 +189,7 @@ def smallest_p(seeds: int, resamples: int = 10_000) -> float:
 
 
 def holm(p_values: npt.ArrayLike) -> FloatArray:
-    """Return p-values adjusted for their number by Holm's step-down rule.
-
-    adjusted_(i) = max_{j <= i} min(1, (M - j + 1) p_(j)), with p_(1) <= ... <= p_(M). An adjusted
-    p-value is at most alpha by chance in any of the M tests with a probability of at most alpha,
-    however the tests depend on each other.
-    """
+    """Return p-values adjusted for their number by Holm's rule, under any dependence."""
     array = vector("p-values", p_values, "M")
     check_each("p-values must lie in [0, 1]", (array >= 0) & (array <= 1), array, "test")
     order = np.argsort(array, kind="stable")

@@ -80,11 +80,7 @@ class Interval(Frozen):
 
 
 def interquartile_mean(values: npt.ArrayLike) -> float | FloatArray:
-    """Return the mean of the middle half of the values of the seeds, (K,) or (K, T).
-
-    The floor(K / 4) smallest and the floor(K / 4) largest of K values are left out, as by
-    ``scipy.stats.trim_mean(values, 0.25)`` in rliable. NaN where any value is NaN.
-    """
+    """Return the mean of the middle half of the values, (K,) or (K, T); NaN where any is NaN."""
     array = np.asarray(values, dtype=np.float64)
     if len(array) == 0:
         raise SettingError(f"an interquartile mean needs at least 1 seed: got shape {array.shape}")
@@ -158,12 +154,7 @@ def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDE
 
 
 def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
-    """Return the values (K,) below and above their widest gap if they are two clusters, else None.
-
-    They are two if the gap is more than three times the range of either: some seeds learnt, say,
-    and others did not. Of samples of a single cluster (normal, Gumbel, lognormal with sigma 0.5)
-    less than 1 % count as two with 10 values or more, up to 11 % with 5, and none with fewer.
-    """
+    """Return the values (K,) below and above their widest gap if they are two clusters."""
     ordered = np.sort(vector("values", values))
     if len(ordered) < FEWEST_CLUSTERED:
         return None

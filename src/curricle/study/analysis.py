@@ -231,12 +231,7 @@ def analysed(
 def before_and_after(
     snapshots: Snapshots, task: Task, view: GridView, *, discounted: bool
 ) -> EpisodePair | None:
-    """Return an episode of the first greedy policy and one of the last.
-
-    Both have the same start and random stream; ties are broken uniformly; returns may be
-    `discounted`. None where the task is given by functions or too large, or where a state is not in
-    the view.
-    """
+    """Return an episode of the first greedy policy and one of the last; None if not drawn."""
     model = generative_model(task)
     pairs = model.states.size * model.actions.size
     if pairs > LARGEST_TABLE or not (has_tables(task) or is_live(task)):
@@ -380,15 +375,7 @@ IN_THE_TASK = "--study FILE, the study's own file, plays one in the task itself"
 def stored_episode(
     results: StudyResults, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
-    """Return the last greedy episode of a task that a folder stores, and the seed that learnt it.
-
-    No task is made and no module of the study imported. The folder keeps the sum of the rewards,
-    and no actions.
-
-    A `seed` is the one that must have learnt it. StoreError when the folder has no such arm or
-    task, or no such episode: those of tasks with a grid and snapshots are stored, of the first
-    seed, when a run that compares arms has ended.
-    """
+    """Return the last greedy episode that a folder stores of a task, and the seed that learnt it."""
     _check_names(results, arm, task)
     analysis, about = results.analysis, results.record.task(arm, task)
     pair = None if analysis is None else analysis.episodes.get(arm, {}).get(task)
@@ -422,13 +409,7 @@ def stored_episode(
 def played_episode(
     results: StudyResults, study: StudyConfig, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
-    """Return an episode of a learnt policy in the task itself, and the seed that learnt it.
-
-    The tasks of `study`, the file that was run, are made. By default the seed is the first of those
-    that have the best last greedy return. StoreError when the folder holds no such result, or the
-    results of other settings; SettingError when the values were not saved, or the task has no time
-    limit.
-    """
+    """Return an episode of a learnt policy in the task itself, and the seed that learnt it."""
     _check_names(results, arm, task)
     learnt, arms = results.result(arm, task), Arms.of(study)
     if arms.keys.get((arm, task)) != results.record.keys[arm, task]:

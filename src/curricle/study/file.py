@@ -143,11 +143,7 @@ def located(value: Any, home: KeyPath = ()) -> Any:
 
 
 def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Located:
-    """Return a table with another's entries over its own.
-
-    Tables are merged key by key; any other value replaces the old one. A table that becomes another
-    type keeps the keys that every type has. Transfers, a list, are given by number.
-    """
+    """Return a table with another's entries over its own, key by key; transfers go by number."""
     changes_type = any(key in patch and patch[key] != base.get(key) for key in ("type", "family"))
     kept = {key: value for key, value in base.items() if not changes_type or key in LASTING}
     result, homes = Located(kept, base), getattr(patch, "homes", {})

@@ -168,12 +168,7 @@ INSTALLED = {
 
 
 def code_of(data: Any, folder: Path) -> dict[str, str]:
-    """Return digests of the own modules that plain data name, by file.
-
-    Files are named from the folder that holds them, and line ends do not count, so that equal code
-    has equal digests on any machine. Any text in the data may be a ``module:function``; `folder` is
-    the study's.
-    """
+    """Return digests of the own modules that plain data name, by file, equal on any machine."""
     return {
         name: blake2b(file.read_bytes().replace(b"\r\n", b"\n"), digest_size=16).hexdigest()
         for name, file in own_files(data, folder).items()

@@ -201,11 +201,7 @@ def word(
     lists: Any = None,
     other: Callable[[Any], Any] = lambda value: value,
 ) -> BeforeValidator:
-    """Return the validator of a value that is a text among some words, or is no text.
-
-    `rule` is what the value must be, for messages; `function` allows ``module:function`` too.
-    `lists` is the type of a list in a word's place, and `other` validates whatever is no text.
-    """
+    """Return the validator of a text among some words; `other` takes what is no text."""
     if lists is not None:
         # Not left to the union of both types, which would complain about a list that it is no word.
         adapter = TypeAdapter[Any](lists)
@@ -358,12 +354,7 @@ def table_of(
     without: tuple[str, ...] = (),
     **annotations: Any,
 ) -> Any:
-    """Return the table of a dataclass or function of the library.
-
-    Keys of the table `base` come on top; `tag` is the value of its key ``type``, where it is one of
-    several; parameters `without` cannot be given; `annotations` are types of parameters that TOML
-    writes in another way than Python.
-    """
+    """Return the table of a dataclass or function; `tag` is the value of its key ``type``."""
     hints, texts = get_type_hints(makes), descriptions(makes)
     signature = inspect.signature(makes).parameters
     parameters = {name: of.default for name, of in signature.items() if name not in without}
@@ -696,13 +687,7 @@ class _TransferTable(ObjectTable):
         fit_unmapped: bool,
         say: Callable[[str], Any],
     ) -> tuple[Any, ...]:
-        """Return the mapping f, or several where a family says so.
-
-        `folder` has the modules of the user's own functions; `members` are the addresses of target
-        and source in their families, None for a task that has none. `fit_unmapped` is for a mapping
-        that is found: whether it may state a value where it knows nothing. `say` takes each line
-        about it.
-        """
+        """Return the mapping f, or several where the family of both `members` says so."""
         to, of = members
         if self.mapping == "auto":
             edge = f"{self.source} -> {self.target}"

@@ -317,10 +317,7 @@ Members = tuple[Annotated[Maker, BeforeValidator(_member, json_schema_input_type
 
 
 class DistilledTask(TaskTable):
-    """Small relatives that are solved; a network is distilled from them in no steps.
-
-    What their own sources say takes the place of exact answers, if transfers lead to them.
-    """
+    """Small relatives that are solved, by their own sources if they have any, then distilled."""
 
     makes: ClassVar[Any] = miniatures
     parameters: ClassVar[tuple[str, ...]] = ("resets", "held_out", "max_states")

@@ -169,15 +169,7 @@ def tuning_of(study: StudyConfig) -> Tuning:
 
 
 def check_tuning(study: StudyConfig) -> int:
-    """Return the steps of each trial and seed, sources included.
-
-    They are the same for all trials: those of the target, and of the sources with the largest
-    budgets in the space.
-
-    ConfigError names each setting whose smallest, largest or listed value makes no sense;
-    SettingError when Optuna is not installed, or Stable-Baselines3 where a network learns; when the
-    target has no budget in steps, or too many combinations of budgets are listed.
-    """
+    """Return the steps of each trial and seed, sources at their largest budgets included."""
     _optuna()
     tune = tuning_of(study)
     extreme_trials(study).check_networks()

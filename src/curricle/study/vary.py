@@ -279,10 +279,7 @@ class Variant(NamedTuple):
 
 
 def varied_arms(study: Raw, complete: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the fields of a configuration that a correct sweep and tuning make of these arms.
-
-    The second dict has arms with the ends of each range that is tuned, to be checked beforehand.
-    """
+    """Return a configuration's fields with sweep and tuning, and arms that probe ends of ranges."""
     variants, scratches = variants_of(study, complete), scratch_variants(study, complete)
     every = {**scratches, **variants}
     fields: dict[str, Any] = {

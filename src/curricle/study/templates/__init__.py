@@ -88,13 +88,7 @@ policy = "{policy}"
 
 
 def environment_study(name: str) -> str:
-    """Return the text of a study of a registered environment, which runs as it is.
-
-    Environments of numbered states and MiniGrid's levels are learnt in tables; all others are seen
-    through observations, and learnt by networks.
-
-    ConfigError when no environment has this id, or it cannot be made or learnt.
-    """
+    """Return the text of a study of a registered environment, which runs as it is."""
     name = _known(name)
     try:
         env = gym.make(name)
