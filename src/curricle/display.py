@@ -26,8 +26,7 @@ COLOURS = {
 """The palette of Okabe and Ito, which colour-blind readers can tell apart."""
 OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
 """Of the curricula of a comparison, in order."""
-MOST_POINTS, MOST_ROWS = 60, 30
-"""Points of a line and rows of a table that are shown, at most."""
+MOST_POINTS, MOST_ROWS = 60, 30  # points of a line and rows of a table that are shown, at most
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 460, 190, 58, 8, 10, 30
 """Of the picture of curves, and the margins around them."""
 STYLE = Markup(

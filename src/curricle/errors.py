@@ -24,10 +24,8 @@ from concurrent.futures import BrokenExecutor
 
 LONGEST, SHOWN_END = 1500, 400
 """Characters of a sentence, and how many of them are its end, which says the way out."""
-MOST_LINES = 100
-"""Mistakes in a study file that are listed."""
-PASSWORD = re.compile(r"(?<=:)/+[^/\s@]+@")
-"""User and password, which stand before a URL's host."""
+MOST_LINES = 100  # mistakes in a study file that are listed
+PASSWORD = re.compile(r"(?<=:)/+[^/\s@]+@")  # user and password, which stand before a URL's host
 
 
 def _sentence(text: str) -> str:

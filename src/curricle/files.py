@@ -41,8 +41,7 @@ FINAL = re.compile("ACCESS_DENIED|NO_SUCH_|NETWORK_CONNECTION|SIGNATURE|INVALID"
 """Errors of a server that the same request meets again, or that took long already."""
 PAUSES = (0.1, 0.5, 2.0)
 """Seconds until a request is made again; pyarrow repeats most itself, but no short reads."""
-READ_AT_ONCE = 2**24
-"""Bytes of a file up to which one request reads it."""
+READ_AT_ONCE = 2**24  # bytes of a file up to which one request reads it
 Result = TypeVar("Result")
 PLAIN = "/=+@,:;~!$&'()*"
 """Signs that need no escape in the path of a URL, beside letters, digits and -._."""
@@ -339,16 +338,11 @@ def digest_of(content: bytes) -> str:
 
 
 DIGEST = len(digest_of(b""))
-SEAL = 2 * DIGEST
-"""Bytes of a checksum, and of both."""
-ENCRYPTED = 1
-"""The flag of a member that is encrypted."""
-QUICK = 1
-"""Level of compression: a third of the time of the default for a tenth more bytes."""
-KINDS = "biufU"
-"""Types of arrays: booleans, numbers, text."""
-HELD = 256
-"""Bytes of memory that a byte on disk may take: a file of holes would fill the memory."""
+SEAL = 2 * DIGEST  # bytes of a checksum, and of both
+ENCRYPTED = 1  # the flag of a member that is encrypted
+QUICK = 1  # level of compression: a third of the time of the default for a tenth more bytes
+KINDS = "biufU"  # types of arrays: booleans, numbers, text
+HELD = 256  # bytes of memory that a byte on disk may take: a file of holes would fill the memory
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError)
 
 
@@ -480,8 +474,7 @@ def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
 
 ABOUT, FORMAT = "about.json", 1
 ENDING = ".npz"
-LARGEST_ABOUT = 2**24
-"""Bytes of ``about.json`` at most: in memory they are up to 25 times as many."""
+LARGEST_ABOUT = 2**24  # bytes of ``about.json`` at most: in memory they are up to 25 times as many
 
 
 class SavedFile(NamedTuple):

@@ -33,8 +33,7 @@ from curricle.arrays import BoolArray
 from curricle.checks import brief
 from curricle.errors import SettingError
 
-BETWEEN = 0.2
-"""Seconds between two pictures of the bars in a notebook, at least."""
+BETWEEN = 0.2  # seconds between two pictures of the bars in a notebook, at least
 
 Progress = Union[bool, Callable[[Any], Any], "Bars", None]
 """Values of ``progress``; bars are those of the function that calls this one."""

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 
-GAP = 2
-"""Spaces between two columns, at least."""
+GAP = 2  # spaces between two columns, at least
 NARROWEST_NAME, NARROWEST_WORDS = 12, 20
 """Characters to which a column of names, and a column of words, may narrow before cells fold."""
-UNBOUNDED = 10_000
-"""A width in which nothing folds."""
+UNBOUNDED = 10_000  # a width in which nothing folds
 LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5
 """Characters of a ``repr`` and of a value in it, and elements of an array that it shows."""
 

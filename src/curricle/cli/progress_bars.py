@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 from numba.core import event
@@ -31,10 +31,6 @@ from curricle.study.results import StudyResults
 from curricle.study.running import run_study
 from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
-
-if TYPE_CHECKING:
-    pass
-
 
 # -- Saying that loops are compiled, which happens once for each kind of task and learner ----------
 
@@ -89,10 +85,8 @@ def announce_compilation() -> Compilation:
 
 # -- Running a study from the command line: bars on a terminal, and lines where there is none ------
 
-MANY = 1_000
-"""Units of a study; one with more does not print a line for each."""
-BETWEEN = 1.0
-"""Seconds between two lines of it at least."""
+MANY = 1_000  # units of a study; one with more does not print a line for each
+BETWEEN = 1.0  # seconds between two lines of it at least
 
 
 class Lines:

@@ -186,10 +186,8 @@ def units_left(
 # a line or where training would take too long, from sources that are solved, as if learnt
 # perfectly.
 
-LONGEST = 5.0
-"""Estimated seconds, on one processor, up to which sources are trained for a forecast."""
-LONGEST_DISTILLED = 60.0
-"""The same where networks are distilled: there is no forecast without them."""
+LONGEST = 5.0  # estimated seconds, on one processor, up to which sources are trained for a forecast
+LONGEST_DISTILLED = 60.0  # the same where networks are distilled: there is no forecast without them
 LONGEST_COMPARING = 300.0
 """Seconds that comparing potentials in the target may take: nearly all episodes end long before the
 limit by which they are estimated."""
@@ -197,8 +195,7 @@ PAIR_SECONDS = 2e-6
 """Of comparing a potential with the optimal value of a pair: about 0.8 s for 390,625 pairs."""
 ACTION_SECONDS = 4e-9
 """Of reading phi for one action at a step of a rollout: 3e-9 to 4e-9 for two sources."""
-LONGEST_TRIAL = 60.0
-"""Seconds that the trials may take by the machine's own pace."""
+LONGEST_TRIAL = 60.0  # seconds that the trials may take by the machine's own pace
 SEEDS = 3
 """Seeds of the sources, as many as ``curricle.forecast`` takes by default; one if that is slow."""
 
@@ -289,20 +286,18 @@ def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
         return potentials * OBSERVATION_ROLLOUTS * horizon * step_seconds
     model = generative_model(node.task)
     pairs = model.states.size * model.actions.size
-    solving = sum(_solving(curriculum.tasks[edge.source]) for edge in edges)
+    sources = [curriculum.tasks[edge.source] for edge in edges]
+    solving = sum(  # twice: trained, and learnt perfectly
+        2 * sweeping_seconds(source, generative_model(source).states.size)
+        for source in sources
+        if not is_observation_task(source) and has_tables(source)
+    )
     rollouts = ROLLOUTS * horizon * (step_seconds + model.actions.size * ACTION_SECONDS)
     if not has_tables(node.task) or pairs > LARGEST_SOLVED:
         return solving + potentials * rollouts
     if pairs * horizon <= LARGEST_EVALUATED:
         rollouts = 0.0
     return solving + potentials * (pairs * PAIR_SECONDS + rollouts)
-
-
-def _solving(source: Any) -> float:
-    """Return the seconds that solving a source twice takes at most: trained, and learnt exactly."""
-    if is_observation_task(source) or not has_tables(source):
-        return 0.0
-    return 2 * sweeping_seconds(source, generative_model(source).states.size)
 
 
 def _print_trained(

@@ -24,8 +24,7 @@ from curricle.text import UNBOUNDED, counted, text_table
 
 # -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----
 
-LINE = 80
-"""Characters of a line of text where there is no terminal, and at most where there is one."""
+LINE = 80  # characters of a line of text where there is no terminal, and at most where there is one
 
 
 def table_width() -> int:
@@ -127,18 +126,12 @@ def used(text: str) -> dict[str, str]:
     """Return the words that a text has, and what each means."""
     left, words = " ".join(text.split()), set[str]()
     for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
-        left, times = _pattern(word).subn(" ", left)
+        plural = "" if word == "gain" else "s?"  # an arm that "gains more" is no column of gains
+        pattern = rf"(?<!\w){re.escape(word)}" + rf"{plural}(?!\w)" * word[-1].isalpha()
+        left, times = re.subn(r"\[[-+]?\d" if word == INTERVAL else pattern, " ", left)
         if times:
             words.add(word)
     return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in words}
-
-
-def _pattern(word: str) -> re.Pattern[str]:
-    """Return what finds a word, and not a part of another."""
-    if word == INTERVAL:
-        return re.compile(r"\[[-+]?\d")
-    plural = "" if word == "gain" else "s?"  # an arm that "gains more" is no column of gains
-    return re.compile(rf"(?<!\w){re.escape(word)}" + rf"{plural}(?!\w)" * word[-1].isalpha())
 
 
 # -- What ``curricle show`` prints of a sweep or a tuning ------------------------------------------

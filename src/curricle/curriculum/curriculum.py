@@ -23,7 +23,6 @@ from curricle.curriculum.sources import (
     Learnt,
     SourceValues,
     calibrated,
-    handed_on,
     source_potentials,
     warn_of_refusals,
 )
@@ -154,7 +153,9 @@ class Curriculum:
                 transfer,
                 self.tasks[transfer.target],
                 self.tasks[transfer.source],
-                fit_unmapped=self.unmapped_is_free(transfer.target),
+                # Of several transfers each is skipped where it leaves a pair unmapped.
+                fit_unmapped=len(self.in_edges(transfer.target)) == 1
+                and self._stated("unknown_value", transfer.target) is None,
             )
             for transfer in self.transfers
         )
@@ -168,11 +169,6 @@ class Curriculum:
                         f"not the task {name!r} in {transfer.source} -> {transfer.target}"
                     )
         _ = self.order
-
-    def unmapped_is_free(self, name: str) -> bool:
-        """Return whether a mapping that is searched may state a value for unmapped pairs."""
-        # Of several transfers each is skipped where it leaves a pair unmapped.
-        return len(self.in_edges(name)) == 1 and self._stated("unknown_value", name) is None
 
     @property
     def target(self) -> str:
@@ -249,10 +245,14 @@ class Curriculum:
         if value is not None:
             return value
         if which == "shaping":
-            others = (self.setting(other, name) for other in ("learner", "storage"))
-            distilled = self._source_is_distilled(name)
+            learner, storage = (self.setting(other, name) for other in ("learner", "storage"))
+            edges, distilled = self.in_edges(name), False
+            if len(edges) == 1 and isinstance(self.tasks[edges[0].source], Miniatures):
+                alike = learner == self.setting("learner", edges[0].source)
+                distilled = bool(alike and edges[0].mapping.is_identity)
             budget = self.setting("budget", name) if distilled else None
-            return default_shaping(self.tasks[name], *others, distilled=distilled, budget=budget)
+            how: Any = {"distilled": distilled, "budget": budget}
+            return default_shaping(self.tasks[name], learner, storage, **how)
         return SETTINGS[which] if which == "unknown_value" else None
 
     def _stated(self, which: str, name: str) -> Any:
@@ -261,14 +261,6 @@ class Curriculum:
         if not isinstance(stated, Mapping):
             return stated
         return stated.get(name, None if which == "unknown_value" else SETTINGS[which])
-
-    def _source_is_distilled(self, name: str) -> bool:
-        """Return whether a task's only source is a network like its own, from miniatures."""
-        edges = self.in_edges(name)
-        if len(edges) != 1 or not isinstance(self.tasks[edges[0].source], Miniatures):
-            return False
-        learner, source_learner = (self.setting("learner", n) for n in (name, edges[0].source))
-        return bool(learner == source_learner and edges[0].mapping.is_identity)
 
     def _budget(self, name: str, stated: Budget | None) -> Budget:
         """Return the budget of a task: a source ends when its return has settled."""
@@ -298,7 +290,12 @@ class Curriculum:
         for name, task in ((name, self.tasks[name]) for name in self.order):
             learner, budget = type(self.setting("learner", name)).__name__, self.node(name).budget
             steps = counted(budget, "step") if isinstance(budget, int) else str(budget)
-            tasks.append((name, _task_in_words(task), learner, steps))
+            words = brief_value(task)
+            if not is_observation_task(task):
+                model = generative_model(task)
+                size = (model.states.size, "state"), (model.actions.size, "action")
+                words = ", ".join([type(task).__name__, *(counted(*n) for n in size)])
+            tasks.append((name, words, learner, steps))
         transfers = [
             (
                 edge.source,
@@ -371,7 +368,18 @@ class Curriculum:
         check_progress(progress)
         numbers = seed_tuple(seeds)
         trained = {} if trained is None else trained
-        given = self._given(trained, numbers)
+        instance("trained", trained, Mapping, CurriculumError)
+        for name, result in trained.items():
+            if name not in self.tasks or not same_task(result.task, self.tasks[name]):
+                raise CurriculumError(
+                    f"a trained result must belong to a task of the curriculum: {name!r} does not"
+                )
+            if result.seeds != numbers:
+                raise CurriculumError(
+                    f"a trained result must have the seeds asked for, {numbers}: {name!r} has "
+                    f"{result.seeds}"
+                )
+        given = {name: SourceValues.of(result) for name, result in trained.items()}
         sources = dict(given)
         results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
@@ -428,32 +436,12 @@ class Curriculum:
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
         aggregate = self.setting("aggregate", name)
-        values = {edge.source: handed_on(edge, sources[edge.source]) for edge in edges}
+        for edge in edges:
+            if not np.all(sources[edge.source].own_rewards):
+                raise CurriculumError(
+                    "values that are handed on must be in the task's own rewards: those of "
+                    f"{edge.source!r}, which {edge.target!r} reads, contain what shaping added"
+                )
+        values = {edge.source: sources[edge.source].values for edge in edges}
         unknown_value = self.setting("unknown_value", name)
         return source_potentials(self.tasks[name], edges, values, aggregate, unknown_value)
-
-    def _given(
-        self, trained: Mapping[str, Learnt], seeds: tuple[int, ...]
-    ) -> dict[str, SourceValues]:
-        """Return the values of tasks that were learnt before, checked."""
-        instance("trained", trained, Mapping, CurriculumError)
-        for name, result in trained.items():
-            if name not in self.tasks or not same_task(result.task, self.tasks[name]):
-                raise CurriculumError(
-                    f"a trained result must belong to a task of the curriculum: {name!r} does not"
-                )
-            if result.seeds != seeds:
-                raise CurriculumError(
-                    f"a trained result must have the seeds asked for, {seeds}: {name!r} has "
-                    f"{result.seeds}"
-                )
-        return {name: SourceValues.of(result) for name, result in trained.items()}
-
-
-def _task_in_words(task: Any) -> str:
-    """Return the class of a task and its size."""
-    if is_observation_task(task):
-        return brief_value(task)
-    model = generative_model(task)
-    states, actions = counted(model.states.size, "state"), counted(model.actions.size, "action")
-    return f"{type(task).__name__}, {states}, {actions}"

@@ -57,8 +57,7 @@ SETTINGS: dict[str, Any] = {
 """Settings that are a value for all tasks or a dict from task to value, and their defaults."""
 OF_TARGETS = ("aggregate", "unknown_value", "shaping")
 """Settings that do not apply to a task without sources."""
-DEFAULT_STEPS = 100_000
-"""The budget of a task that no other builds on."""
+DEFAULT_STEPS = 100_000  # the budget of a task that no other builds on
 SOURCES_SHARE = 0.1
 """Of the target's steps, for all sources without a budget. Fitted on the development families of
 benchmarks/pairs: more gains more on average, and loses more than a tenth more often."""
@@ -66,8 +65,7 @@ PULL = 0.1
 """Weight of the pull that keeps an actor-critic near a network distilled from miniatures. The
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
 among the development targets of benchmarks/deep_miniatures.py."""
-ACTOR_CRITICS = ("PPO", "A2C")
-"""Algorithms that a pull is known to fit."""
+ACTOR_CRITICS = ("PPO", "A2C")  # algorithms that a pull is known to fit
 MOST_GUARDED = 10_000_000
 """State-action pairs up to which a task is guarded: its tables take some 300 MB a seed."""
 

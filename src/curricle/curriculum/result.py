@@ -39,8 +39,7 @@ from curricle.planning.episode import Episode
 from curricle.text import counted, shortened
 from curricle.transfer.calibration import AnyPotential, Calibration
 
-MOST_CURVES = 4
-"""Tasks whose curves are shown beside each other, the last ones of a curriculum."""
+MOST_CURVES = 4  # tasks whose curves are shown beside each other, the last ones of a curriculum
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,20 +168,10 @@ class CurriculumResult:
 
     @classmethod
     def load(cls, path: str | Path, curriculum: Any) -> Self:
-        """Return the result in a file that :meth:`save` wrote, bit for bit.
+        """Return the result in a file that :meth:`save` wrote, of the same `curriculum`.
 
-        Parameters
-        ----------
-        path : path
-        curriculum : Curriculum
-            As it was trained.
-
-        Raises
-        ------
-        StoreError
-            When the file cannot be read, is damaged, or holds something else.
-        CurriculumError, SettingError
-            When the curriculum has other tasks, or a task with other states or actions.
+        StoreError when the file cannot be read, is damaged, or holds something else;
+        CurriculumError or SettingError when a task is another, or has other states or actions.
 
         Examples
         --------
@@ -283,10 +272,13 @@ def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> 
         check_value_arrays(arrays, len(seeds), pairs_of(saved, words["tasks"][name], task))
         values, steps = all_values_of(arrays, len(seeds)), frozen(arrays["steps_used"])
         given[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
-    fitted = {
-        name: [_calibration(arrays, k, scalars) for k, scalars in enumerate(about)]
-        for name, (arrays, about) in parts["calibrations"].items()
-    }
+    fitted = dict[str, list[Calibration]]()  # without their potentials
+    for name, (arrays, about) in parts["calibrations"].items():
+        fitted[name] = []
+        for k, scalars in enumerate(about):
+            warm_up = WarmUp(frozen(arrays[f"lengths_{k}"]), frozen(arrays[f"returns_{k}"]))
+            scalars = {key: scalars[key] for key in SCALARS}
+            fitted[name].append(Calibration(None, warm_up=warm_up, **scalars))
     nodes, given = _with_networks(curriculum, nodes, given, fitted)
     # Potentials follow from the sources' values, as they did in training.
     sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **given}
@@ -299,12 +291,6 @@ def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> 
         ]
         potentials[name] = [calibration.potential for calibration in calibrations[name]]
     return nodes, potentials, calibrations, given
-
-
-def _calibration(arrays: Arrays, k: int, scalars: Mapping[str, Any]) -> Calibration:
-    """Return the calibration of the k-th seed without its potential."""
-    warm_up = WarmUp(frozen(arrays[f"lengths_{k}"]), frozen(arrays[f"returns_{k}"]))
-    return Calibration(None, warm_up=warm_up, **{name: scalars[name] for name in SCALARS})
 
 
 def _with_networks(

@@ -68,16 +68,6 @@ class SourceValues:
 Learnt = LearningResult | SourceValues
 
 
-def handed_on(edge: Transfer, learnt: Learnt) -> Any:
-    """Return the values of a source; CurriculumError unless they are in its task's own rewards."""
-    if not np.all(learnt.own_rewards):
-        raise CurriculumError(
-            "values that are handed on must be in the task's own rewards: those of "
-            f"{edge.source!r}, which {edge.target!r} reads, contain what shaping added"
-        )
-    return learnt.values
-
-
 def source_potentials(
     task: Any,
     edges: Sequence[Transfer],

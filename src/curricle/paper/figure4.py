@@ -26,7 +26,7 @@ from curricle import (
 )
 from curricle.arrays import FloatArray
 from curricle.learning import Learner, LearningResult
-from curricle.paper.settings import (
+from curricle.paper.mazes import (
     DISCOUNT,
     EPISODE_CAP,
     EPSILON,

@@ -34,7 +34,7 @@ from curricle.comparison import Comparison, Forecast
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult
 from curricle.paper import mazes
-from curricle.paper.settings import (
+from curricle.paper.mazes import (
     LEARNER,
     Claim,
     FigureResult,
@@ -57,16 +57,11 @@ ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
 SOURCE_STEPS = 400_000
 HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}
 """Size -> time limit and target steps; discount 0.95."""
-FITTED = Calibrate()
-"""The scale is the one that fits the returns, neither shrunk nor bounded."""
-SWEEP = (1.2, 1.6, 2.0, 2.5)
-"""Scales set by hand."""
-FORECAST_SEEDS, LARGE_SEEDS = 2, 10
-"""Seeds of the forecast, and the most of 7x7."""
-MAZE_STEPS = 150_000
-"""Target steps in the maze."""
-EXAMINED = 20_000
-"""Steps after which the greedy choices in the maze are examined."""
+FITTED = Calibrate()  # the scale is the one that fits the returns, neither shrunk nor bounded
+SWEEP = (1.2, 1.6, 2.0, 2.5)  # scales set by hand
+FORECAST_SEEDS, LARGE_SEEDS = 2, 10  # seeds of the forecast, and the most of 7x7
+MAZE_STEPS = 150_000  # target steps in the maze
+EXAMINED = 20_000  # steps after which the greedy choices in the maze are examined
 Hunts = dict[tuple[int, str], LearningResult]
 """Size and arm, "min" or "mean", also ", calibrated" or " x c" -> training."""
 
@@ -156,8 +151,7 @@ STYLES = {
     "mean, calibrated": ("blue", "-"),
 }
 MAZES = {"scratch": "black", "from the 3x3 corner": "vermillion", "the same, guarded": "green"}
-SHOWN = 60_000
-"""Steps in the maze that are drawn."""
+SHOWN = 60_000  # steps in the maze that are drawn
 
 
 def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
@@ -290,10 +284,8 @@ def _draw_guard(panel: Any, guarded: Mapping[str, LearningResult], threshold: fl
 
 
 WHERE = "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, truncated at 100, 400,000 steps"
-MOSTLY = 0.5
-"""Share of seeds in which the choice in a cell must have become wrong."""
-NEAR = 1.05
-"""Cost of a calibrated arm at most, relative to the best scale set by hand."""
+MOSTLY = 0.5  # share of seeds in which the choice in a cell must have become wrong
+NEAR = 1.05  # cost of a calibrated arm at most, relative to the best scale set by hand
 
 
 def _end(result: LearningResult) -> Any:

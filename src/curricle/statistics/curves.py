@@ -142,7 +142,8 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
         )
     original = mean.copy()
     for lag in range(1, int(window)):
-        step = (original[:, :-lag] - mean[:, lag:]) / (lag + 1)  # running mean, newest first
+        # A running mean, newest first: a constant row stays so, and rounding moves no threshold.
+        step = (original[:, :-lag] - mean[:, lag:]) / (lag + 1)
         mean[:, lag:] += np.where(np.isnan(step), 0.0, step)
     return mean
 
@@ -163,6 +164,8 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
         for rows in (alone, transfer.filled())
     )
     first = np.broadcast_to(alone[:, :1], alone.shape)
+    # Where learning falls below its first value, that value is a gift: the baseline begun later
+    # has a larger area. Taken off, a source that teaches nothing gains nothing.
     gift = np.trapezoid(np.where(training, first, late) - alone, steps, axis=1).mean()
     if gift > 0:
         first = first - gift / np.trapezoid(1.0 * training, steps, axis=1).mean()

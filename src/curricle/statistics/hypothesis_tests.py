@@ -36,10 +36,8 @@ from curricle.statistics.intervals import (
     vector,
 )
 
-EXACT = 14
-"""Seeds up to which all 2^K sign vectors are counted, at most 16,384."""
-AT_ONCE = 4_000_000
-"""Random signs drawn at once, 64 MB: those of 20,000 seeds would take 3 GB."""
+EXACT = 14  # seeds up to which all 2^K sign vectors are counted, at most 16,384
+AT_ONCE = 4_000_000  # random signs drawn at once, 64 MB: those of 20,000 seeds would take 3 GB
 
 
 def performance_profile(

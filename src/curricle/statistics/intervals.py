@@ -25,14 +25,11 @@ from curricle.display import Line, printed
 from curricle.errors import SettingError
 from curricle.text import brief_repr, counted
 
-CONFIDENCE = 0.95
-"""Nominal coverage of an interval by default."""
-ROUNDING = 1e-12
-"""Share of the largest value by which rounding can make equal values differ."""
+CONFIDENCE = 0.95  # nominal coverage of an interval by default
+ROUNDING = 1e-12  # share of the largest value by which rounding can make equal values differ
 APART, FEWEST_CLUSTERED = 3, 5
 """Ranges of a cluster between it and another cluster, and the fewest seeds that have clusters."""
-DIGITS = 9
-"""Significant digits of a printed interval at most; three if its bounds differ in them."""
+DIGITS = 9  # significant digits of a printed interval at most; three if its bounds differ in them
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +157,7 @@ def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
         return None
     gaps = np.diff(ordered)
     low, high = np.split(ordered, [int(gaps.argmax()) + 1])
+    # Of samples of one cluster less than 1 % count as two with 10 values, up to 11 % with 5.
     widest = max(np.ptp(low), np.ptp(high), ROUNDING * float(abs(ordered).max()))
     return (low, high) if gaps.max() > APART * widest else None
 

@@ -108,6 +108,7 @@ def _quadrature() -> tuple[FloatArray, FloatArray]:
 
 def _within(seeds: Sequence[int], bound: float) -> float:
     """Return the probability that the mean lies within `bound` standard errors at every look."""
+    # The density of the sums that stayed within is integrated from look to look (Armitage et al.).
     nodes, weights = _quadrature()
     so_far, sums, mass = 0, np.zeros(1), np.ones(1)
     for n in seeds:

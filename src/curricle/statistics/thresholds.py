@@ -30,8 +30,7 @@ from curricle.statistics.intervals import (
 )
 from curricle.text import brief_repr
 
-ROUNDING = 1e-9
-"""Difference of a product of shares from the fraction that it stands for, at most."""
+ROUNDING = 1e-9  # difference of a product of shares from the fraction that it stands for, at most
 
 
 @dataclass(frozen=True, eq=False)

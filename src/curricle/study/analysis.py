@@ -178,15 +178,11 @@ def _depends_on_total(curriculum: Curriculum) -> str:
 
 # -- What only the tasks say of results: forecasts, certificates, episodes; stored when a run ends -
 
-EFFORT = 800_000
-"""Target pairs times forecasts times seeds at most: about ten seconds."""
-MOST_SEEDS = 3
-"""Seeds of a forecast."""
-LARGEST_CERTIFIED = 20_000_000
-"""Target pairs up to which a potential is certified."""
+EFFORT = 800_000  # target pairs times forecasts times seeds at most: about ten seconds
+MOST_SEEDS = 3  # seeds of a forecast
+LARGEST_CERTIFIED = 20_000_000  # target pairs up to which a potential is certified
 DIGEST_BYTES = 8
-LARGEST_TABLE = 20_000_000
-"""Pairs (S x A) of a task up to which its episodes are kept."""
+LARGEST_TABLE = 20_000_000  # pairs (S x A) of a task up to which its episodes are kept
 
 
 def analyse(study: StudyResults, arms: Arms) -> None:
@@ -247,10 +243,8 @@ def before_and_after(
             return None
         rewards = path.rewards * weight ** np.arange(len(path))
         returns = np.concatenate([[0.0], rewards.cumsum()])
-        record = EpisodeRecord(cells=cells, returns=returns, terminated=path.terminated)
-        episodes.append(record)
-    before, after = episodes
-    return EpisodePair(before=before, after=after)
+        episodes.append(EpisodeRecord(cells=cells, returns=returns, terminated=path.terminated))
+    return EpisodePair(before=episodes[0], after=episodes[1])
 
 
 def _section(
@@ -266,9 +260,8 @@ def _section(
         record = _forecast(arms, results, target, seeds) if seeds else None
         for arm in arms if certified else ():
             shaping = results[arm].curriculum.setting("shaping", target)
-            potential = _entering(results[arm], target)
-            task = results[arm].curriculum.tasks[target]
-            certificate = certify(task, shaping.with_potential(potential))
+            shaping = shaping.with_potential(_entering(results[arm], target))
+            certificate = certify(results[arm].curriculum.tasks[target], shaping)
             alike, _ = certificates.get(str(certificate), ((), certificate))
             certificates[str(certificate)] = (*alike, arm), certificate
     except CurricleError as error:  # what was learnt stands all the same
@@ -303,13 +296,11 @@ def _extent(
     why = why if kept else "the sources' values were not kept in dense tables"
     left_out = []
     if not seeds:
-        left_out.append(
-            f"The forecast is left out, because {why}: curricle.forecast(curriculum) gives it."
-        )
+        text = f"The forecast is left out, because {why}: curricle.forecast(curriculum) gives it."
+        left_out.append(text)
     if not certified:
-        left_out.append(
-            f"Certificates are left out, because {why}: curricle.certify(task, shaping) gives them."
-        )
+        text = "Certificates are left out, because "
+        left_out.append(f"{text}{why}: curricle.certify(task, shaping) gives them.")
     return seeds, certified, left_out
 
 
@@ -375,7 +366,7 @@ IN_THE_TASK = "--study FILE, the study's own file, plays one in the task itself"
 def stored_episode(
     results: StudyResults, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
-    """Return the last greedy episode that a folder stores of a task, and the seed that learnt it."""
+    """Return the last greedy episode of a task in a folder, and the seed that learnt it."""
     _check_names(results, arm, task)
     analysis, about = results.analysis, results.record.task(arm, task)
     pair = None if analysis is None else analysis.episodes.get(arm, {}).get(task)

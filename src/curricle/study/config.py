@@ -76,21 +76,19 @@ from curricle.study.schema import (
 )
 from curricle.study.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
 from curricle.study.vary import (
+    SWEEP_HOME,
     SweepTable,
     TuneTable,
     Tuning,
     varied_arms,
-    wrong_made,
     wrong_sweep,
     wrong_tuning,
 )
 from curricle.tasks.family import FamilyMember
 from curricle.text import counted, shortened
 
-ONLY_ARM = "transfer"
-"""The name of the arm of a study without arms."""
-Messages = Iterator[tuple[KeyPath, str]]
-"""What is wrong, each with its key path."""
+ONLY_ARM = "transfer"  # the name of the arm of a study without arms
+Messages = Iterator[tuple[KeyPath, str]]  # what is wrong, each with its key path
 
 # -- The tables of a study: as a file writes them, and as they are with all settings filled in -----
 
@@ -297,19 +295,8 @@ class StudyConfig(RunTable):
     ) -> Self:
         """Return the configuration that plain data describe, as :meth:`to_data` returns them.
 
-        Parameters
-        ----------
-        data : dict
-        folder : Path
-            Of the modules with the study's own functions.
-        positions : Positions, optional
-            Where in a file things are, for messages.
-        say : callable
-            Takes each line about a mapping that is found.
-
-        Raises
-        ------
-        pydantic.ValidationError
+        `folder` has the modules with the study's own functions, `positions` are for messages, and
+        `say` takes each line about a mapping that is found. Raises pydantic.ValidationError.
         """
         families = positions.families if positions else ()
         context = {"folder": folder, "families": families}
@@ -366,22 +353,13 @@ class StudyConfig(RunTable):
 
     @cached_property
     def curricula(self) -> dict[str, Curriculum]:
-        """The curricula of all arms, by name.
-
-        Raises
-        ------
-        ConfigError
-            Naming all that cannot be built.
-        """
+        """The curricula of all arms, by name; ConfigError names all that cannot be built."""
         return self._built(self.arms)
 
     def scratch_curricula(self) -> dict[str, Curriculum]:
         """Return the arms that learn the target from scratch, ``scratch`` first.
 
-        Raises
-        ------
-        ConfigError
-            Naming each learner that does not fit the target, or is its own.
+        ConfigError names each learner that does not fit the target, or is its own.
         """
         if self.scratches is not None:
             return self._built(self.scratches)
@@ -404,12 +382,8 @@ class StudyConfig(RunTable):
     def check_networks(self) -> None:
         """Check the learners that are networks with Stable-Baselines3.
 
-        Raises
-        ------
-        SettingError
-            When there is such a learner, and Stable-Baselines3 is not installed.
-        ConfigError
-            Naming each algorithm, setting and kind of shaping that it does not support.
+        SettingError when it is needed and not installed; ConfigError names each algorithm, setting
+        and kind of shaping that it does not support.
         """
         problems = Problems(self._positions)
         for arm, curriculum in self.curricula.items():
@@ -431,13 +405,7 @@ class StudyConfig(RunTable):
         problems.raise_any()
 
     def varied(self, **fields: Any) -> Self:
-        """Return the study with some fields in plain data in the place of its own.
-
-        Raises
-        ------
-        ConfigError
-            Naming the first field that does not fit.
-        """
+        """Return the study with these fields of plain data; ConfigError names one that is unfit."""
         data = {**self.to_data(), **fields}
         try:
             made = self.from_data(data, self._folder, self._positions, say=self._say)
@@ -488,7 +456,7 @@ class _Builder:
     def _mappings(self, edge: Any, tasks: dict[str, Any], settings: Any) -> tuple[Any, ...]:
         """Return the mappings of a transfer, made once for all arms in which they are the same."""
         target, source = tasks[edge.target], tasks[edge.source]
-        # As the curriculum's own ``unmapped_is_free``.
+        # As the curriculum itself.
         alone = sum(other.target == edge.target for other in self.arm.transfers) == 1
         fit = alone and settings["unknown_value"].get(edge.target) is None
         fitted = edge.mapping == "auto" and fit
@@ -500,8 +468,7 @@ class _Builder:
             self.made[key] = edge.mappings_in(
                 target, source, self.folder, members, fit_unmapped=fit, say=self.study._say
             )
-        mappings: tuple[Any, ...] = self.made[key]
-        return mappings
+        return self.made[key]  # type: ignore[no-any-return]
 
     def _tasks(self) -> dict[str, Any]:
         """Return the tasks that could be made, with the mazes that only crops are made of."""
@@ -635,7 +602,8 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
         varied, probes = varied_arms(study, complete)
         trees = {**complete, **varied["scratches"], **varied["arms"], **probes}
         problems.positions = replace(problems.positions, arms=trees)
-        problems.add(wrong_made(varied["arms"]))
+        unfit = {name: why for name in varied["arms"] if (why := unfit_name(name))}
+        problems.add((SWEEP_HOME, f"makes an arm with a name that {why}") for why in unfit.values())
         if probes:
             with problems.at(mapped=True):
                 StudyConfig.from_data({**fields, "arms": probes}, folder, problems.positions)
@@ -661,24 +629,21 @@ def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
             yield here, "must have another name: it is the arm without sources"
         strange = [name for name in table(patch.get("tasks")) if name not in tasks]
         yield from (((*here, "tasks", name), unknown(name, tasks)) for name in strange)
-        numbers = list(_wrong_numbers(arm, patch.get("transfers"), len(transfers)))
-        yield from numbers
-        if patch and complete[arm] == complete_curriculum(study) and not strange and not numbers:
+        chosen, refused = patch.get("transfers"), False
+        for index, entry in enumerate(chosen if isinstance(chosen, list | dict) else []):
+            number = int(entry) if isinstance(entry, str) and entry.isdecimal() else entry
+            if isinstance(entry, dict) or (type(number) is int and 0 <= number < len(transfers)):
+                continue
+            text = f"must name transfers of the study by number, below {len(transfers)}: got "
+            yield (*here, "transfers", *[index] * isinstance(chosen, list)), text + shown(entry)
+            refused = True
+        if patch and complete[arm] == complete_curriculum(study) and not strange and not refused:
             yield here, "changes nothing: its settings are the study's, or a task has its own"
         if len(last := NameGraph.of(complete[arm]).targets) == 1:
             targets[arm] = last[0]
     if len({*targets.values()}) > 1:
         each = ", ".join(f"{arm} has {target}" for arm, target in targets.items())
         yield ("arms",), f"must all have the same target: {each}"
-
-
-def _wrong_numbers(arm: str, chosen: Any, there: int) -> Messages:
-    for index, entry in enumerate(chosen if isinstance(chosen, list | dict) else []):
-        number = int(entry) if isinstance(entry, str) and entry.isdecimal() else entry
-        if isinstance(entry, dict) or (type(number) is int and 0 <= number < there):
-            continue
-        path: KeyPath = ("arms", arm, "transfers", *([index] if isinstance(chosen, list) else []))
-        yield path, f"must name transfers of the study by number, below {there}: got {shown(entry)}"
 
 
 def _wrong_learners(study: dict[str, Any]) -> Messages:
@@ -740,10 +705,8 @@ def _wrong_names(plan: dict[str, Any]) -> Messages:
 
 # -- Functions of curricula that take a study too, or the path of its file -------------------------
 
-Study = StudyConfig | str | PathLike[str]
-"""A study, or the path of its file."""
-FORECAST_SEEDS = 3
-"""Seeds of a study that a forecast takes, as many as it takes of a curriculum."""
+Study = StudyConfig | str | PathLike[str]  # a study, or the path of its file
+FORECAST_SEEDS = 3  # seeds of a study that a forecast takes, as many as it takes of a curriculum
 Subject = TypeVar("Subject")
 Rest = ParamSpec("Rest")
 Result = TypeVar("Result")

@@ -43,14 +43,11 @@ def shown(value: Any) -> str:
 # -- What a unit's result depends on, its key, and why a stored unit does not fit a study any more -
 
 KEY_BYTES = 8
-AUTO = "auto"
-"""The mapping of a transfer table for which the best is searched."""
-OF_CODE = ("curricle", "code")
-"""The dependencies that ``--keep-stale`` ignores."""
+AUTO = "auto"  # the mapping of a transfer table for which the best is searched
+OF_CODE = ("curricle", "code")  # the dependencies that ``--keep-stale`` ignores
 Dependencies = Mapping[str, Any]
 """Plain data: all that the result of one task of one arm depends on, but the seed."""
-Stored = Mapping[str, Mapping[int, Any]]
-"""Key -> seed -> :class:`StoredUnit`, at least one."""
+Stored = Mapping[str, Mapping[int, Any]]  # key -> seed -> :class:`StoredUnit`, at least one
 
 
 def key_of(dependencies: Dependencies) -> str:

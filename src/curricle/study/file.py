@@ -263,16 +263,12 @@ def _with_settings(task: Mapping[str, Any], for_all: Located, has_sources: bool)
 class Positions:
     """Where the keys of a study file are."""
 
-    file: str
-    """What messages call it."""
-    lines: Mapping[KeyPath, int] = field(default_factory=dict)
-    """The line of each key."""
-    changed: tuple[KeyPath, ...] = ()
-    """What was set from outside."""
+    file: str  # what messages call it
+    lines: Mapping[KeyPath, int] = field(default_factory=dict)  # the line of each key
+    changed: tuple[KeyPath, ...] = ()  # what was set from outside
     arms: Mapping[str, Any] = field(default_factory=dict)
     """Arm -> its complete curriculum, whose tables know their places."""
-    families: tuple[str, ...] = ()
-    """Names of the study's own families."""
+    families: tuple[str, ...] = ()  # names of the study's own families
 
     def line(self, path: KeyPath) -> int:
         """Return the line of a key path, or of the table it is in; 0 if it is not in the file."""

@@ -32,10 +32,8 @@ from curricle.text import counted
 # -- What a results folder says about a tuning: every trial, and the best of each arm --------------
 
 TUNING = "tuning.json"
-BEGUN = "begun.json"
-"""The trials of a tuning that has not ended, in their folder."""
-TRIALS = "tuning"
-"""The folder of the trials' units, in that of the results."""
+BEGUN = "begun.json"  # the trials of a tuning that has not ended, in their folder
+TRIALS = "tuning"  # the folder of the trials' units, in that of the results
 
 
 class SpaceRecord(Plain):
@@ -44,8 +42,7 @@ class SpaceRecord(Plain):
     low: float | None = None
     high: float | None = None
     log: bool = False
-    values: tuple[JsonValue, ...] = ()
-    """Where they were listed; a range has none."""
+    values: tuple[JsonValue, ...] = ()  # where they were listed; a range has none
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -66,8 +63,7 @@ class TrialRecord(Plain):
 class TunedArm(Plain):
     """The trials of an arm."""
 
-    arm: str
-    """As the file calls it; "scratch" of learning from scratch."""
+    arm: str  # as the file calls it; "scratch" of learning from scratch
     trials: tuple[TrialRecord, ...] = Field(min_length=1)
 
     @property
@@ -83,13 +79,10 @@ class TuningRecord(Plain):
     of: str
     """A digest of all that it depends on, but Optuna's version; empty where stale trials were
     kept."""
-    of_settings: str
-    """A digest of that but for code and Curricle's version."""
-    optuna: str
-    """The version of Optuna that searched."""
+    of_settings: str  # a digest of that but for code and Curricle's version
+    optuna: str  # the version of Optuna that searched
     seeds: tuple[Count, ...] = Field(min_length=1)
-    total: Annotated[int, Field(ge=1)]
-    """Steps of each trial and seed, sources included."""
+    total: Annotated[int, Field(ge=1)]  # steps of each trial and seed, sources included
     space: dict[str, SpaceRecord]
     arms: dict[str, TunedArm]
 
@@ -109,11 +102,9 @@ class TuningRecord(Plain):
 class BegunTrials(Plain):
     """The trials that a tuning has begun so far."""
 
-    number: Count
-    """Of all its trials."""
+    number: Count  # of all its trials
     seeds: tuple[Count, ...]
-    keys: tuple[str, ...]
-    """The key of each trial's target."""
+    keys: tuple[str, ...]  # the key of each trial's target
 
 
 def read_tuning(store: StudyStore) -> TuningRecord | None:
@@ -148,18 +139,14 @@ AT_RANDOM = 10
 AT_ONCE = 4
 """Further trials of an arm that are trained at once. It is fixed, so that what is found does not
 depend on the number of workers."""
-MOST_BUDGETS = 200
-"""Combinations of listed budgets whose steps are counted beforehand."""
+MOST_BUDGETS = 200  # combinations of listed budgets whose steps are counted beforehand
 DIGEST_BYTES = 8
 
-Settings = Mapping[str, Any]
-"""Values of settings by their keys."""
-Chosen = Mapping[str, tuple[str, Settings]]
-"""Name of a trial -> its arm and settings."""
+Settings = Mapping[str, Any]  # values of settings by their keys
+Chosen = Mapping[str, tuple[str, Settings]]  # name of a trial -> its arm and settings
 Train = Callable[[StudyConfig, Arms, str], StudyStore]
 """Trains the units of a study that are missing, called by some words; returns where they are."""
-Choose = Callable[[Dependencies], str]
-"""Gives what depends on something its key."""
+Choose = Callable[[Dependencies], str]  # gives what depends on something its key
 
 
 def tuning_of(study: StudyConfig) -> Tuning:
@@ -206,7 +193,8 @@ def extreme_trials(study: StudyConfig) -> StudyConfig:
     ends = dict[str, tuple[str, Settings]]()
     for name in tune.space:
         arm = next(arm for arm in tune.places if tune.places[arm][name])
-        for value in tune.ends(name):
+        space = tune.space[name]
+        for value in (space.low, space.high) if isinstance(space, RangeTable) else space:
             ends[f"{name} = {value_text(value)}"] = arm, {name: value}
     return trial_study(study, ends)
 
@@ -391,10 +379,8 @@ BY_SWEEP, BY_TUNING = "sweep", "tuning"
 class Setting:
     """A setting that was varied, and the values that it had."""
 
-    key: str
-    """As in the study's file."""
-    levels: tuple[str, ...]
-    """The values in words, or parts of its range."""
+    key: str  # as in the study's file
+    levels: tuple[str, ...]  # the values in words, or parts of its range
     range: SpaceRecord | None = None
 
     @classmethod
@@ -435,8 +421,7 @@ class Level:
     """The mean return with one value of a setting, whatever the others are."""
 
     text: str
-    number: int
-    """Of arms or trials."""
+    number: int  # of arms or trials
     mean: float
     low: float
     high: float
@@ -488,7 +473,12 @@ def sweep_effects(
     settings = tuple(
         Setting.listed(key, [arm.values[key] for arm in tried if key in arm.values]) for key in keys
     )
-    return Effects(BY_SWEEP, settings, _levels(tried, settings, _over_seeds)) if settings else None
+
+    def over_seeds(text: str, returns: Sequence[FloatArray]) -> Level:
+        mean = mean_interval(np.mean(returns, axis=0))
+        return Level(text, len(returns), float(mean.estimate), float(mean.low), float(mean.high))
+
+    return Effects(BY_SWEEP, settings, _levels(tried, settings, over_seeds)) if settings else None
 
 
 def tuning_effects(tuning: TuningRecord) -> Effects:
@@ -500,7 +490,11 @@ def tuning_effects(tuning: TuningRecord) -> Effects:
         if trial.score is not None
     ]
     settings = tuple(Setting.searched(key, space) for key, space in tuning.space.items())
-    return Effects(BY_TUNING, settings, _levels(tried, settings, _over_trials))
+
+    def over_trials(text: str, scores: Sequence[float]) -> Level:
+        return Level(text, len(scores), float(np.mean(scores)), min(scores), max(scores))
+
+    return Effects(BY_TUNING, settings, _levels(tried, settings, over_trials))
 
 
 def _levels(
@@ -524,12 +518,3 @@ def _levels(
 def short(number: float) -> str:
     """Return a number in three significant digits, or as a whole number."""
     return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
-
-
-def _over_seeds(text: str, returns: Sequence[FloatArray]) -> Level:
-    mean = mean_interval(np.mean(returns, axis=0))
-    return Level(text, len(returns), float(mean.estimate), float(mean.low), float(mean.high))
-
-
-def _over_trials(text: str, scores: Sequence[float]) -> Level:
-    return Level(text, len(scores), float(np.mean(scores)), min(scores), max(scores))

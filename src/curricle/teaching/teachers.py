@@ -291,7 +291,11 @@ class PrioritizedLevelReplay:
         """Return the memory with the score of this episode."""
         score, drawn, now = memory.score.copy(), memory.drawn.copy(), memory.episodes + 1
         decay = episode.discount * self.gae_lambda
-        score[episode.task], drawn[episode.task] = value_loss(episode.td_errors, decay), now
+        total, advantage = 0.0, 0.0
+        for delta in episode.td_errors[::-1].tolist():
+            advantage = delta + decay * advantage
+            total += abs(advantage)
+        score[episode.task], drawn[episode.task] = total / episode.length, now
         return Scores(score, drawn, now)
 
     def probabilities(self, memory: Scores) -> FloatArray:
@@ -308,15 +312,6 @@ class PrioritizedLevelReplay:
         share = seen.mean()
         new = np.zeros(len(seen)) if seen.all() else equally(~seen)
         return np.asarray(share * replay + (1 - share) * new)
-
-
-def value_loss(td_errors: FloatArray, decay: float) -> float:
-    """Return the mean size of generalised advantages with gamma lambda as `decay` (GAE, 2016)."""
-    total, advantage = 0.0, 0.0
-    for delta in td_errors[::-1].tolist():
-        advantage = delta + decay * advantage
-        total += abs(advantage)
-    return total / len(td_errors)
 
 
 @dataclass(frozen=True)
@@ -432,13 +427,3 @@ def drawn(probabilities: FloatArray, chance: float) -> int:
     rising = np.cumsum(probabilities)
     place = int(np.searchsorted(rising, chance * rising[-1], side="right"))
     return min(place, int(np.flatnonzero(probabilities)[-1]))
-
-
-def check_teacher(teacher: Any) -> None:
-    """Raise SettingError unless a teacher has the methods of :class:`Teacher`."""
-    for name in ("start", "update", "probabilities"):
-        if not callable(getattr(teacher, name, None)) or isinstance(teacher, type):
-            raise SettingError(
-                "a teacher must have the methods start, update and probabilities, as Uniform() "
-                f"has: got {teacher!r}"
-            )

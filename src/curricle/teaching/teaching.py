@@ -35,7 +35,7 @@ from curricle.tasks.mdp import Task, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.start_states import Goal, goal_states
 from curricle.teaching.taught_model import EpisodeRecord, SharedTables, TaughtModel
-from curricle.teaching.teachers import Episode, TaskSampler, Teacher, Uniform, check_teacher
+from curricle.teaching.teachers import Episode, TaskSampler, Teacher, Uniform
 from curricle.text import brief_value, counted
 
 
@@ -171,7 +171,12 @@ def teach(
     """
     check_progress(progress)
     teacher = Uniform() if teacher is None else teacher
-    check_teacher(teacher)
+    for name in ("start", "update", "probabilities"):
+        if not callable(getattr(teacher, name, None)) or isinstance(teacher, type):
+            raise SettingError(
+                "a teacher must have the methods start, update and probabilities, as Uniform() "
+                f"has: got {teacher!r}"
+            )
     text("stream", stream or "-", SettingError)
     learner = given_or_default("learner", learner, Learner, QLearning)
     if isinstance(learner, OptimisticQLearning):
@@ -284,12 +289,6 @@ class _TaskSet:
                     raise TaskError(f"{error} (task {self.names[i]!r})") from error
         self.shared = SharedTables.of(self.mdps, self.place)
 
-    def start_state(self, task: int, bits: int) -> int:
-        """Return the state in which an episode of a task starts, drawn as compiled loops do."""
-        mdp = self.mdps[task]
-        place = np.searchsorted(mdp.start_cumulative, uniform(bits), side="right")
-        return int(mdp.start_states[place])
-
 
 # -- one seed ------------------------------------------------------------------------------------
 
@@ -341,8 +340,10 @@ class _TaughtRun(Run):
                     step += episode.length
                     sampler.ended(episode)
                 task = sampler.draw(step)
-                record.task[0] = task
-                bits = yield self.task_set.start_state(task, bits & ALL), 0.0, False, False
+                record.task[0], mdp = task, self.task_set.mdps[task]
+                # The start is drawn as compiled loops do.
+                place = np.searchsorted(mdp.start_cumulative, uniform(bits & ALL), side="right")
+                bits = yield int(mdp.start_states[place]), 0.0, False, False
         except GeneratorExit:
             raise
         except BaseException as error:

@@ -43,11 +43,9 @@ def template(kind: str) -> str:
 
 # -- A study of an environment of Gymnasium's registry ---------------------------------------------
 
-SHOWN = 3
-"""Ids that are named where one is unknown."""
+SHOWN = 3  # ids that are named where one is unknown
 STEPS = "# steps, or { episodes = 800 }"
-LIMIT = 500
-"""Steps of an episode in an environment that sets no limit of its own."""
+LIMIT = 500  # steps of an episode in an environment that sets no limit of its own
 STUDY = """\
 # {id}, learnt from scratch {how}. Run it with: curricle run FILE
 # Everything commented out shows what else there is.
