@@ -24,8 +24,7 @@ COLOURS = {
     "grey": "#777777",
 }
 """The palette of Okabe and Ito, which colour-blind readers can tell apart."""
-OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
-"""Of the curricula of a comparison, in order."""
+OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")  # of curricula
 MOST_POINTS, MOST_ROWS = 60, 30  # points of a line and rows of a table that are shown, at most
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 460, 190, 58, 8, 10, 30
 """Of the picture of curves, and the margins around them."""

@@ -208,10 +208,8 @@ def place_at(path: Any) -> Place:
     return RemotePath.of(path) if isinstance(path, str) and "://" in path else Path(path)
 
 
-LONGEST_NAME = 100
-"""Characters of a file's name before its checksum; file systems allow 255 bytes in all."""
-PART = ".part"
-"""Ending of a file while it is written; a killed run may leave such a file, which means nothing."""
+LONGEST_NAME = 100  # characters before its checksum; file systems allow 255 bytes in all
+PART = ".part"  # ends a file while it is written; a killed run may leave it, and it means nothing
 
 
 def file_name(text: str) -> str:

@@ -35,8 +35,7 @@ from curricle.errors import SettingError
 
 BETWEEN = 0.2  # seconds between two pictures of the bars in a notebook, at least
 
-Progress = Union[bool, Callable[[Any], Any], "Bars", None]
-"""Values of ``progress``; bars are those of the function that calls this one."""
+Progress = Union[bool, Callable[[Any], Any], "Bars", None]  # bars: the caller's
 
 
 class Count(MofNCompleteColumn):

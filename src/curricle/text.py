@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 
 GAP = 2  # spaces between two columns, at least
-NARROWEST_NAME, NARROWEST_WORDS = 12, 20
-"""Characters to which a column of names, and a column of words, may narrow before cells fold."""
+NARROWEST_NAME, NARROWEST_WORDS = 12, 20  # characters of a column before its cells fold
 UNBOUNDED = 10_000  # a width in which nothing folds
-LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5
-"""Characters of a ``repr`` and of a value in it, and elements of an array that it shows."""
+LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5  # of a ``repr``, a value, an array
 
 
 def counted(n: int, noun: str) -> str:

@@ -191,13 +191,10 @@ LONGEST_DISTILLED = 60.0  # the same where networks are distilled: there is no f
 LONGEST_COMPARING = 300.0
 """Seconds that comparing potentials in the target may take: nearly all episodes end long before the
 limit by which they are estimated."""
-PAIR_SECONDS = 2e-6
-"""Of comparing a potential with the optimal value of a pair: about 0.8 s for 390,625 pairs."""
-ACTION_SECONDS = 4e-9
-"""Of reading phi for one action at a step of a rollout: 3e-9 to 4e-9 for two sources."""
+PAIR_SECONDS = 2e-6  # of comparing phi with a pair's optimal value: 0.8 s for 390,625 pairs
+ACTION_SECONDS = 4e-9  # of reading phi for an action at a step of a rollout, from two sources
 LONGEST_TRIAL = 60.0  # seconds that the trials may take by the machine's own pace
-SEEDS = 3
-"""Seeds of the sources, as many as ``curricle.forecast`` takes by default; one if that is slow."""
+SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 
 def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> None:

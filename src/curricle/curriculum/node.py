@@ -55,8 +55,7 @@ SETTINGS: dict[str, Any] = {
     "storage": Storage(),
 }
 """Settings that are a value for all tasks or a dict from task to value, and their defaults."""
-OF_TARGETS = ("aggregate", "unknown_value", "shaping")
-"""Settings that do not apply to a task without sources."""
+OF_TARGETS = ("aggregate", "unknown_value", "shaping")  # not of tasks without sources
 DEFAULT_STEPS = 100_000  # the budget of a task that no other builds on
 SOURCES_SHARE = 0.1
 """Of the target's steps, for all sources without a budget. Fitted on the development families of
@@ -66,8 +65,7 @@ PULL = 0.1
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
 among the development targets of benchmarks/deep_miniatures.py."""
 ACTOR_CRITICS = ("PPO", "A2C")  # algorithms that a pull is known to fit
-MOST_GUARDED = 10_000_000
-"""State-action pairs up to which a task is guarded: its tables take some 300 MB a seed."""
+MOST_GUARDED = 10_000_000  # state-action pairs of a guarded task: some 300 MB of tables a seed
 
 
 @dataclass(frozen=True, eq=False)

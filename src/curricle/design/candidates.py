@@ -54,11 +54,9 @@ MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
 }
 KINDS = tuple(MAKERS)  # in the order of their turns
 MOST = 20  # candidates by default
-LARGEST = 20_000_000
-"""State-action pairs up to which a task is judged, as they are refined together."""
+LARGEST = 20_000_000  # state-action pairs of a task that is judged: tasks are refined together
 ROUNDING = 1e-9  # difference of returns, in units of the larger, that counts as none
-FINGERPRINT = 1e-6
-"""Difference of fingerprints, in units of the larger, that equal tasks never have."""
+FINGERPRINT = 1e-6  # difference, in units of the larger, that equal tasks never have
 PROPOSED = "proposed"
 MAPPINGS = (StateActionMapping, ObservationMapping)
 AGREES = 0.99  # share of the target's pairs that must read the same pair through the target

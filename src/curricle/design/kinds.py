@@ -35,14 +35,12 @@ from curricle.transfer.bisimulation import merged_outcomes
 from curricle.transfer.by_components import ComponentMapping, family_mappings, project
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping, same_position
 
-MOST_LISTED = 10_000
-"""Easier members that are listed at most; addresses alone, of which few are built."""
+MOST_LISTED = 10_000  # easier members: addresses alone, of which few are built
 MOST_GOALS = 4  # cells of a goal around which parts are taken
 COMPONENTS = {"rows": "row", "columns": "column", "positions": "position"}
 """The component of a state that an axis of `crop` cuts."""
 LARGEST_GRAPH = 20_000  # states up to which bottlenecks are looked for
-MOST_FIRST, FEWEST_FIRST = 1_000, 50
-"""States from which paths are counted; of more, so many that are spread evenly over their list."""
+MOST_FIRST, FEWEST_FIRST = 1_000, 50  # states that counted paths begin in, spread evenly
 MOST_EDGES = 200_000_000
 """Edges of all states from which paths are counted, so that they are fewer in dense graphs."""
 BLOCK = 128  # first states of paths that are counted at a time

@@ -243,8 +243,7 @@ VALUES: dict[tuple[int, Any], float] = {
 }
 """Mean of V* over all states (caught ones counted as 0), discount 0.99, computed independently."""
 
-AVERAGED = 4
-"""Checkpoints (40,000 steps) averaged for "at the start" (after the first) and "at the end"."""
+AVERAGED = 4  # checkpoints (40,000 steps) of "at the start" (after the first) and "at the end"
 
 
 def _start(result: LearningResult) -> FloatArray:

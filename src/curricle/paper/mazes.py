@@ -45,11 +45,9 @@ LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
 EPISODE_CAP = 200
 INVERSE_TEMPERATURE = 0.2
 
-SUMMED = GreedyEvaluation(discounted=False)
-"""The paper's measure: the undiscounted return of a greedy episode, truncated at the cap."""
+SUMMED = GreedyEvaluation(discounted=False)  # the paper's measure, up to the cap
 
-Progress = Callable[[str], object]
-"""Called with a short message whenever a part of a figure is done."""
+Progress = Callable[[str], object]  # called with a message for each part of a figure
 
 Verdict = Literal["reproduced", "not reproduced", "explained"]
 
@@ -356,11 +354,9 @@ def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult
 
 # -- figure 3: steps saved by the size of the source, and the values that a small source learns --
 
-SIZES = range(2, 11)
-"""Size 1 is the treasure alone: it has no state to learn in, so nothing to transfer."""
+SIZES = range(2, 11)  # size 1 is the treasure alone, without a state to learn in
 STEP_REWARDS = {-5.0: "as run", -1.0: "as written"}
-LONG = 150_000
-"""Target steps for size 3, which never reaches the threshold in the paper's 800 episodes."""
+LONG = 150_000  # target steps for size 3, which 800 episodes never take to the threshold
 SAVED = "steps saved (thousands)"
 
 
@@ -381,8 +377,7 @@ class Arm:
         return self.saved - self.cost
 
 
-Arms = Mapping[int | str, Arm]
-"""Size, or "fixed" for the full size with the target's own start -> its arm."""
+Arms = Mapping[int | str, Arm]  # "fixed" is the full size with the target's own start
 
 
 def _transfer(

@@ -55,8 +55,7 @@ from curricle.transfer import Calibrate
 AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
 ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
 SOURCE_STEPS = 400_000
-HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}
-"""Size -> time limit and target steps; discount 0.95."""
+HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}  # size -> limit, steps
 FITTED = Calibrate()  # the scale is the one that fits the returns, neither shrunk nor bounded
 SWEEP = (1.2, 1.6, 2.0, 2.5)  # scales set by hand
 FORECAST_SEEDS, LARGE_SEEDS = 2, 10  # seeds of the forecast, and the most of 7x7

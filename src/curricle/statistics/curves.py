@@ -25,10 +25,8 @@ from curricle.errors import SettingError
 from curricle.statistics.intervals import seed_line
 from curricle.text import brief_repr, counted
 
-SCRATCH = "scratch"
-"""Name of the arm that learns the target from scratch, with which all others are compared."""
-ROUNDING = 1e-7
-"""Relative difference of two mean returns that rounding can cause in exact evaluations."""
+SCRATCH = "scratch"  # the arm that learns the target alone, with which others are compared
+ROUNDING = 1e-7  # relative difference that rounding causes between two exact mean returns
 
 
 @dataclass(frozen=True, eq=False)

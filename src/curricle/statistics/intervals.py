@@ -27,8 +27,7 @@ from curricle.text import brief_repr, counted
 
 CONFIDENCE = 0.95  # nominal coverage of an interval by default
 ROUNDING = 1e-12  # share of the largest value by which rounding can make equal values differ
-APART, FEWEST_CLUSTERED = 3, 5
-"""Ranges of a cluster between it and another cluster, and the fewest seeds that have clusters."""
+APART, FEWEST_CLUSTERED = 3, 5  # ranges between two clusters; the fewest seeds that have any
 DIGITS = 9  # significant digits of a printed interval at most; three if its bounds differ in them
 
 

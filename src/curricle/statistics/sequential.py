@@ -33,8 +33,7 @@ from curricle.text import brief_repr, counted
 
 Measure = Callable[[Sequence[int]], npt.ArrayLike]
 
-NODES = 200
-"""Points at which the density of a sum is integrated; twice as many change no level by 1e-9."""
+NODES = 200  # of the integral of a density; twice as many change no level by 1e-9
 
 
 @dataclass(frozen=True)

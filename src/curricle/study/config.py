@@ -658,8 +658,7 @@ def _wrong_learners(study: dict[str, Any]) -> Messages:
             yield ("arms", f"{SCRATCH}, {name}"), "must have another name: a learner has it"
 
 
-DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")
-"""Types of tasks that a crop may be a part of."""
+DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")  # what a crop may be a part of
 
 
 def _wrong_names(plan: dict[str, Any]) -> Messages:

@@ -18,17 +18,14 @@ from curricle.study.task_tables import text_of
 
 # -- TOML, read without trust: bounded in size and in depth ----------------------------------------
 
-DEEPEST = 50
-"""Tables and lists inside each other: what has more exhausts the stack of those that read it."""
+DEEPEST = 50  # tables and lists inside each other: more exhaust their readers' stack
 DEEP_KEY = re.compile(
     r"""(?<![\w.-])(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)"""
     rf"{{{DEEPEST}}}"
 )
 """Keys that so many dots join: the parser's memory grows with the square of their number."""
-MOST_DOTS = 100_000
-"""Dots between keys in a file: each may be a table, of a kilobyte while a file is parsed."""
-LONGEST_NUMBER = 4096
-"""Bits of a whole number: Python writes no number of more than 4,300 digits, as in a message."""
+MOST_DOTS = 100_000  # between keys of a file: each may be a table, of a kilobyte while parsed
+LONGEST_NUMBER = 4096  # bits: Python writes no number of more than 4,300 digits
 TOO_DEEP = f"tables and lists must be at most {DEEPEST} deep"
 TOO_LONG = f"whole numbers must have at most {LONGEST_NUMBER:,} bits"
 

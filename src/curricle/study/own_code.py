@@ -27,15 +27,11 @@ from curricle.errors import ConfigError, CurricleError
 # import slip``). A module on ``sys.path`` must be of a package that the user allows: a file alone,
 # from whomever, then runs nothing that nobody chose to run.
 
-ALLOW = "CURRICLE_ALLOW"
-"""The environment variable with the installed packages whose functions study files may name."""
-SAFE = {"curricle.deep", "torch.nn", "torch.optim"}
-"""Modules that they may name anyway: what networks are made of runs no commands."""
-IMPORTED = dict[str, tuple[int, int] | None]()
-"""The time and size of each module's file when it was imported."""
+ALLOW = "CURRICLE_ALLOW"  # the variable with the installed packages that study files may name
+SAFE = {"curricle.deep", "torch.nn", "torch.optim"}  # they run no commands
+IMPORTED = dict[str, tuple[int, int] | None]()  # time and size of modules' files
 PACKAGES = "curricle_study_"  # what the names of packages of studies' own modules begin with
-LOGGER = logging.getLogger(__name__)
-"""It names each module of a study before the module is imported."""
+LOGGER = logging.getLogger(__name__)  # names each module before it is imported
 
 
 def load(reference: str, folder: Path) -> Callable[..., Any]:

@@ -74,8 +74,7 @@ class ViewRecord(Plain):
     is_map: bool
     objects: tuple[tuple[Thing, int, int, bool], ...]
     markers: tuple[tuple[str, Literal["blue", "vermillion", "green", "purple", "black"]], ...]
-    air: Ints = Field(default_factory=lambda: np.empty(0, np.int64))
-    """Cells in which no state lies and that are no walls, counted as `cells` are."""
+    air: Ints = Field(default_factory=lambda: np.empty(0, np.int64))  # without states, no walls
 
     @classmethod
     def of(cls, view: GridView) -> Self:

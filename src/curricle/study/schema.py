@@ -582,10 +582,8 @@ class Settings(Table):
 # -- Transfers: which mapping, how much of the source's values, calibrated or not ------------------
 
 MAPPINGS_BY_NAME = ("identity", "same_position", "relative_objects", "family", "auto")
-MAPPINGS = ("project", "mapping", "function", "factory", "observations")
-"""Ways to say which source pair a target pair reads; a transfer has one of them."""
-OF_OBSERVATIONS = ("observations", "actions", "status")
-"""Keys of transfers into tasks that are seen through observations."""
+MAPPINGS = ("project", "mapping", "function", "factory", "observations")  # a transfer has one
+OF_OBSERVATIONS = ("observations", "actions", "status")  # keys of targets seen by networks
 ACTIONS = (
     "be a list of the source's actions, -1 where there is none, or a function as module:function"
 )

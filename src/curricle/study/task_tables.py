@@ -456,8 +456,7 @@ class FamilyTask(TaskTable):
 
 LARGEST_FILE = 10_000_000  # bytes of a study file or a map: the largest example has 3,000
 Pair = tuple[Whole, Whole]
-CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)
-"""Tasks that lie on a map, of which a crop may be a part."""
+CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)  # what a crop may be a part of
 
 
 def text_of(path: Path) -> str:

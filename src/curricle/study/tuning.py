@@ -134,8 +134,7 @@ def tuning_words(store: StudyStore) -> str:
 # of the study's. What is searched for is what arms are compared by: the mean return over all steps,
 # sources charged.
 
-AT_RANDOM = 10
-"""Trials of an arm that come before those which learn from others; all are trained at once."""
+AT_RANDOM = 10  # trials of an arm, at once, before those which learn from others
 AT_ONCE = 4
 """Further trials of an arm that are trained at once. It is fixed, so that what is found does not
 depend on the number of workers."""

@@ -48,8 +48,7 @@ Messages = Iterator[tuple[KeyPath, str]]  # what is wrong, each with its key pat
 # -- The tables of a file --------------------------------------------------------------------------
 
 MODE, PAIRED = "mode", "paired"
-FIRST_SEED = 1_000_000
-"""Of the seeds for tuning, where the file says how many: studies have other ones."""
+FIRST_SEED = 1_000_000  # for tuning, where the file says how many; studies have other seeds
 MOST_TRIALS = 1_000
 
 
@@ -247,8 +246,7 @@ def target_alone(curriculum: Raw) -> dict[str, Any]:
 
 # -- The arms that they make -----------------------------------------------------------------------
 
-MOST_ARMS = 100
-"""Arms that a sweep makes at most: with more no difference that matters would be shown."""
+MOST_ARMS = 100  # that a sweep makes: with more no difference that matters would show
 
 
 class Variant(NamedTuple):

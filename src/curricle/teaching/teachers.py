@@ -15,8 +15,7 @@ from curricle.errors import SettingError
 from curricle.tasks.kernel import ALL, STRIDE, splitmix64, uniform
 from curricle.text import brief_repr
 
-SUM_TOLERANCE = 1e-9
-"""Difference of a sum of probabilities from 1, at most; they are divided by their sum."""
+SUM_TOLERANCE = 1e-9  # of a sum of probabilities, by which they are then divided
 
 
 @dataclass(frozen=True, eq=False)
