@@ -41,9 +41,8 @@ from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits, spacing
 from curricle.planning.target import Target
 from curricle.progress import SILENT, Bars, Progress, check_progress, shown
-from curricle.statistics.curves import SCRATCH
-from curricle.statistics.sequential import Looks, add_seeds
-from curricle.statistics.thresholds import fraction_of_optimum, midpoint
+from curricle.statistics.curves import SCRATCH, fraction_of_optimum, midpoint
+from curricle.statistics.hypothesis_tests import Looks, add_seeds
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.rollouts import ObservationTarget, target_of
 

@@ -17,11 +17,14 @@ from curricle.statistics.curves import (
     ROUNDING,
     SCRATCH,
     Curve,
+    Times,
     asymptotic_performance,
     jumpstart,
     mean_return,
+    steps_saved,
+    time_to_threshold,
 )
-from curricle.statistics.hypothesis_tests import probability_of_improvement
+from curricle.statistics.hypothesis_tests import Looks, probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
     clusters,
@@ -30,8 +33,6 @@ from curricle.statistics.intervals import (
     paired_difference,
     seed_line,
 )
-from curricle.statistics.sequential import Looks
-from curricle.statistics.thresholds import Times, steps_saved, time_to_threshold
 from curricle.text import UNBOUNDED, brief_repr, counted, folded, or_dash, shortened, text_table
 
 UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)

@@ -138,19 +138,14 @@ class CurriculumResult:
     def watch(
         self, task: str | None = None, *, seed: int = 0, max_steps: int | None = None
     ) -> Episode:
-        """Return an episode of a task's best policy, by default the target's.
-
-        A notebook shows it, ``print`` prints it, and ``save`` writes a GIF
-        (:meth:`LearningResult.watch`).
-        """
+        """Return :meth:`LearningResult.watch` of a task, by default of the target."""
         name = self.curriculum.target if task is None else task
         return self[name].watch(seed=seed, max_steps=max_steps)
 
     def frame(self) -> Any:
-        """Return the curves of all tasks as a pandas DataFrame.
+        """Return the curves of all tasks as a pandas DataFrame, ImportError without pandas.
 
         Its columns are the task, those of :meth:`LearningResult.frame`, and source_steps.
-        ImportError where pandas is not installed.
         """
         parts = [
             curve_columns(arrays_of(node) | {"source_steps": self.source_steps(name)}, name)
@@ -161,8 +156,7 @@ class CurriculumResult:
     def save(self, path: str | Path) -> Path:
         """Write the results of all tasks into an ``.npz`` file without pickles; return its path.
 
-        Equal results give equal bytes. The file has no tasks and transfers: :meth:`load` takes the
-        curriculum again. StoreError when it cannot be written.
+        Equal results give equal bytes. The file has no tasks. StoreError when it is not written.
         """
         return write_saved(path, type(self).__name__, *to_file(self))
 

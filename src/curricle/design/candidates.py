@@ -233,7 +233,7 @@ class SourceCandidates:
     ----------
     target : Task
     candidates : tuple of SourceCandidate
-        They take turns by kind, so that the first few are of all kinds.
+        They take turns by kind.
     dropped : tuple of DroppedCandidate
         The drafts before the last candidate that are no candidates.
     cut : bool

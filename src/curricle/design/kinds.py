@@ -93,7 +93,10 @@ def paired(target: Any, make: Callable[[], Any], reads: Any = None) -> Callable[
 
     def build() -> Made:
         source = make()
-        return source, (reads or by_number)(target, source)
+        if reads is not None:
+            return source, reads(target, source)
+        states, actions = np.arange(target.states.size), np.arange(target.actions.size)
+        return source, pair_mapping(target, source, states[:, None], actions)
 
     return build
 
@@ -114,12 +117,6 @@ def aims(mdp: FiniteMDP) -> BoolArray:
         mean = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row].max(axis=1)
         live = ~mdp.terminal
         return np.asarray(live & (mean >= mean[live].max(initial=-np.inf)))
-
-
-def by_number(target: Any, source: Any) -> StateActionMapping:
-    """Return the mapping by which a pair reads the pair of the same number."""
-    states, actions = np.arange(target.states.size), np.arange(target.actions.size)
-    return pair_mapping(target, source, states[:, None], actions)
 
 
 def spread(items: Iterable[Item]) -> list[Item]:

@@ -127,15 +127,6 @@ def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], 
     return results, wrong[0] - wrong[1]
 
 
-def _is_refused(phi: Any, seed: int) -> bool:
-    """Return whether a scale is the wrong model for a potential."""
-    try:
-        calibrate(phi, seed=seed)
-    except CalibrationError:
-        return True
-    return False
-
-
 def tenths(result: LearningResult) -> FloatArray:
     """Return the mean training return in each tenth of a run, (K, 10)."""
     values = result.training_return[:, 1:]
@@ -178,8 +169,13 @@ def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     for size in range(3, 11):
         plan = corner_plan(size)
         sources = plan.train(seeds, only=["corner"], workers=workers).sources
-        potentials = plan.potentials("target", sources)
-        refused[size] = sum(map(_is_refused, potentials, range(seeds))) / seeds
+        refusals = 0  # a scale is then the wrong model
+        for seed, phi in enumerate(plan.potentials("target", sources)):
+            try:
+                calibrate(phi, seed=seed)
+            except CalibrationError:
+                refusals += 1
+        refused[size] = refusals / seeds
     progress("maze, calibration")
     figure, axes = new_figure(2, 3, width=13.5, height=7.6)
     _draw_forecast(axes[0, 0], predicted)

@@ -92,24 +92,14 @@ def mean_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> I
 
     mean +- t s / sqrt(K), where s is the standard deviation over the K seeds and t the quantile of
     Student's distribution with K - 1 degrees of freedom (Student 1908). Exact for normal values,
-    too short for skewed values of few seeds (docs/trust.md).
+    too short for skewed values of few seeds (docs/trust.md). SettingError on other arguments.
 
     Parameters
     ----------
     values : (K,) or (K, T) float64
-        A NaN makes its checkpoint NaN.
+        Not infinite; a NaN makes its checkpoint NaN. (K, T) gives arrays (T,).
     confidence : float
         Between 0 and 1.
-
-    Returns
-    -------
-    Interval
-        Floats for (K,), arrays (T,) for (K, T).
-
-    Raises
-    ------
-    SettingError
-        If a shape or setting breaks these rules or a value is infinite.
 
     Examples
     --------

@@ -234,9 +234,8 @@ def _docstrings(module: str) -> dict[str, dict[str, str]]:
 class StudyConfig(RunTable):
     """A study of which nothing is left to fill in: every arm is complete, every map is there.
 
-    :func:`read_study` makes it from a file, :meth:`from_data` from :meth:`to_data`. Two files with
-    one meaning give equal configurations, and a study's results depend on nothing else but the
-    modules of its own functions.
+    :func:`read_study` makes it from a file, :meth:`from_data` from :meth:`to_data`. Results depend
+    on nothing else but the modules of its own functions.
 
     Parameters
     ----------
@@ -306,11 +305,7 @@ class StudyConfig(RunTable):
         return config
 
     def to_data(self) -> dict[str, Any]:
-        """Return the configuration as plain data, which JSON can hold.
-
-        Maps are in it, every arm is complete and every setting is given, so that equal data mean
-        equal results as long as the study's own functions stay the same.
-        """
+        """Return the configuration as plain data for JSON, with maps and every setting."""
         return self.model_dump(mode="json", exclude_none=True)
 
     def __eq__(self, other: object) -> bool:
@@ -522,14 +517,13 @@ class _Builder:
 def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyConfig:
     r"""Return the study that a TOML file describes.
 
-    Nothing is built yet: tasks and curricula are built when they are asked for.
+    Tasks and curricula are built when they are asked for.
 
     Parameters
     ----------
     path : path
     set : sequence of str
-        Changes, such as ``"tasks.chase.budget=1000"``: keys as in the file with dots between them,
-        values as in TOML, or else text.
+        Changes, such as ``"tasks.chase.budget=1000"``: dotted keys, values as in TOML or else text.
 
     Raises
     ------
@@ -593,7 +587,7 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
         fields["scratch_learners"] = complete_learners(study, next(iter(complete.values())))
     with problems.at():
         FileTable.model_validate(study, context={"folder": folder})
-    problems.add([*_wrong_arms(study, complete), *_wrong_learners(study)])
+    problems.add(_wrong_arms(study, complete))
     for arm, curriculum in complete.items():
         problems.add(_wrong_names(curriculum), "arms", arm)
     problems.add([*wrong_sweep(study, complete), *wrong_tuning(study, complete)])
@@ -617,7 +611,7 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
 
 
 def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
-    """Yield what is wrong with arms as they are written."""
+    """Yield what is wrong with arms, and further learners from scratch, as they are written."""
     tasks, transfers = table(study.get("tasks")), study.get("transfers")
     transfers = transfers if isinstance(transfers, list) else []
     targets: dict[str, str] = {}
@@ -635,26 +629,23 @@ def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
             if isinstance(entry, dict) or (type(number) is int and 0 <= number < len(transfers)):
                 continue
             text = f"must name transfers of the study by number, below {len(transfers)}: got "
-            yield (*here, "transfers", *[index] * isinstance(chosen, list)), text + shown(entry)
+            path = (*here, "transfers")
+            yield (*path, index) if isinstance(chosen, list) else path, text + shown(entry)
             refused = True
         if patch and complete[arm] == complete_curriculum(study) and not strange and not refused:
             yield here, "changes nothing: its settings are the study's, or a task has its own"
         if len(last := NameGraph.of(complete[arm]).targets) == 1:
             targets[arm] = last[0]
     if len({*targets.values()}) > 1:
-        each = ", ".join(f"{arm} has {target}" for arm, target in targets.items())
-        yield ("arms",), f"must all have the same target: {each}"
-
-
-def _wrong_learners(study: dict[str, Any]) -> Messages:
-    """Yield what is wrong with the names of further learners from scratch."""
-    learners, arms = table(study.get("scratch_learners")), table(study.get("arms"))
+        by_arm = ", ".join(f"{arm} has {target}" for arm, target in targets.items())
+        yield ("arms",), f"must all have the same target: {by_arm}"
+    learners = table(study.get("scratch_learners"))
     if learners and study.get("scratch") is False:
         yield ("scratch_learners",), "are compared with the target's own: leave out scratch = false"
     for name in learners:
         if why := unfit_name(name):
             yield ("scratch_learners", name), f"has a name that {why}"
-        if f"{SCRATCH}, {name}" in arms:
+        if f"{SCRATCH}, {name}" in table(study.get("arms")):
             yield ("arms", f"{SCRATCH}, {name}"), "must have another name: a learner has it"
 
 

@@ -25,8 +25,7 @@ from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, curve_columns, joined_results
 from curricle.learning.saved_result import check_result_arrays
 from curricle.learning.stopping import UNLEARNT
-from curricle.statistics.curves import SCRATCH
-from curricle.statistics.thresholds import midpoint
+from curricle.statistics.curves import SCRATCH, midpoint
 from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record
 from curricle.study.serialization import RUN, SNAPSHOTS, VALUES
 from curricle.study.store import (

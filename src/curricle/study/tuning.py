@@ -164,15 +164,7 @@ def check_tuning(study: StudyConfig) -> int:
         raise SettingError(
             "arms are tuned at one total of steps: give the budget of the target in steps"
         )
-    largest = enumerate(_largest(tune))
-    most = {f"{n} {arm}": (arm, values) for n, values in largest for arm in study.arms}
-    curricula = trial_study(study, most).curricula.values()
-    steps = arms.budget + max(map(most_source_steps, curricula))
-    return max(arms.total, math.ceil(steps / arms.eval_freq) * arms.eval_freq)
-
-
-def _largest(tune: Tuning) -> Iterator[Settings]:
-    """Yield settings with the largest budgets: every listed one, and the top of each range."""
+    # The largest budgets: every combination of listed ones, with the top of each range.
     of_steps = {
         name: (space.high,) if isinstance(space, RangeTable) else space
         for name, space in tune.space.items()
@@ -182,8 +174,14 @@ def _largest(tune: Tuning) -> Iterator[Settings]:
         raise SettingError(
             f"a space must have at most {MOST_BUDGETS} combinations of listed budgets: got {number}"
         )
-    for values in product(*of_steps.values()):
-        yield dict(zip(of_steps, values, strict=True))
+    most = {
+        f"{n} {arm}": (arm, dict(zip(of_steps, values, strict=True)))
+        for n, values in enumerate(product(*of_steps.values()))
+        for arm in study.arms
+    }
+    curricula = trial_study(study, most).curricula.values()
+    steps = arms.budget + max(map(most_source_steps, curricula))
+    return max(arms.total, math.ceil(steps / arms.eval_freq) * arms.eval_freq)
 
 
 def extreme_trials(study: StudyConfig) -> StudyConfig:

@@ -199,9 +199,8 @@ class Learnability(_BySuccess):
 
     With probability rho it draws one of the `top` tasks whose learnability p_i (1 - p_i) is
     highest (all tasks that equal the last of them), else any. p_i is the share of successes in the
-    last `window` episodes in task i. The paper draws thousands of new levels for an estimate and
-    keeps the best; here there are M tasks, and estimates come from the episodes of learning, so
-    that they cost no further steps.
+    last `window` episodes in task i. The paper draws thousands of new levels for an estimate; here
+    it comes from the episodes of learning.
 
     Parameters
     ----------
