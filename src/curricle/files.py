@@ -220,12 +220,6 @@ def file_name(text: str) -> str:
     return f"{name[:LONGEST_NAME]}+{hashlib.blake2b(text.encode(), digest_size=24).hexdigest()}"
 
 
-def part_in(folder: Path) -> Path:
-    """Return a new path in a folder for a file while it is written."""
-    # Unlike ``tempfile``, this gives the file the permissions that the user's umask says.
-    return folder / f".{token_hex(8)}{PART}"
-
-
 def read_bounded(path: Place, most: int) -> bytes:
     """Return the content of a regular file of at most `most` bytes; OSError as for opening it."""
     with opened_regular(path) as (file, size):
@@ -279,7 +273,8 @@ def write_whole(path: Place, content: bytes) -> None:
         return
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "what is there is no regular file", str(path))
-    temporary = part_in(path.parent)
+    # Unlike ``tempfile``, this gives the file the permissions that the user's umask says.
+    temporary = path.parent / f".{token_hex(8)}{PART}"
     try:
         with temporary.open("xb") as file:
             file.write(content)

@@ -56,7 +56,19 @@ def print_preview(study: StudyConfig) -> None:
         print(f"\narm{'s' * (len(names) > 1)} {between.join(names)}", *lines, sep="\n")
     print()
     costing = costs(study, arms)
-    _print_cost(costing)
+    rows = [
+        (
+            f"{cost.arm}: {cost.task}",
+            f"{cost.seeds}",
+            f"{cost.steps:,}",
+            _megabytes(cost.table_bytes),
+            duration(cost.seconds),
+        )
+        for cost in costing
+    ]
+    print_table(("cost at most", "seeds", "steps a seed", "tables", "time"), rows)
+    seconds = sum(cost.seconds for cost in costing)
+    print_text(f"about {duration(seconds)} on one processor, without compilation")
     if arms.budget is not None and arms.total not in (None, arms.budget):
         steps = arms.budget, arms.total, arms.eval_freq
         sources = any(curriculum.transfers for curriculum in arms.curricula.values())
@@ -109,22 +121,6 @@ def _tuning(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:
         f"about {duration(seconds)}; the costs above are of the file's own settings, and with "
         f"the best of the search every arm spends at most {counted(total, 'step')}"
     )
-
-
-def _print_cost(costing: Sequence[Cost]) -> None:
-    rows = [
-        (
-            f"{cost.arm}: {cost.task}",
-            f"{cost.seeds}",
-            f"{cost.steps:,}",
-            _megabytes(cost.table_bytes),
-            duration(cost.seconds),
-        )
-        for cost in costing
-    ]
-    print_table(("cost at most", "seeds", "steps a seed", "tables", "time"), rows)
-    seconds = sum(cost.seconds for cost in costing)
-    print_text(f"about {duration(seconds)} on one processor, without compilation")
 
 
 def traffic(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:

@@ -17,7 +17,7 @@ from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
-from curricle.study.tuning import BY_TUNING, TuningRecord, effects_of, read_tuning, tuning_words
+from curricle.study.tuning import BY_TUNING, effects_of, read_tuning, tuning_words
 from curricle.study.units import numbered_seeds
 from curricle.study.vary import value_text
 from curricle.text import UNBOUNDED, counted, text_table
@@ -143,7 +143,18 @@ def print_effects(results: StudyResults) -> None:
     """Print the best trial of each arm and the main effects, of a study that has finished seeds."""
     tuning = read_tuning(results.store)
     if tuning is not None:
-        print_tuning(tuning)
+        print()
+        print_text(
+            f"tuned on {numbered_seeds(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
+            "sources included; these steps are shown here and not charged to the curves"
+        )
+        best = list[tuple[str, ...]]()
+        for name, arm in tuning.arms.items():
+            score, values = arm.best.score, arm.best.values
+            words = ", ".join(f"{key} = {_number(value)}" for key, value in values.items())
+            number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
+            best.append((f"{name}: {words or 'nothing to tune'}", number, steps, _number(score)))
+        print_table(("best trial", "of", "tuning steps", "mean return"), best)
     for effects in effects_of(results.comparison, results.record, tuning):
         tuned = effects.kind == BY_TUNING
         over = (
@@ -153,30 +164,14 @@ def print_effects(results: StudyResults) -> None:
         print_text(f"main effects: mean return, sources charged, over all {over}")
         rows = [
             (
-                f"{arm}: {key} = {level.text}",
+                f"{name}: {key} = {level.text}",
                 f"{level.number}",
                 f"{level.mean:.4g}",
                 f"[{level.low:.4g}, {level.high:.4g}]",
             )
-            for arm, key, level in effects.rows
+            for name, key, level in effects.rows
         ]
         print_table(("", "trials" if tuned else "arms", "mean return", ""), rows)
-
-
-def print_tuning(tuning: TuningRecord) -> None:
-    """Print how every arm was tuned, what that took, and its best trial."""
-    print()
-    print_text(
-        f"tuned on {numbered_seeds(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
-        "sources included; these steps are shown here and not charged to the curves"
-    )
-    rows = list[tuple[str, ...]]()
-    for name, arm in tuning.arms.items():
-        score, values = arm.best.score, arm.best.values
-        words = ", ".join(f"{key} = {_number(value)}" for key, value in values.items())
-        number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
-        rows.append((f"{name}: {words or 'nothing to tune'}", number, steps, _number(score)))
-    print_table(("best trial", "of", "tuning steps", "mean return"), rows)
 
 
 def _number(value: object) -> str:

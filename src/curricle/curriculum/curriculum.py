@@ -1,5 +1,6 @@
 """A curriculum: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,8 +24,6 @@ from curricle.curriculum.sources import (
     Learnt,
     SourceValues,
     calibrated,
-    source_potentials,
-    warn_of_refusals,
 )
 from curricle.deep.miniature import Miniatures
 from curricle.display import block, table
@@ -43,7 +42,9 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_value, counted, shortened
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.observation_mapping import TableValues, ValueSource
 from curricle.transfer.pair import search_steps
+from curricle.transfer.potential import ObservationPotential, combined_potential
 from curricle.transfer.search import with_mapping
 from curricle.transfer.transfer import Calibrate, Transfer
 
@@ -397,7 +398,12 @@ class Curriculum:
                 fitted = list[Calibration]()
                 if (settings := self.calibration(name)) is not None:
                     fitted = calibrated(node, potentials[name], settings, numbers, spent)
-                    warn_of_refusals(name, fitted)
+                    if refused := [fit.refusal for fit in fitted if fit.refusal]:
+                        warnings.warn(
+                            f"{len(refused)} of {counted(len(fitted), 'seed')} of {name!r} take "
+                            f"their potential as it is: {refused[0]}",
+                            stacklevel=2,
+                        )
                     calibrations[name] = fitted
                     potentials[name] = [calibration.potential for calibration in fitted]
                 results[name] = node.train(
@@ -435,13 +441,26 @@ class Curriculum:
         are not kept, or not in a dense table.
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
-        aggregate = self.setting("aggregate", name)
+        how: dict[str, Any] = {"function": self.setting("aggregate", name)}
+        how["unknown_value"] = self.setting("unknown_value", name)
         for edge in edges:
             if not np.all(sources[edge.source].own_rewards):
                 raise CurriculumError(
                     "values that are handed on must be in the task's own rewards: those of "
                     f"{edge.source!r}, which {edge.target!r} reads, contain what shaping added"
                 )
-        values = {edge.source: sources[edge.source].values for edge in edges}
-        unknown_value = self.setting("unknown_value", name)
-        return source_potentials(self.tasks[name], edges, values, aggregate, unknown_value)
+        task, read = self.tasks[name], list[list[Any]]()
+        observed = is_observation_task(task)
+        for edge in edges:
+            kept = sources[edge.source].values
+            if isinstance(kept, np.ndarray):
+                read.append([TableValues(rows) for rows in kept] if observed else [*kept])
+            elif observed and kept is not None and all(isinstance(x, ValueSource) for x in kept):
+                read.append([*kept])
+            else:
+                raise CurriculumError(
+                    f"a source's values must be kept, in dense tables{' or networks' * observed}: "
+                    f"those of {edge.source!r}, which {edge.target!r} reads, are not; see Storage"
+                )
+        make: Any = ObservationPotential if observed else combined_potential
+        return [make(task, edges, of_seed, **how) for of_seed in zip(*read, strict=True)]

@@ -1,6 +1,5 @@
 """The values that sources learnt, and the potentials that they give."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,16 +9,11 @@ import numpy as np
 
 from curricle.arrays import IntArray
 from curricle.curriculum.node import Node
-from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
 from curricle.learning.stopping import limits
-from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr, counted
-from curricle.transfer.aggregate import Aggregate
+from curricle.text import brief_repr
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
-from curricle.transfer.observation_mapping import TableValues, ValueSource
-from curricle.transfer.potential import ObservationPotential, combined_potential
-from curricle.transfer.transfer import Calibrate, Transfer
+from curricle.transfer.transfer import Calibrate
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,33 +62,6 @@ class SourceValues:
 Learnt = LearningResult | SourceValues
 
 
-def source_potentials(
-    task: Any,
-    edges: Sequence[Transfer],
-    values: Mapping[str, Any],
-    aggregate: Aggregate,
-    unknown_value: float = 0.0,
-) -> list[AnyPotential]:
-    """Return the potential of a task for each of K seeds; none without edges."""
-    if not edges:
-        return []
-    observed, read = is_observation_task(task), []
-    for edge in edges:
-        learnt = values[edge.source]
-        if isinstance(learnt, np.ndarray):
-            read.append([TableValues(table) for table in learnt] if observed else [*learnt])
-        elif observed and learnt is not None and all(isinstance(x, ValueSource) for x in learnt):
-            read.append([*learnt])
-        else:
-            raise CurriculumError(
-                f"a source's values must be kept, in dense tables{' or networks' * observed}: "
-                f"those of {edge.source!r}, which {edge.target!r} reads, are not; see Storage"
-            )
-    make: Any = ObservationPotential if observed else combined_potential
-    join = partial(make, task, edges, function=aggregate, unknown_value=unknown_value)
-    return [join(of_seed) for of_seed in zip(*read, strict=True)]
-
-
 def calibrated(
     node: Node,
     potentials: Sequence[AnyPotential],
@@ -111,17 +78,6 @@ def calibrated(
         )
         for potential, k, most in zip(potentials, seeds, left, strict=True)
     ]
-
-
-def warn_of_refusals(name: str, calibrations: Sequence[Calibration]) -> None:
-    """Warn of seeds that could not be calibrated."""
-    refused = [calibration.refusal for calibration in calibrations if calibration.refusal]
-    if refused:
-        warnings.warn(
-            f"{len(refused)} of {counted(len(calibrations), 'seed')} of {name!r} take their "
-            f"potential as it is: {refused[0]}",
-            stacklevel=3,
-        )
 
 
 class StoredValues(NamedTuple):
@@ -156,19 +112,14 @@ def source_values(
             if scales:
                 pairs = zip(potentials, scales, strict=True)
                 potentials = [phi.rescaled(scale) for phi, scale in pairs]
-            values = _networks(node, potentials or [None] * len(seeds), values)
+            node.learner.algorithm_class()  # raises an ImportError that names what to install
+            from curricle.deep.models import network_values  # needs PyTorch
+
+            # A distilled network computes its values alone, whatever its task's sources are.
+            shapings = [
+                None if node.takes_no_steps else node.shaping.with_potential(potential)
+                for potential in potentials or [None] * len(seeds)
+            ]
+            values = tuple(map(partial(network_values, node.task, node.learner), shapings, values))
         learnt[name] = SourceValues(node.task, seeds, values, steps_used)
     return learnt
-
-
-def _networks(node: Node, potentials: Sequence[Any], parameters: Sequence[Any]) -> tuple[Any, ...]:
-    """Return the values of each seed's network, from its parameters."""
-    node.learner.algorithm_class()  # raises an ImportError that names what to install
-    from curricle.deep.models import network_values  # needs PyTorch
-
-    def values_of(potential: Any, of_seed: Any) -> Any:
-        # A distilled network computes its values alone, whatever its task's sources are.
-        shaping = None if node.takes_no_steps else node.shaping.with_potential(potential)
-        return network_values(node.task, node.learner, shaping, of_seed)
-
-    return tuple(map(values_of, potentials, parameters))

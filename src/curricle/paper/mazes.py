@@ -50,6 +50,7 @@ SUMMED = GreedyEvaluation(discounted=False)  # the paper's measure, up to the ca
 Progress = Callable[[str], object]  # called with a message for each part of a figure
 
 Verdict = Literal["reproduced", "not reproduced", "explained"]
+INTERVAL = ("estimate", "low", "high")
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,12 @@ class FigureResult:
             files[f"data/{table}.parquet"] = sink.getvalue().to_pybytes()
         claims = [{"id": claim.id, "figure": name, **vars(claim)} for claim in self.claims]
         for claim in claims:
-            claim["evidence"] = {key: _as_data(x) for key, x in claim["evidence"].items()}
+            claim["evidence"] = evidence = dict(claim["evidence"])
+            for key, value in evidence.items():
+                if isinstance(value, Interval):  # whose bounds may be NaN, which JSON has not
+                    parts = {part: float(getattr(value, part)) for part in INTERVAL}
+                    numbers = {part: None if isnan(x) else x for part, x in parts.items()}
+                    evidence[key] = {**numbers, "seeds": value.n}
         section = {
             "title": self.title,
             "caption": self.caption,
@@ -97,15 +103,6 @@ class FigureResult:
         }
         files[f"data/{self.name}.json"] = as_json(section)
         return files, section
-
-
-def _as_data(value: Any) -> Any:
-    """Return an interval as estimate, low, high and seeds; other evidence as it is."""
-    if not isinstance(value, Interval):
-        return value
-    parts = {name: float(getattr(value, name)) for name in ("estimate", "low", "high")}
-    # Bounds that do not exist are None, as JSON has no NaN.
-    return {key: None if isnan(x) else x for key, x in parts.items()} | {"seeds": value.n}
 
 
 def maze(step: float) -> GridWorld:

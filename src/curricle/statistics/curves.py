@@ -360,15 +360,17 @@ class Times(Frozen):
         from scipy.stats import quantile_test  # half a second that few need
 
         check_confidence(confidence)
-        k = self.steps.size
+        k, curve = self.steps.size, self.survival()
+        half = curve.probabilities <= 0.5 + SHARE_ROUNDING
+        median = float(curve.quantiles[half.argmax()]) if half.any() else np.inf
         if k == 1:
-            return Interval(self._median(), np.nan, np.nan, confidence, 1)
+            return Interval(median, np.nan, np.nan, confidence, 1)
         latest = np.where(self.reached, self.steps, np.inf)
         low = quantile_test(self.steps).confidence_interval(confidence).low
         high = quantile_test(latest).confidence_interval(confidence).high
         if np.isnan(low):  # too few seeds
             low, high = 0.0, np.inf
-        return Interval(self._median(), float(low), float(high), confidence, k)
+        return Interval(median, float(low), float(high), confidence, k)
 
     def restricted_mean(
         self, horizon: float | None = None, *, confidence: float = CONFIDENCE
@@ -411,11 +413,6 @@ class Times(Frozen):
         if horizon is None and not self.reached.all() and not np.isnan(high):
             high = np.inf
         return Interval(mean.estimate, float(low), float(high), confidence, mean.n)
-
-    def _median(self) -> float:
-        curve = self.survival()
-        half = curve.probabilities <= 0.5 + SHARE_ROUNDING
-        return float(curve.quantiles[half.argmax()]) if half.any() else np.inf
 
     def __str__(self) -> str:
         seeds, missed = self.reached.size, int(np.sum(~self.reached))

@@ -378,7 +378,19 @@ def add_seeds(
     pointwise = planned.confidence(confidence)
     values = np.empty(0)
     for seeds in planned.seeds:
-        values = np.append(values, _measured(measure, range(values.size, seeds)))
+        new = range(values.size, seeds)
+        measured = numbers("the values that measure returns", measure(new), SettingError)
+        if measured.shape != (len(new),):
+            raise SettingError(
+                f"measure must return one number per seed: got shape {measured.shape}"
+                f" for {counted(len(new), 'seed')}"
+            )
+        if (wrong := ~np.isfinite(measured)).any():
+            place = int(wrong.argmax())
+            raise SettingError(
+                f"measure must return finite numbers: seed {new[place]} has {measured[place]}"
+            )
+        values = np.append(values, measured)
         mean = mean_interval(values, confidence=pointwise)
         p = planned.adjusted_p(sign_flip_test(values))
         half = (mean.high - mean.low) / 2
@@ -388,20 +400,3 @@ def add_seeds(
     goal: Literal["precision", "difference"] = "difference" if precision is None else "precision"
     interval = Interval(mean.estimate, mean.low, mean.high, confidence, values.size)
     return AddedSeeds(frozen_array(values), interval, p, goal if enough else "most", planned)
-
-
-def _measured(measure: Measure, seeds: range) -> FloatArray:
-    """Return the measure of these seeds, (K,), all finite."""
-    values = numbers("the values that measure returns", measure(seeds), SettingError)
-    if values.shape != (len(seeds),):
-        raise SettingError(
-            f"measure must return one number per seed: got shape {values.shape}"
-            f" for {counted(len(seeds), 'seed')}"
-        )
-    wrong = ~np.isfinite(values)
-    if wrong.any():
-        place = int(wrong.argmax())
-        raise SettingError(
-            f"measure must return finite numbers: seed {seeds[place]} has {values[place]}"
-        )
-    return values

@@ -544,27 +544,22 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
         raise ConfigError(f"a study file must be a path: got {path!r}")
     if isinstance(set, str):
         raise ConfigError(f"set must be a list of settings, each key=value: got {set!r}")
-    path = Path(path)
-    text, study = toml_of(path)
+    file = Path(path)
+    text, study = toml_of(file)
     changed = list[KeyPath]()
     for change in set:
         keys, value = assignment(change)
-        changed.append(_existing(study, keys, str(path)))
+        place: KeyPath = keys
+        if len(keys) > 1 and keys[0] in ("tasks", "arms", "transfers"):
+            there, number = study.get(keys[0]), keys[0] == "transfers" and keys[1].isdecimal()
+            known = [*map(str, range(len(there)))] if isinstance(there, list) else [*table(there)]
+            place = (keys[0], int(keys[1]) if number else keys[1], *keys[2:])
+            if keys[1] not in known:
+                positions = Positions(str(file), changed=(place[:2],))
+                raise ConfigError(positions.sentence(place[:2], unknown(keys[1], known)))
+        changed.append(place)
         study = merged(study, value)
-    return configured(study, path.parent, Positions(str(path), line_numbers(text), tuple(changed)))
-
-
-def _existing(study: dict[str, Any], keys: tuple[str, ...], file: str) -> KeyPath:
-    """Return the key path that is to be set; ConfigError for an unknown task, arm or transfer."""
-    if len(keys) < 2 or keys[0] not in ("tasks", "arms", "transfers"):
-        return keys
-    there, listed = study.get(keys[0]), keys[0] == "transfers"
-    known = [str(n) for n in range(len(there))] if isinstance(there, list) else list(table(there))
-    path = (keys[0], int(keys[1]) if listed and keys[1].isdecimal() else keys[1], *keys[2:])
-    if keys[1] not in known:
-        positions = Positions(file, changed=(path[:2],))
-        raise ConfigError(positions.sentence(path[:2], unknown(keys[1], known)))
-    return path
+    return configured(study, file.parent, Positions(str(file), line_numbers(text), tuple(changed)))
 
 
 def configured(study: dict[str, Any], folder: Path, positions: Positions) -> StudyConfig:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from itertools import pairwise, product
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, JsonValue, model_validator
@@ -370,6 +370,7 @@ def _optuna() -> Any:
 
 THIRDS = 3
 BY_SWEEP, BY_TUNING = "sweep", "tuning"
+Tried = tuple[str, Mapping[str, Any], Any]  # an arm, values of settings, what came of them
 
 
 @dataclass(frozen=True)
@@ -403,14 +404,6 @@ class Setting:
         low, high, here = (math.log(x) if self.range.log else x for x in ends)
         number = int((here - low) / (high - low) * len(self.levels))
         return self.levels[min(max(number, 0), len(self.levels) - 1)]
-
-
-class Tried(NamedTuple):
-    """The arm that values of settings were tried for, and what came of it."""
-
-    arm: str
-    values: Mapping[str, Any]
-    result: Any
 
 
 @dataclass(frozen=True)
@@ -458,7 +451,7 @@ def sweep_effects(
     """Return the mean over all arms with each value, intervals over seeds; None without a sweep."""
     tuned = set() if tuning is None else {*tuning.space}
     tried = [
-        Tried(
+        (
             arm.variant.arm,
             {key: value for key, value in arm.variant.values.items() if key not in tuned},
             comparison.returns[name],
@@ -466,9 +459,10 @@ def sweep_effects(
         for name, arm in record.arms.items()
         if arm.variant is not None and name in comparison.arms
     ]
-    keys = dict.fromkeys(key for arm in tried for key in arm.values)
+    keys = dict.fromkeys(key for _, values, _ in tried for key in values)
     settings = tuple(
-        Setting.listed(key, [arm.values[key] for arm in tried if key in arm.values]) for key in keys
+        Setting.listed(key, [values[key] for _, values, _ in tried if key in values])
+        for key in keys
     )
 
     def over_seeds(text: str, returns: Sequence[FloatArray]) -> Level:
@@ -481,7 +475,7 @@ def sweep_effects(
 def tuning_effects(tuning: TuningRecord) -> Effects:
     """Return the mean of the trials of each level, lowest and highest; trials crowd at the best."""
     tried = [
-        Tried(arm.arm, trial.values, trial.score)
+        (arm.arm, trial.values, trial.score)
         for arm in tuning.arms.values()
         for trial in arm.trials
         if trial.score is not None
@@ -499,12 +493,12 @@ def _levels(
 ) -> dict[tuple[str, str], tuple[Level, ...]]:
     """Return the main effect of each setting on each arm; `level_of` sums up what came of it."""
     levels = {}
-    for arm in dict.fromkeys(trial.arm for trial in tried):
+    for arm in dict.fromkeys(arm for arm, _, _ in tried):
         for setting in settings:
             results: dict[str, list[Any]] = {text: [] for text in setting.levels}
-            for trial in tried:
-                if trial.arm == arm and setting.key in trial.values:
-                    results[setting.level(trial.values[setting.key])].append(trial.result)
+            for tried_arm, values, result in tried:
+                if tried_arm == arm and setting.key in values:
+                    results[setting.level(values[setting.key])].append(result)
             if any(results.values()):
                 levels[arm, setting.key] = tuple(
                     level_of(text, some) for text, some in results.items() if some

@@ -479,7 +479,15 @@ class _TaughtRun(Run):
             self.samplers[seed] = sampler
             while True:
                 if sampler.tasks:
-                    episode = self._episode(record)
+                    n, last = int(record.length[0]), int(record.task[0])
+                    reached = self.task_set.goals[last, record.last_state[0]]
+                    episode = Episode(
+                        last,
+                        frozen(record.rewards[:n].copy()),
+                        frozen(record.td_errors[:n].copy()),
+                        bool(record.terminated[0] and reached),
+                        self.task_set.target.discount,
+                    )
                     step += episode.length
                     sampler.ended(episode)
                 task = sampler.draw(step)
@@ -493,13 +501,3 @@ class _TaughtRun(Run):
             raised.append(error)
         while True:
             yield BROKEN_DOWN
-
-    def _episode(self, record: EpisodeRecord) -> Episode:
-        n, task, shared = int(record.length[0]), int(record.task[0]), self.task_set
-        return Episode(
-            task,
-            frozen(record.rewards[:n].copy()),
-            frozen(record.td_errors[:n].copy()),
-            bool(record.terminated[0] and shared.goals[task, record.last_state[0]]),
-            shared.target.discount,
-        )
