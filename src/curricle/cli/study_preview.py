@@ -11,7 +11,7 @@ from curricle.comparison.forecasts import Forecast
 from curricle.comparison.trial import affordable, hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.sources import SourceValues
+from curricle.curriculum.result import SourceValues
 from curricle.errors import CurricleError, SettingError
 from curricle.files import Place, place_at
 from curricle.planning.target import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import SETTINGS
-from curricle.curriculum.sources import Learnt, calibrated
+from curricle.curriculum.node import SETTINGS, calibrated
+from curricle.curriculum.result import Learnt
 from curricle.transfer.aggregate import BUILT_IN, Aggregate
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.transfer import Transfer, numbered, transfer_names

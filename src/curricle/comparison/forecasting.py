@@ -28,7 +28,7 @@ from curricle.comparison.forecasts import (
 from curricle.comparison.learnt_sources import distilled_sources, source_learning
 from curricle.comparison.trial import Trial, affordable, hindrance, rehearse, run_trial
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.sources import Learnt, SourceValues
+from curricle.curriculum.result import Learnt, SourceValues
 from curricle.deep.policy import policy_return
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.potential import PairPotential

@@ -13,7 +13,7 @@ import numpy as np
 from curricle.checks import one_of
 from curricle.comparison.learnt_sources import DistilledSource, SourceLearning
 from curricle.comparison.trial import Trial
-from curricle.curriculum.sources import SourceValues
+from curricle.curriculum.result import SourceValues
 from curricle.display import block, table
 from curricle.errors import CurriculumError
 from curricle.planning.target import Target

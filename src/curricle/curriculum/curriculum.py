@@ -16,15 +16,11 @@ from curricle.curriculum.node import (
     SETTINGS,
     SOURCES_SHARE,
     Node,
+    calibrated,
     capped,
     default_shaping,
 )
-from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.sources import (
-    Learnt,
-    SourceValues,
-    calibrated,
-)
+from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.miniature import Miniatures
 from curricle.display import block, table
 from curricle.errors import CurriculumError

@@ -41,8 +41,9 @@ from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr
 from curricle.transfer.aggregate import Aggregate, mean
-from curricle.transfer.calibration import AnyPotential
+from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.rollouts import target_of
+from curricle.transfer.transfer import Calibrate
 
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
@@ -202,6 +203,24 @@ class Node:
             *rest, last = judge(result.steps, greedy, level=level, floor=floor, used=used)
             of_seeds.append([*rest, replace(last, evaluation_steps=spent)])
         return Decisions(of_seeds, result.seeds)
+
+
+def calibrated(
+    node: Node,
+    potentials: Sequence[AnyPotential],
+    settings: Calibrate,
+    seeds: Sequence[int],
+    charged: IntArray | None = None,
+) -> list[Calibration]:
+    """Return the calibrations of a task's potentials within its budget, less (K,) charged steps."""
+    steps, episodes = limits(node.budget)
+    left = [steps] * len(seeds) if charged is None else (steps - charged).tolist()
+    return [
+        fit_calibration(
+            potential, settings.within(most, episodes), seed=k, stream=f"{node.name}/calibration"
+        )
+        for potential, k, most in zip(potentials, seeds, left, strict=True)
+    ]
 
 
 # -- defaults --------------------------------------------------------------------------------------

@@ -1,18 +1,17 @@
 """The result of training a curriculum: results of its tasks, and the values that targets read."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, IntArray, frozen
 from curricle.checks import one_of
-from curricle.curriculum.sources import Learnt, SourceValues, StoredValues, source_values
 from curricle.deep.policy import DeepResult
 from curricle.display import beside, block
 from curricle.errors import CurricleError, CurriculumError, SettingError
@@ -36,10 +35,56 @@ from curricle.learning.saved_result import (
 )
 from curricle.learning.stopping import Decisions
 from curricle.planning.episode import Episode
-from curricle.text import counted, shortened
+from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.calibration import AnyPotential, Calibration
 
 MOST_CURVES = 4  # tasks whose curves are shown beside each other, the last ones of a curriculum
+
+
+@dataclass(frozen=True, eq=False)
+class SourceValues:
+    """The values that K seeds learnt in a task: all that later tasks need of it.
+
+    Attributes
+    ----------
+    task : Task or ObservationTask
+    seeds : tuple of int
+        K of them.
+    values : (K, S, A) float array or K ValueSource
+        None if they were not kept.
+    steps_used : (K,) int64
+        Steps of each seed in the task.
+    own_rewards : bool
+        Whether the values are in the task's own rewards (:class:`LearningResult`).
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> SourceValues.of(learn(GridWorld("S.T"), budget=500, seeds=3)).first(2).seeds
+    (0, 1)
+    """
+
+    task: Any
+    seeds: tuple[int, ...]
+    values: Any
+    steps_used: IntArray
+    own_rewards: bool = True
+
+    __repr__ = brief_repr
+
+    @classmethod
+    def of(cls, result: "Learnt") -> Self:
+        """Return the values of a result."""
+        own_rewards = bool(np.all(result.own_rewards))
+        return cls(result.task, result.seeds, result.values, result.steps_used, own_rewards)
+
+    def first(self, n: int) -> "SourceValues":
+        """Return the values of the first n seeds."""
+        values = None if self.values is None else self.values[:n]
+        return replace(self, seeds=self.seeds[:n], values=values, steps_used=self.steps_used[:n])
+
+
+Learnt = LearningResult | SourceValues
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,3 +363,51 @@ def _with_networks(
         }
 
     return with_values(nodes), with_values(given)
+
+
+# -- stored values, as plain data ------------------------------------------------------------------
+
+
+class StoredValues(NamedTuple):
+    """The values that K seeds learnt in a task, as plain data."""
+
+    values: Any  # (K, S, A) float array, or K dicts of a network's parameters; None if not read
+    steps_used: IntArray  # (K,) in the task
+    scales: Sequence[float] = ()  # of each seed's potential, if it is calibrated
+
+
+def sources_read(curriculum: Any, name: str) -> set[str]:
+    """Return the tasks whose values are needed to train a task: its sources, and theirs if deep."""
+    read, waiting = set[str](), [name]
+    while waiting:
+        for edge in curriculum.in_edges(waiting.pop()):
+            # A network that learnt on top of a potential needs that potential.
+            if edge.source not in read and curriculum.node(edge.source).deep:
+                waiting.append(edge.source)
+            read.add(edge.source)
+    return read
+
+
+def source_values(
+    curriculum: Any, seeds: tuple[int, ...], sources: Mapping[str, StoredValues]
+) -> dict[str, SourceValues]:
+    """Return stored values as :meth:`Curriculum.train` takes them; networks are rebuilt."""
+    learnt: dict[str, SourceValues] = {}
+    for name in (name for name in curriculum.order if name in sources):
+        node, (values, steps_used, scales) = curriculum.node(name), sources[name]
+        if node.deep and values is not None:
+            potentials: list[Any] = curriculum.potentials(name, learnt)
+            if scales:
+                pairs = zip(potentials, scales, strict=True)
+                potentials = [phi.rescaled(scale) for phi, scale in pairs]
+            node.learner.algorithm_class()  # raises an ImportError that names what to install
+            from curricle.deep.models import network_values  # needs PyTorch
+
+            # A distilled network computes its values alone, whatever its task's sources are.
+            shapings = [
+                None if node.takes_no_steps else node.shaping.with_potential(potential)
+                for potential in potentials or [None] * len(seeds)
+            ]
+            values = tuple(map(partial(network_values, node.task, node.learner), shapings, values))
+        learnt[name] = SourceValues(node.task, seeds, values, steps_used)
+    return learnt

@@ -16,9 +16,8 @@ from curricle.comparison.comparing import OF_OPTIMUM, STATED, threshold_of_optim
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import OF_TARGETS, SETTINGS
+from curricle.curriculum.node import OF_TARGETS, SETTINGS, calibrated
 from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.sources import calibrated
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import PolicyReuse
 from curricle.errors import CurricleError, StoreError

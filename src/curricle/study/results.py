@@ -16,7 +16,7 @@ from curricle.comparison.comparing import MIDPOINT
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.sources import SourceValues, source_values, sources_read
+from curricle.curriculum.result import SourceValues, source_values, sources_read
 from curricle.deep.policy import policies_of
 from curricle.display import block
 from curricle.errors import CurricleError, CurriculumError, StoreError, StudyError

@@ -11,7 +11,7 @@ from math import inf
 from time import monotonic
 from typing import Any
 
-from curricle.curriculum.sources import StoredValues, sources_read
+from curricle.curriculum.result import StoredValues, sources_read
 from curricle.errors import LostStoreError
 from curricle.study.arms import Arms
 from curricle.study.engines.engine import Workers

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from filelock import FileLock, Timeout
 
-from curricle.curriculum.sources import StoredValues
+from curricle.curriculum.result import StoredValues
 from curricle.errors import (
     CurricleError,
     EngineError,

@@ -9,8 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.sources import StoredValues, source_values
+from curricle.curriculum.result import CurriculumResult, StoredValues, source_values
 from curricle.files import Place
 from curricle.learning.saved_result import arrays_of
 from curricle.learning.stopping import ended_by
