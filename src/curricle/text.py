@@ -46,9 +46,16 @@ def text_table(
         room = max(0, widths[column] - max(narrowest, len(heads[column])))
         less = max(0, min(excess, room))
         widths[column], excess = widths[column] - less, excess - less
-    if excess > 0:
-        return [line for row in cells[1:] for line in _stacked(heads, row, width)]
-    return [line for row in cells for line in _side_by_side(row, widths, words)]
+    if excess <= 0:
+        return [line for row in cells for line in _side_by_side(row, widths, words)]
+    lines, width = list[str](), max(width, NARROWEST_NAME)
+    for name, *numbers in cells[1:]:  # a row becomes its name and a line for each other cell
+        lines += wrap(name, width)
+        for head, cell in zip(heads[1:], numbers, strict=True):
+            if cell.strip():
+                text = f"{head}: {cell.strip()}" if head else cell.strip()
+                lines += wrap(text, width, initial_indent="  ", subsequent_indent="    ")
+    return lines
 
 
 def _side_by_side(row: Sequence[str], widths: Sequence[int], words: bool) -> list[str]:
@@ -64,17 +71,6 @@ def _side_by_side(row: Sequence[str], widths: Sequence[int], words: bool) -> lis
             for column, (part, size) in enumerate(zip(parts, widths, strict=True))
         ]
         lines.append((" " * GAP).join(padded).rstrip())
-    return lines
-
-
-def _stacked(heads: Sequence[str], row: Sequence[str], width: int) -> list[str]:
-    """Return a row as its name and a line for each other cell that is not empty."""
-    width = max(width, NARROWEST_NAME)
-    lines = wrap(row[0], width)
-    for head, cell in zip(heads[1:], row[1:], strict=True):
-        if cell.strip():
-            text = f"{head}: {cell.strip()}" if head else cell.strip()
-            lines += wrap(text, width, initial_indent="  ", subsequent_indent="    ")
     return lines
 
 

@@ -22,7 +22,7 @@ from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_w
 from curricle.study.packing import bytes_a_seed, seeds_per_file
 from curricle.study.running import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore, holds_study
-from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
+from curricle.study.tuning import check_tuning, number_of_trials
 from curricle.study.units import numbered_seeds, units_of
 from curricle.study.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
@@ -75,7 +75,16 @@ def print_preview(study: StudyConfig) -> None:
         print_text(total_words(arms.target, *steps, sources=sources))
     print_text(traffic(study, arms, costing))
     if study.tune is not None:
-        print_text(_tuning(study, arms, costing))
+        most, number = check_tuning(study), number_of_trials(study)
+        runs = number * len(study.tune.seeds)
+        seconds = runs * sum(cost.seconds / cost.seeds for cost in costing) / len(arms.curricula)
+        print_text(
+            f"before that, tuning: {counted(study.tune.trials, 'trial')} of each arm on "
+            f"{numbered_seeds(study.tune.seeds)}, {counted(number, 'trial')} in all, "
+            f"{runs * most:,} steps, about {duration(seconds)}; the costs above are of the file's "
+            "own settings, and with the best of the search every arm spends at most "
+            f"{counted(most, 'step')}"
+        )
     try:
         study.check_networks()
     except SettingError as error:
@@ -108,19 +117,6 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = f"; {edge.mapping.coverage()}" if edge.mapping.countable else ""
             yield wrapped(f"{label}: {edge.mapping.words}{cover}", 4)
-
-
-def _tuning(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:
-    """Return what tuning every arm takes at most, in words."""
-    tune, total, number = tuning_of(study), check_tuning(study), number_of_trials(study)
-    runs = number * len(tune.seeds)
-    seconds = runs * sum(cost.seconds / cost.seeds for cost in costing) / len(arms.curricula)
-    return (
-        f"before that, tuning: {counted(tune.trials, 'trial')} of each arm on "
-        f"{numbered_seeds(tune.seeds)}, {counted(number, 'trial')} in all, {runs * total:,} steps, "
-        f"about {duration(seconds)}; the costs above are of the file's own settings, and with "
-        f"the best of the search every arm spends at most {counted(total, 'step')}"
-    )
 
 
 def traffic(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:

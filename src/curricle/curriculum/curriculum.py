@@ -49,8 +49,7 @@ from curricle.transfer.transfer import Calibrate, Transfer
 class Curriculum:
     """A directed acyclic graph of tasks whose edges carry potentials.
 
-    A setting below is a value for all tasks, or a dict from task name to value; tasks that a dict
-    leaves out get the default.
+    A setting is a value for all tasks, or a dict from task name to value, else the default.
 
     Parameters
     ----------
@@ -58,8 +57,8 @@ class Curriculum:
     transfers : sequence of Transfer
         Several may share source and target (one source through several mappings).
     aggregate : callable or dict
-        (N, S, A) -> (S, A), applied to the potentials of all transfers into a task; default
-        :func:`mean`, which skips the NaN of sources whose mapping leaves a pair unmapped.
+        (N, S, A) -> (S, A), of all transfers into a task; default :func:`mean`, which skips NaN,
+        where a mapping leaves a pair unmapped.
     unknown_value : float or dict
         The potential of pairs that all mappings leave unmapped; default 0.
     learner : Learner or dict

@@ -76,6 +76,8 @@ Propose = Callable[[Any], Iterable["SourceCandidate"]]
 class SourceCandidate(Frozen):
     """A task that may be a source of the target, and how the target reads it.
 
+    CurriculumError when the name is unfit, or `mappings` holds something else or leads elsewhere.
+
     Parameters
     ----------
     name : str
@@ -97,11 +99,6 @@ class SourceCandidate(Frozen):
     optimum, random_return : float
         Expected discounted return from its start, of an optimal policy and of the uniformly random
         policy; NaN before it is judged.
-
-    Raises
-    ------
-    CurriculumError
-        When the name is unfit, or `mappings` holds something else or leads to another task.
 
     Examples
     --------
@@ -152,21 +149,16 @@ def mappings_between(
 ) -> tuple[Any, ...]:
     """Return how a source reads an earlier source: f(s', a') for the later source's pairs.
 
-    Members of a family map onto each other as the family declares. Other sources read each other
-    through the target: of all target pairs that read a pair of the later source, most read the same
-    pair of the earlier source, and that is its value. Of several mappings those are returned for
-    which nearly all target pairs agree, or the mapping for which most agree.
+    Members of a family map onto each other as the family declares. Other sources, which must have
+    tables, read each other through the target: of all target pairs that read a pair of the later
+    source, most read the same pair of the earlier source, and that is its value. Of several
+    mappings those are returned for which nearly all target pairs agree, or most.
 
     Parameters
     ----------
     target : Task
         Whose pairs the mappings of both sources are from.
     after, before : SourceCandidate
-
-    Raises
-    ------
-    CurriculumError
-        When the sources are no members of one family, and have no tables.
 
     Examples
     --------

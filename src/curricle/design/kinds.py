@@ -171,9 +171,19 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
         return
     longest = max(high - low for low, high in extents.values())
     reads = same_position if isinstance(task, GridWorld) else project
+    states, columns = np.flatnonzero(target.goal), []
+    values = task.states.decode(states)
+    for name in (COMPONENTS[axis] for axis in extents):
+        if name in values:
+            columns.append(values[name].tolist())
+        else:
+            n = ("row", "column").index(name)
+            columns.append(task.layout.cells[states, n].tolist())
+    cells = list(dict.fromkeys(zip(*columns, strict=True)))[:MOST_GOALS]
     for side in spread(range(2, longest)):
-        for goal in _goal_cells(target, extents):
-            part = {axis: _window(extents[axis], side, place) for axis, place in goal.items()}
+        for cell in cells:
+            places = zip(extents, cell, strict=True)
+            part = {axis: _window(extents[axis], side, place) for axis, place in places}
             if part != extents:
                 name = ", ".join(f"{axis} {low}..{high - 1}" for axis, (low, high) in part.items())
                 words = f"the part around the goal: {name}"
@@ -200,21 +210,6 @@ def _extents(task: Any) -> dict[str, Range]:
         else:
             return {}
     return extents
-
-
-def _goal_cells(target: DesignTarget, extents: dict[str, Range]) -> list[dict[str, int]]:
-    """Return the place on each axis of a few cells of the goal."""
-    states = np.flatnonzero(target.goal)
-    values = target.task.states.decode(states)
-    columns = []
-    for axis in extents:
-        name = COMPONENTS[axis]
-        if name in values:
-            columns.append(values[name])
-        else:
-            columns.append(target.task.layout.cells[states, ("row", "column").index(name)])
-    cells = list(dict.fromkeys(zip(*(column.tolist() for column in columns), strict=True)))
-    return [dict(zip(extents, cell, strict=True)) for cell in cells[:MOST_GOALS]]
 
 
 def _window(extent: Range, side: int, place: int) -> Range:

@@ -251,8 +251,7 @@ def _section(
 ) -> SectionRecord:
     curriculum = results[arms[0]].curriculum
     target = curriculum.target
-    extent = _observed_extent if is_observation_task(curriculum.tasks[target]) else _extent
-    seeds, certified, left_out = extent(arms, results, target, n_groups)
+    seeds, certified, left_out = _extent(arms, results, target, n_groups)
     record: ForecastRecord | None = None
     certificates: dict[str, tuple[tuple[str, ...], Certificate | SampledCertificate]] = {}
     try:
@@ -281,6 +280,19 @@ def _extent(
 ) -> tuple[int, bool, list[str]]:
     """Return the seeds of the forecast, whether to certify, and what is left out and why."""
     first = results[arms[0]]
+    if is_observation_task(first.curriculum.tasks[target]):
+        left_out = [
+            f"Certificates are left out, because {target} is seen through observations: they need "
+            "numbered states."
+        ]
+        edges = first.curriculum.in_edges(target)
+        readable = all(first.sources[edge.source].values is not None for edge in edges)
+        if not readable:
+            left_out.append(
+                "The forecast is left out, because the sources' values were not kept, or their "
+                'networks cannot be read here: pip install "curricle[deep]".'
+            )
+        return int(readable), False, left_out
     space = generative_model(first.curriculum.tasks[target])
     pairs = space.states.size * space.actions.size
     kept = all(
@@ -301,25 +313,6 @@ def _extent(
         text = "Certificates are left out, because "
         left_out.append(f"{text}{why}: curricle.certify(task, shaping) gives them.")
     return seeds, certified, left_out
-
-
-def _observed_extent(
-    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, _: int
-) -> tuple[int, bool, list[str]]:
-    """Return the same of a target seen through observations: one seed, and no certificates."""
-    left_out = [
-        f"Certificates are left out, because {target} is seen through observations: they need "
-        "numbered states."
-    ]
-    first = results[arms[0]]
-    edges = first.curriculum.in_edges(target)
-    readable = all(first.sources[edge.source].values is not None for edge in edges)
-    if not readable:
-        left_out.append(
-            "The forecast is left out, because the sources' values were not kept, or their "
-            'networks cannot be read here: pip install "curricle[deep]".'
-        )
-    return int(readable), False, left_out
 
 
 def _forecast(

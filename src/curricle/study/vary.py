@@ -440,24 +440,21 @@ def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
             yield setting.home, "is given twice"
         elif setting.name in swept:
             yield setting.home, "is swept already: leave out one of the two"
-        elif messages := [*_wrong_space(setting)]:
-            yield from messages
-        elif why := _wrong_key(study, complete, setting):
-            yield setting.home, why
-
-
-def _wrong_space(setting: Varied) -> Messages:
-    if isinstance(setting.values, dict):
-        try:
-            RangeTable.model_validate(setting.values)
-        except ValidationError as error:
-            for detail in error.errors(include_url=False):
-                yield (*setting.home, *detail["loc"]), detail["msg"]
-        return
-    texts = list(map(value_text, setting.values)) if isinstance(setting.values, list) else []
-    if len(texts) < 2 or len(set(texts)) < len(texts):
-        text = "must be a list of two or more different values, or { low, high }: got "
-        yield setting.home, text + shown(setting.values)
+        else:
+            texts = [*map(value_text, setting.values)] if isinstance(setting.values, list) else []
+            if isinstance(setting.values, dict):
+                try:
+                    RangeTable.model_validate(setting.values)
+                except ValidationError as error:
+                    for detail in error.errors(include_url=False):
+                        yield (*setting.home, *detail["loc"]), detail["msg"]
+                    continue
+            elif len(texts) < 2 or len(set(texts)) < len(texts):
+                text = "must be a list of two or more different values, or { low, high }: got "
+                yield setting.home, text + shown(setting.values)
+                continue
+            if why := _wrong_key(study, complete, setting):
+                yield setting.home, why
 
 
 def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:

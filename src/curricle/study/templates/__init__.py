@@ -31,7 +31,15 @@ def new_study(kind: str) -> tuple[str, str]:
         return f"{kind}.toml", template(kind)
     if kind.isalpha() and kind.islower() and (meant := suggestion(kind, KINDS)):
         raise ConfigError(f"there is no study {kind!r} to start from{meant}")
-    return f"{kind.rpartition(':')[2].replace('/', '-')}.toml", environment_study(kind)
+    name = _known(kind)
+    try:
+        env = gym.make(name)
+    except Exception as error:  # of any kind: an environment is somebody's own code
+        why = " ".join(str(error).split())
+        raise ConfigError(f"{name} cannot be made: {type(error).__name__}: {why}") from None
+    with closing(env):
+        text = STUDY.format(id=name, **_parts(name, env))
+    return f"{kind.rpartition(':')[2].replace('/', '-')}.toml", text
 
 
 def template(kind: str) -> str:
@@ -83,18 +91,6 @@ type = "deep"
 algorithm = "{algorithm}"           # of Stable-Baselines3 or sb3_contrib
 policy = "{policy}"
 """
-
-
-def environment_study(name: str) -> str:
-    """Return the text of a study of a registered environment, which runs as it is."""
-    name = _known(name)
-    try:
-        env = gym.make(name)
-    except Exception as error:  # of any kind: an environment is somebody's own code
-        why = " ".join(str(error).split())
-        raise ConfigError(f"{name} cannot be made: {type(error).__name__}: {why}") from None
-    with closing(env):
-        return STUDY.format(id=name, **_parts(name, env))
 
 
 def _known(name: str) -> str:
