@@ -1,23 +1,7 @@
 """The commands, their exit codes, and errors as one sentence.
 
-0      done
-1      a file, a folder or a setting was refused
-2      the command line was wrong
-3      the study's own code failed, its cluster was lost, or its results cannot be
-       written any more; what was stored is whole
-130    interrupted; what was stored before is whole
-=====  =============================================================================
-====
 Each command imports what it needs of the library when it is called: a shell that completes a word,
 or shows a help, waits for no library. The help ends with the exit codes.
-====
-0      done
-1      a file, a folder or a setting was refused
-2      the command line was wrong
-3      the study's own code failed, its cluster was lost, or its results cannot be
-       written any more; what was stored is whole
-130    interrupted; what was stored before is whole
-=====  =============================================================================
 """
 
 import json

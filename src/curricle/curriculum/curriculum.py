@@ -12,24 +12,30 @@ import numpy as np
 from curricle.arrays import IntArray
 from curricle.checks import fit_name, instance, one_of
 from curricle.curriculum.node import (
+    ACTOR_CRITICS,
     DEFAULT_STEPS,
+    MOST_GUARDED,
+    PULL,
     SETTINGS,
     SOURCES_SHARE,
     Node,
     calibrated,
     capped,
-    default_shaping,
 )
 from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
+from curricle.deep.learner import DeepLearner
 from curricle.deep.miniature import Miniatures
+from curricle.deep.shaping import WeightTransfer
 from curricle.display import block, table
 from curricle.errors import CurriculumError
 from curricle.files import Place, file_name, place_at
+from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner
+from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
-from curricle.learning.shaping import Shaping
-from curricle.learning.stopping import Budget, limits
+from curricle.learning.shaping import QInitialisation, Shaping
+from curricle.learning.stopping import Budget, Episodes, limits
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
@@ -241,15 +247,25 @@ class Curriculum:
         if value is not None:
             return value
         if which == "shaping":
-            learner, storage = (self.setting(other, name) for other in ("learner", "storage"))
-            edges, distilled = self.in_edges(name), False
-            if len(edges) == 1 and isinstance(self.tasks[edges[0].source], Miniatures):
-                alike = learner == self.setting("learner", edges[0].source)
-                distilled = bool(alike and edges[0].mapping.is_identity)
-            budget = self.setting("budget", name) if distilled else None
-            how: Any = {"distilled": distilled, "budget": budget}
-            return default_shaping(self.tasks[name], learner, storage, **how)
+            return self._default_shaping(name)
         return SETTINGS[which] if which == "unknown_value" else None
+
+    def _default_shaping(self, name: str) -> Shaping:
+        """Return the start of Q as the way of potentials, guarded where that is possible."""
+        learner, edges = self.setting("learner", name), self.in_edges(name)
+        if len(edges) == 1 and isinstance(self.tasks[edges[0].source], Miniatures):
+            alike = learner == self.setting("learner", edges[0].source)
+            critic = isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS
+            if critic and alike and edges[0].mapping.is_identity:
+                by_episodes = isinstance(self.setting("budget", name), Episodes)
+                return WeightTransfer(kl=0.0 if by_episodes else PULL)
+        # A guard needs a learner without a bonus, and dense tables, whatever the machine's memory.
+        possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
+        if possible and self.setting("storage", name).kind != "sparse":
+            model = generative_model(self.tasks[name])
+            if model.states.size * model.actions.size <= MOST_GUARDED:
+                return QInitialisation(guard=Guard())
+        return QInitialisation()
 
     def _stated(self, which: str, name: str) -> Any:
         """Return a setting of a task as stated; None for an `unknown_value` that is not."""
@@ -336,13 +352,12 @@ class Curriculum:
         ----------
         seeds : int or sequence of int
             As in :func:`learn`. The k-th seed of a target builds on the k-th seed of its sources.
-            A task's random stream is named after it, so that a result does not depend on the other
-            tasks. Where a seed cannot be calibrated, its potential enters unscaled, with a warning;
+            Where a seed cannot be calibrated, its potential enters unscaled, with a warning;
             ``calibrations`` of the result says why.
         only : str or sequence of str, optional
             Tasks to train, with all that they build on; every task by default.
         trained : dict of str to LearningResult or SourceValues, optional
-            Tasks learnt before, for the same seeds.
+            Tasks of the curriculum learnt before, for the same seeds, or CurriculumError.
         charge : bool
             Whether the budget of :attr:`target` pays for its sources too, seed by seed.
         snapshots : int
@@ -350,16 +365,10 @@ class Curriculum:
         workers : int, optional
             Threads over seeds.
         saves : path, optional
-            A folder or a URL for checkpoints of networks: a killed run that is called again
-            continues from them (:func:`learn_deep`).
+            A folder or a URL for checkpoints of networks, as in :func:`learn_deep`.
         progress : bool or callable, optional
-            True shows a bar for each task; a function is called with the name of each task when it
-            is learnt.
-
-        Raises
-        ------
-        CurriculumError
-            When a result in `trained` is for an unknown task, another task or other seeds.
+            True shows a bar for each task; a function is called with the name of each that is
+            learnt.
         """
         check_progress(progress)
         numbers = seed_tuple(seeds)

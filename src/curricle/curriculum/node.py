@@ -11,15 +11,12 @@ from curricle.checks import instance, number
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
 from curricle.deep.miniature import Miniatures
-from curricle.deep.shaping import WeightTransfer
 from curricle.errors import CurriculumError, SettingError
 from curricle.files import Place
-from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner, QLearning
-from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
-from curricle.learning.shaping import QInitialisation, Shaping
+from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import (
     SETTLED,
     Budget,
@@ -223,31 +220,8 @@ def calibrated(
     ]
 
 
-# -- defaults --------------------------------------------------------------------------------------
-
-
 def capped(budget: Budget) -> Budget:
     """Return the budget of a source: a number of steps is a cap, the rest is as it is."""
     if isinstance(budget, Episodes | StoppingRule):
         return budget
     return StoppingRule(limits(budget)[0], settled=SETTLED)
-
-
-def default_shaping(
-    task: Any,
-    learner: Any,
-    storage: Storage,
-    *,
-    distilled: bool = False,
-    budget: Budget | None = None,
-) -> Shaping:
-    """Return the start of Q as the way of potentials, guarded where that is possible."""
-    if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
-        return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)
-    # A guard needs a learner without a bonus, and dense tables, whatever the machine's memory.
-    possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
-    if possible and storage.kind != "sparse":
-        generative = generative_model(task)
-        if generative.states.size * generative.actions.size <= MOST_GUARDED:
-            return QInitialisation(guard=Guard())
-    return QInitialisation()

@@ -244,12 +244,11 @@ class StudyConfig(RunTable):
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
     scratches : dict of str to ArmTables, optional
-        The arms that learn the target from scratch, where a sweep or a tuning gives them settings;
-        else they follow from the first arm.
+        The arms from scratch that a sweep or a tuning made; else they follow from the first arm.
     variants : dict of str to VariantRecord, optional
         The settings of each arm that a sweep or a tuning gave it, scratch included.
     tune : Tuning, optional
-        What is to be searched for every arm before the study is run.
+        What is searched for every arm before the study is run.
     own_learners : bool, optional
         Whether each arm may learn the target in its own way, as it was tuned.
     total : int, optional

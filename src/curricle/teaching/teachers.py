@@ -321,8 +321,7 @@ class ReverseCurriculum(_BySuccess):
     r_max, and whose predecessor is good, p_(i-1) >= r_min (that of the first task is the goal).
     Old starts are the tasks with p_i >= r_min. With probability `replay` an old start is drawn,
     else a new start, all equally likely; where there are none of a sort, one of the other. In the
-    paper new starts are reached by Brownian motion from good starts, 200 for 100 old starts; here
-    they are the next task in the order.
+    paper new starts are reached by Brownian motion from good starts.
 
     Parameters
     ----------

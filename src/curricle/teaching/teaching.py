@@ -54,21 +54,17 @@ class TeachingResult(Frozen):
     Attributes
     ----------
     learning : LearningResult
-        Of the target: greedy returns are those in the target; steps, episodes and training returns
-        are those of all tasks.
+        Greedy returns are those in the target; steps, episodes and training returns of all tasks.
     tasks : tuple of str
         The names of the M tasks, in their order.
     teacher : Teacher
     drawn : tuple of K (E,) int64 arrays
-        The tasks of the episodes that were begun, as places in `tasks`. The budget may have cut off
-        the last episode.
+        The tasks of the episodes that were begun, as places in `tasks`.
     begun_at : tuple of K (E,) int64 arrays
         Steps in all tasks before these episodes.
     probabilities : (K, T, M) float64
-        The probabilities of the tasks when the last episode before a checkpoint was drawn.
-        Checkpoints after a seed's end repeat them.
+        Of the tasks, in the last draw before a checkpoint; repeated after a seed's end.
     steps_per_task : (K, M) int64
-        Steps in a task; they add up to those of the seed.
 
     Examples
     --------
@@ -134,17 +130,14 @@ def teach(
     """Return the result of learning a target by episodes in several tasks of one space.
 
     A teacher draws the task of every episode from a random stream for this alone. A single learner
-    learns all tasks in the same table, with the loops, schedules and random streams of
-    :func:`learn`; steps in any task count alike. With a single task the learning is that of
-    :func:`learn` on its tables, bit for bit.
+    learns all tasks in the same table as :func:`learn` does, and with a single task bit for bit so.
 
     Parameters
     ----------
     tasks : dict from str to Task
         M of them, with tables, the same states and actions, discount and time limit. They may
-        differ in where episodes start (:func:`with_start`), in hazards, slips, rewards and goals.
-        The states need a component that tells different goals apart, as a table has one value for
-        a pair. :class:`ReverseCurriculum` reads the order of the tasks.
+        differ in where episodes start (:func:`with_start`), in hazards, slips, rewards and goals;
+        a component of the states must tell different goals apart.
     teacher : Teacher
         Default :class:`Uniform`.
     learner : Learner
@@ -153,7 +146,7 @@ def teach(
         Steps in all tasks (the last episode may be cut off), episodes, or steps until the greedy
         return in the target is good enough.
     target : str
-        The name of the task in which the greedy policy is evaluated; the teacher may draw it too.
+        The task in which the greedy policy is evaluated; the teacher may draw it too.
     seeds, eval_freq, evaluation, stream, workers, progress
         As in :func:`learn`.
     goal : optional
