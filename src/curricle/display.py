@@ -97,7 +97,9 @@ def table(
     shown, left = rows[:MOST_ROWS], len(rows) - MOST_ROWS
     classes = []
     for column, name in enumerate(head):
-        numeric = bool(shown) and all(_is_number(row[column]) for row in shown)
+        # A number, or a text that begins as one.
+        texts = [_cell(row[column]).lstrip("> +-−") for row in shown]
+        numeric = bool(texts) and all(t in ("", "none") or t[0].isdigit() for t in texts)
         classes.append(' class="w"' if name in wide else ' class="n"' if numeric else "")
 
     def line(tag: str, values: Sequence[Any]) -> Markup:
@@ -113,12 +115,6 @@ def table(
     form = Markup('<div class="wide"><table><thead>{}</thead><tbody>{}</tbody></table></div>')
     more = _paragraph(f"and {left:,} more") if left > 0 else Markup()
     return form.format(line("th", head), body) + more
-
-
-def _is_number(value: Any) -> bool:
-    """Return whether a cell is a number, or a text that begins as one."""
-    text = _cell(value).lstrip("> +-−")
-    return text == "" or text[0].isdigit() or text == "none"
 
 
 def _cell(value: Any) -> str:

@@ -38,13 +38,12 @@ from curricle.paper.mazes import (
     Progress,
     answer,
     in_thousands,
-    over_seeds,
     stacked,
     verdict,
 )
 from curricle.planning import greedy_policy
 from curricle.show import draw_curve, new_figure
-from curricle.statistics import Curve, Interval, paired_difference
+from curricle.statistics import Curve, Interval, mean_interval, paired_difference
 from curricle.text import counted
 from curricle.transfer import UNMAPPED, StateActionMapping, find_projections
 
@@ -328,7 +327,7 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
 def _as_stated(arms: Arms) -> Iterator[Claim]:
     setting = "4x4, softmax 0.2, both must catch, every state mapped"
     end = {n: _end(arms[n]) for n in ("scratch", *AGGREGATES)}
-    ends = {n: over_seeds(values) for n, values in end.items()}
+    ends = {n: mean_interval(values) for n, values in end.items()}
     best = {
         f"min minus {n}, at the end": paired_difference(end["min"], end[n])
         for n in ("mean", "total", "max")

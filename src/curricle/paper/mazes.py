@@ -120,11 +120,6 @@ def answer(holds: Any) -> Verdict:
     return "explained" if holds else "not reproduced"
 
 
-def over_seeds(values: npt.ArrayLike) -> Interval:
-    """Return the mean over seeds, (K,), with Student's 95 % interval."""
-    return mean_interval(np.asarray(values, dtype=np.float64))
-
-
 def whiskers(interval: Interval) -> list[list[Any]]:
     """Return an interval as distances below and above the estimate, for Matplotlib."""
     return [[interval.estimate - interval.low], [interval.high - interval.estimate]]
@@ -310,7 +305,7 @@ def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult
     panel.set(ylim=(-1700, 150), xlim=(0, None))
     panel.legend(loc="lower right")
     weak, strong = (
-        over_seeds(scratch.steps - times(curve, scratch.threshold, strong=strong).steps)
+        mean_interval(scratch.steps - times(curve, scratch.threshold, strong=strong).steps)
         for strong in (False, True)
     )
     right = all(abs(optimal[s].start_value - v) < 5e-5 for s, v in OPTIMUM.items())
@@ -339,7 +334,7 @@ def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult
                 f"source of size {SIZE}, step reward -5; paired over seeds",
                 verdict(weak.low > 0),
                 {
-                    "scratch, steps to threshold": over_seeds(scratch.steps),
+                    "scratch, steps to threshold": mean_interval(scratch.steps),
                     "steps saved (weak transfer)": weak,
                     "steps saved (strong transfer)": strong,
                 },
@@ -424,7 +419,7 @@ def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult
     for x, (step, start) in enumerate((s, a) for s in results for a in (10, "fixed")):
         arm = results[step][start]
         for shift, values, colour in ((-0.2, arm.saved, "blue"), (0.2, arm.net, "orange")):
-            mean = over_seeds(values / 1000)
+            mean = mean_interval(values / 1000)
             style = {"color": COLOURS[colour], "capsize": 2}
             axes[1, 1].bar(x + shift, mean.estimate, 0.38, yerr=whiskers(mean), **style)
         labels.append(f"{'uniform' if start == 10 else 'fixed'} start\nstep {step:g}")
@@ -480,7 +475,7 @@ def _draw_saved(panel: Any, arms: Arms, seeds: int, title: str) -> None:
     ):
         panel.plot(1 + shift, 0, "o", color=colour, label=label, ms=5)
         for size in SIZES:
-            mean = over_seeds((arms[size].net if strong else arms[size].saved) / 1000)
+            mean = mean_interval((arms[size].net if strong else arms[size].saved) / 1000)
             filling = colour if arms[size].reached == seeds else "white"
             style = {"color": colour, "fmt": "o", "ms": 5, "mfc": filling, "capsize": 2}
             panel.errorbar(size + shift, mean.estimate, yerr=whiskers(mean), **style)
@@ -494,17 +489,17 @@ def _claims(step: float, arms: Arms, longer: Arm) -> list[Claim]:
     """Return the claims about the maze with one step reward."""
     setting = f"step reward {step:g} ({STEP_REWARDS[step]}), 800 target episodes"
     tag = STEP_REWARDS[step].replace(" ", "-")
-    saved = {size: over_seeds(arms[size].saved) for size in SIZES}
-    net = {size: over_seeds(arms[size].net) for size in SIZES}
+    saved = {size: mean_interval(arms[size].saved) for size in SIZES}
+    net = {size: mean_interval(arms[size].net) for size in SIZES}
     large = [saved[size] for size in range(4, 11)]
     mean = float(np.mean([s.estimate for s in large]))
     alike = all(s.low > 0 and abs(float(s.estimate) - mean) < mean / 3 for s in large)
     seeds = len(arms[3].saved)
     starts = dict[str, Any]()
     for start, arm in (("fixed", arms["fixed"]), ("uniform", arms[10])):
-        starts[f"{start} start, target steps saved"] = over_seeds(arm.saved)
-        starts[f"{start} start, source steps"] = over_seeds(arm.cost)
-        starts[f"{start} start, net"] = over_seeds(arm.net)
+        starts[f"{start} start, target steps saved"] = mean_interval(arm.saved)
+        starts[f"{start} start, source steps"] = mean_interval(arm.cost)
+        starts[f"{start} start, net"] = mean_interval(arm.net)
     fixed, uniform = starts["fixed start, net"], starts["uniform start, net"]
     explained = fixed.low < 500 and uniform.low > max(0, fixed.high)
     words = (
@@ -521,7 +516,7 @@ def _claims(step: float, arms: Arms, longer: Arm) -> list[Claim]:
             {
                 "steps saved within 800 episodes (at most)": saved[3],
                 "seeds that reached the threshold": f"{arms[3].reached} of {seeds}",
-                f"steps saved when run on for {LONG:,} steps": over_seeds(longer.saved),
+                f"steps saved when run on for {LONG:,} steps": mean_interval(longer.saved),
                 "seeds that reached it then": f"{longer.reached} of {seeds}",
             },
         ),
@@ -610,7 +605,7 @@ def hacking(seeds: int, workers: int | None, progress: Progress) -> FigureResult
                 "finishing (E3); as a potential the same hint keeps the optimal policy",
                 "5x5 grid, treasure 20, step -1, discount 0.95",
                 verdict(loops and (final["as a potential"] > 0).all()),
-                {f"final greedy return, {name}": over_seeds(v) for name, v in final.items()},
+                {f"final greedy return, {name}": mean_interval(v) for name, v in final.items()},
             ),
         ],
         settings={

@@ -43,12 +43,11 @@ from curricle.paper.mazes import (
     draw_level,
     in_thousands,
     maze,
-    over_seeds,
     stacked,
     whiskers,
 )
 from curricle.show import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
-from curricle.statistics import Curve, Interval, paired_difference
+from curricle.statistics import Curve, Interval, mean_interval, paired_difference
 from curricle.text import counted
 from curricle.transfer import Calibrate
 
@@ -311,7 +310,7 @@ def _forecast_claims(predicted: Forecast, compared: Comparison, hunts: Hunts) ->
         },
     )
     rows = {name: predicted[name].mean("start") for name in predicted.ranking}
-    first = {name: over_seeds(compared[name].curve.values[:, 0]) for name in AGGREGATES}
+    first = {name: mean_interval(compared[name].curve.values[:, 0]) for name in AGGREGATES}
     order = [float(interval.estimate) for interval in first.values()]
     seen = rows["minimum"] > rows["mean"] > rows["maximum"]
     yield Claim(
@@ -350,7 +349,7 @@ def _calibration_claims(hunts: Hunts) -> Iterator[Claim]:
         ends[1.0] = float(_end(hunts[5, name]).mean())
         best = max(ends, key=ends.__getitem__)
         fitted = hunts[5, f"{name}, calibrated"]
-        numbers[f"{name}, calibrated, last tenth"] = over_seeds(_end(fitted))
+        numbers[f"{name}, calibrated, last tenth"] = mean_interval(_end(fitted))
         numbers[f"{name}, best scale by hand"] = best
         numbers[f"{name}, last tenth at that scale"] = ends[best]
         numbers[f"{name}, calibrated, last minus first tenth"] = _change(fitted)
@@ -365,7 +364,7 @@ def _calibration_claims(hunts: Hunts) -> Iterator[Claim]:
         answer(near and rising),
         numbers,
     )
-    last = {name: over_seeds(_end(hunts[7, name])) for name in STYLES}
+    last = {name: mean_interval(_end(hunts[7, name])) for name in STYLES}
     halved = all(
         last[f"{name}, calibrated"].estimate > last[name].estimate / 2 for name in ("min", "mean")
     )
@@ -426,7 +425,7 @@ def _maze_claims(
         name: mazes.times(Curve.of(result), threshold).steps for name, result in guarded.items()
     }
     alone = steps.pop("scratch")
-    saved = {name: over_seeds(alone - reached) for name, reached in steps.items()}
+    saved = {name: mean_interval(alone - reached) for name, reached in steps.items()}
     yield Claim(
         "trust.guard",
         "A harmful source (size 3) does no harm, within noise, to a learner with a guard",
@@ -435,7 +434,7 @@ def _maze_claims(
             saved["the same, guarded"].high >= 0 and saved["from the 3x3 corner"].high < -10_000
         ),
         {f"{name}, steps saved": value for name, value in saved.items()}
-        | {"scratch, steps to threshold": over_seeds(alone)},
+        | {"scratch, steps to threshold": mean_interval(alone)},
     )
     added = {
         f"row {row}, column {column}": float(share)

@@ -305,12 +305,8 @@ class EpisodeRecord(Plain):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         n = self.returns.size
-        if (
-            self.cells.ndim != 2
-            or self.returns.ndim != 1
-            or len(self.cells) != n
-            or not 0 < n <= LONGEST_EPISODE + 1
-        ):
+        alike = self.cells.ndim == 2 and self.returns.shape == self.cells.shape[:1]
+        if not alike or not 0 < n <= LONGEST_EPISODE + 1:
             raise ValueError(f"cells and returns must be of at most {LONGEST_EPISODE} steps")
         if not _below(self.cells, MOST_CELLS):
             raise ValueError(f"cells must be below {MOST_CELLS}")

@@ -341,6 +341,7 @@ def table_of(
     *,
     tag: str | None = None,
     without: tuple[str, ...] = (),
+    functions: tuple[str, ...] = (),
     **annotations: Any,
 ) -> Any:
     """Return the table of a dataclass or function; `tag` is the value of its key ``type``."""
@@ -359,6 +360,7 @@ def table_of(
         fields[name] = (annotation, Field(default, description=texts[name]))
     made = create_model(tag or makes.__name__, __base__=base, __doc__=summary(makes), **fields)
     made.makes, made.parameters = makes, tuple(parameters)
+    made.functions = functions or made.functions
     return made
 
 
@@ -448,10 +450,6 @@ def _encoder_of(*tables: Any) -> Any:
     return Annotated[Any, Choice(tables, simple=named(*tables, function=True), simple_type=str)]
 
 
-class _StackedFramesTable(ObjectTable):
-    functions: ClassVar[tuple[str, ...]] = ("of",)
-
-
 _OF_A_FRAME = (
     table_of(MiniGridView, tag="MiniGridView"),
     table_of(MiniGridFullView, tag="MiniGridFullView"),
@@ -460,7 +458,10 @@ _OF_A_FRAME = (
 AnyEncoder: Any = _encoder_of(
     *_OF_A_FRAME,
     table_of(
-        StackedFrames, _StackedFramesTable, tag="StackedFrames", of=_encoder_of(*_OF_A_FRAME) | None
+        StackedFrames,
+        tag="StackedFrames",
+        functions=("of",),
+        of=_encoder_of(*_OF_A_FRAME) | None,
     ),
 )
 """An encoder: ``"MiniGridView"``, ``{ type = "FlatDict", ... }`` or ``"module:function"``."""

@@ -538,10 +538,6 @@ class CropTask(TaskTable):
         return cropped.crop(rows=self.rows, columns=self.columns, start=self.start)
 
 
-class _PursuitTask(TaskTable):
-    functions: ClassVar[tuple[str, ...]] = ("prey",)
-
-
 class FactoryTask(TaskTable):
     """A task that a function of the user's makes."""
 
@@ -586,7 +582,7 @@ MazeTask = _domain(GridWorld, "maze", _MazeTask, ends=_ENDS, **_MAP)
 PursuitTask = _domain(
     Pursuit,
     "pursuit",
-    _PursuitTask,
+    functions=("prey",),
     capture=Annotated[
         Literal[_CAPTURES] | int,
         word(

@@ -414,10 +414,6 @@ class TaskSampler:
         self.begun_at.append(step)
         return task
 
-    def ended(self, episode: Episode) -> None:
-        """Update the teacher's memory by an episode."""
-        self.memory = self.teacher.update(self.memory, episode)
-
 
 def drawn(probabilities: FloatArray, chance: float) -> int:
     """Return the task that a number in [0, 1) draws; never a task of probability 0."""

@@ -482,7 +482,7 @@ class _TaughtRun(Run):
                         self.task_set.target.discount,
                     )
                     step += episode.length
-                    sampler.ended(episode)
+                    sampler.memory = self.teacher.update(sampler.memory, episode)
                 task = sampler.draw(step)
                 record.task[0], mdp = task, self.task_set.mdps[task]
                 # The start is drawn as compiled loops do.
