@@ -392,8 +392,13 @@ class Curriculum:
         paying = self.target if charge else None
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
-        for name in wanted - set(sources):
-            self.node(name).check_network(shaped=bool(self.in_edges(name)))
+        for node in map(self.node, wanted - set(sources)):
+            if node.deep:
+                node.learner.algorithm_class()  # ImportError without Stable-Baselines3
+                from curricle.deep.models import check_learner  # with torch
+
+                shaped = self.in_edges(node.name) and not node.takes_no_steps
+                check_learner(node.learner, node.shaping if shaped else None)
         with shown(progress) as bars:
             for name in (name for name in self.order if name in wanted and name not in given):
                 potentials[name] = self.potentials(name, sources)

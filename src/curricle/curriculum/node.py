@@ -136,15 +136,6 @@ class Node:
         """Whether a network learns the task from exact answers, and not by steps."""
         return isinstance(self.task, Miniatures)
 
-    def check_network(self, *, shaped: bool) -> None:
-        """Raise SettingError if a network refuses its settings, ImportError without SB3."""
-        if not self.deep:
-            return
-        self.learner.algorithm_class()
-        from curricle.deep.models import check_learner
-
-        check_learner(self.learner, self.shaping if shaped and not self.takes_no_steps else None)
-
     def train(
         self,
         seeds: Sequence[int],

@@ -38,7 +38,8 @@ def new_study(kind: str) -> tuple[str, str]:
         why = " ".join(str(error).split())
         raise ConfigError(f"{name} cannot be made: {type(error).__name__}: {why}") from None
     with closing(env):
-        text = STUDY.format(id=name, **_parts(name, env))
+        form = files(__package__).joinpath("environment.txt").read_text(encoding="utf-8")
+        text = form.format(id=name, **_parts(name, env))
     return f"{kind.rpartition(':')[2].replace('/', '-')}.toml", text
 
 
@@ -54,30 +55,6 @@ def template(kind: str) -> str:
 SHOWN = 3  # ids that are named where one is unknown
 STEPS = "# steps, or { episodes = 800 }"
 LIMIT = 500  # steps of an episode in an environment that sets no limit of its own
-STUDY = """\
-# {id}, learnt from scratch {how}. Run it with: curricle run FILE
-# Everything commented out shows what else there is.
-{note}
-name = "{id}"
-seeds = {seeds}
-
-{learner}[tasks.target]
-type = "{type}"
-id = "{id}"
-# arguments = {{}}            # passed to gymnasium.make
-{lines}
-# There are two arms, "scratch" and "transfer". Without a source both learn the same. A source is an
-# easier relative, such as the same id with other arguments; its values become a potential.
-# [tasks.source]
-# type = "{type}"
-# id = "{id}"
-# arguments = {{}}
-# budget = {source_budget:_}
-# [[transfers]]
-# source = "source"
-# target = "target"
-# {mapping}
-"""
 TABLE = """\
 [learner]
 type = "QLearning"          # or SARSA, ExpectedSARSA, DoubleQLearning
