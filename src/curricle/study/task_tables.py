@@ -315,7 +315,10 @@ Members = tuple[Annotated[Maker, _by_id], ...]
 
 
 class DistilledTask(TaskTable):
-    """Small relatives that are solved, by their own sources if they have any, then distilled."""
+    """Small relatives that are solved; a network is distilled from them in no steps.
+
+    What their own sources say takes the place of exact answers, if transfers lead to them.
+    """
 
     makes: ClassVar[Any] = miniatures
     parameters: ClassVar[tuple[str, ...]] = ("resets", "held_out", "max_states")
