@@ -17,7 +17,7 @@ from cpp import reference
 from timing import GLIMPSE, LEARNER, Board, arguments, by_the_wall, in_turns, on_one_thread
 
 import curricle as cr
-from curricle.paper.settings import maze
+from curricle.paper.mazes import maze
 
 AGGREGATES = {"minimum": cr.minimum, "mean": cr.mean, "maximum": cr.maximum}
 DISCOUNT = 0.95

@@ -16,7 +16,7 @@ import peers
 from timing import GLIMPSE, LEARNER, Board, arguments, in_turns
 
 import curricle as cr
-from curricle.paper.settings import maze
+from curricle.paper.mazes import maze
 
 # Peer, steps a turn (enough to learn W1), bar on W1.
 ONE_THREAD = (

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from timing import arguments, in_turns
 
-from curricle.paper.settings import maze
+from curricle.paper.mazes import maze
 
 SOURCE = Path(__file__).with_name("reference.cpp")
 FLAGS = ("-std=c++17", "-O3", "-march=native")

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from curricle.comparison.verdicts import verdicts_of
-from curricle.statistics.sequential import Looks, add_seeds
+from curricle.statistics.hypothesis_tests import Looks, add_seeds
 
 SEEDS = (5, 6, 7, 10, 20, 50)
 MOST = 100

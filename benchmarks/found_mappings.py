@@ -33,7 +33,7 @@ from benchmarks.pairs import pairs
 from benchmarks.unseen_pairs import unseen
 from curricle.errors import MappingError
 from curricle.paper import mazes
-from curricle.paper.settings import LEARNER, SUMMED, maze
+from curricle.paper.mazes import LEARNER, SUMMED, maze
 from curricle.tasks.mdp import same_task, tables
 from curricle.transfer import (
     StateActionMapping,

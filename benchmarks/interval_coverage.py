@@ -16,9 +16,8 @@ from scipy.stats import binom
 
 import curricle as cr
 from curricle import statistics
-from curricle.statistics.hypothesis_tests import performance_profile
+from curricle.statistics.hypothesis_tests import add_seeds, performance_profile
 from curricle.statistics.intervals import interquartile_interval
-from curricle.statistics.sequential import add_seeds
 
 SEEDS = (3, 5, 10, 20, 50)
 POPULATION = 2_000_000

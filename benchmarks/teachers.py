@@ -17,7 +17,7 @@ import numpy as np
 
 import curricle as cr
 from curricle.learning import value_bounds
-from curricle.paper.settings import maze
+from curricle.paper.mazes import maze
 from curricle.planning.target import Target
 from curricle.statistics import paired_difference, time_to_threshold
 from curricle.statistics.curves import Curve

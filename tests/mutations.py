@@ -154,7 +154,7 @@ MUTATIONS = [
     ),
     Mutation(
         "time to threshold above, not at",
-        "statistics/thresholds.py",
+        "statistics/curves.py",
         "window) >= threshold",
         "window) > threshold",
         (

@@ -16,7 +16,7 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.referee.problem import Problem
-from curricle.paper.settings import maze
+from curricle.paper.mazes import maze
 from curricle.tasks import (
     block_dude_family,
     four_rooms_family,

@@ -28,7 +28,7 @@ from benchmarks.referee.recipes import (
 from curricle.arrays import FloatArray, IntArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.design.candidates import MAKERS
-from curricle.design.proposals import aims, design_target, spread
+from curricle.design.kinds import aims, design_target, spread
 from curricle.errors import CurricleError, CurriculumError
 from curricle.statistics import mean_interval
 from curricle.tasks.family import FamilyMember, Parameter

@@ -16,7 +16,7 @@ from benchmarks.referee.problem import TARGET, Problem
 from curricle.curriculum.curriculum import Curriculum
 from curricle.design import SourceCandidate, mappings_between
 from curricle.design.candidates import MAKERS
-from curricle.design.proposals import Draft, design_target
+from curricle.design.kinds import Draft, design_target
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.guard import Guard
 from curricle.learning.learners import QLearning

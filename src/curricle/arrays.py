@@ -13,8 +13,7 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
-FloatTable = npt.NDArray[np.floating[Any]]
-"""float32 or float64, as a :class:`Storage` says."""
+FloatTable = npt.NDArray[np.floating[Any]]  # float32 or float64, as a :class:`Storage` says
 Array = TypeVar("Array", bound=npt.NDArray[Any])
 
 
@@ -55,10 +54,7 @@ def _for_good(array: npt.NDArray[Any]) -> bool:
 
 
 class Frozen:
-    """A frozen dataclass whose copies and pickles have frozen arrays, which NumPy's would not.
-
-    Copies have the fields alone: cached properties are computed anew.
-    """
+    """A frozen dataclass whose copies and pickles have frozen arrays, and its fields alone."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]

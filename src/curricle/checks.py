@@ -11,12 +11,9 @@ import numpy as np
 from curricle.arrays import FloatArray, IntArray
 from curricle.errors import CurricleError
 
-BEYOND_64_BITS = 2**63
-"""The first whole number that a signed integer of 64 bits cannot hold."""
-LONGEST_NAME = 100
-"""Characters of a name: more do not fit into tables, pictures and names of files."""
-LONGEST_VALUE = 200
-"""Characters of a value in an error message."""
+BEYOND_64_BITS = 2**63  # the first whole number that a signed integer of 64 bits cannot hold
+LONGEST_NAME = 100  # characters of a name: more do not fit into tables, pictures and names of files
+LONGEST_VALUE = 200  # characters of a value in an error message
 
 
 def whole_number(name: str, value: Any, least: int, error: type[CurricleError]) -> int:

@@ -24,10 +24,8 @@ COLOURS = {
     "grey": "#777777",
 }
 """The palette of Okabe and Ito, which colour-blind readers can tell apart."""
-OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")
-"""Of the curricula of a comparison, in order."""
-MOST_POINTS, MOST_ROWS = 60, 30
-"""Points of a line and rows of a table that are shown, at most."""
+OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")  # of curricula
+MOST_POINTS, MOST_ROWS = 60, 30  # points of a line and rows of a table that are shown, at most
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 460, 190, 58, 8, 10, 30
 """Of the picture of curves, and the margins around them."""
 STYLE = Markup(
@@ -65,10 +63,7 @@ class Line:
 
 
 def block(title: str, *parts: Any) -> str:
-    """Return the HTML of a result: its title, and below it its parts that are not empty.
-
-    Parts that are text become paragraphs, escaped.
-    """
+    """Return the HTML of a result: its title, and its parts that are not empty, texts escaped."""
     shown = [part if isinstance(part, Markup) else _paragraph(part) for part in parts if part]
     head = Markup("<div><strong>{}</strong></div>").format(title)
     return str(STYLE + _element('<div class="curricle">{}</div>', [head, *shown]))
@@ -102,7 +97,9 @@ def table(
     shown, left = rows[:MOST_ROWS], len(rows) - MOST_ROWS
     classes = []
     for column, name in enumerate(head):
-        numeric = bool(shown) and all(_is_number(row[column]) for row in shown)
+        # A number, or a text that begins as one.
+        texts = [_cell(row[column]).lstrip("> +-−") for row in shown]
+        numeric = bool(texts) and all(t in ("", "none") or t[0].isdigit() for t in texts)
         classes.append(' class="w"' if name in wide else ' class="n"' if numeric else "")
 
     def line(tag: str, values: Sequence[Any]) -> Markup:
@@ -118,12 +115,6 @@ def table(
     form = Markup('<div class="wide"><table><thead>{}</thead><tbody>{}</tbody></table></div>')
     more = _paragraph(f"and {left:,} more") if left > 0 else Markup()
     return form.format(line("th", head), body) + more
-
-
-def _is_number(value: Any) -> bool:
-    """Return whether a cell is a number, or a text that begins as one."""
-    text = _cell(value).lstrip("> +-−")
-    return text == "" or text[0].isdigit() or text == "none"
 
 
 def _cell(value: Any) -> str:

@@ -22,12 +22,9 @@ apart: it is what a study's own code raised in another process, where its own cl
 import re
 from concurrent.futures import BrokenExecutor
 
-LONGEST, SHOWN_END = 1500, 400
-"""Characters of a sentence, and how many of them are its end, which says the way out."""
-MOST_LINES = 100
-"""Mistakes in a study file that are listed."""
-PASSWORD = re.compile(r"(?<=:)/+[^/\s@]+@")
-"""User and password, which stand before a URL's host."""
+LONGEST, SHOWN_END = 1500, 400  # characters of a sentence, and of its end: the way out
+MOST_LINES = 100  # mistakes in a study file that are listed
+PASSWORD = re.compile(r"(?<=:)/+[^/\s@]+@")  # user and password, which stand before a URL's host
 
 
 def _sentence(text: str) -> str:

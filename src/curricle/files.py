@@ -41,18 +41,14 @@ FINAL = re.compile("ACCESS_DENIED|NO_SUCH_|NETWORK_CONNECTION|SIGNATURE|INVALID"
 """Errors of a server that the same request meets again, or that took long already."""
 PAUSES = (0.1, 0.5, 2.0)
 """Seconds until a request is made again; pyarrow repeats most itself, but no short reads."""
-READ_AT_ONCE = 2**24
-"""Bytes of a file up to which one request reads it."""
+READ_AT_ONCE = 2**24  # bytes of a file up to which one request reads it
 Result = TypeVar("Result")
 PLAIN = "/=+@,:;~!$&'()*"
 """Signs that need no escape in the path of a URL, beside letters, digits and -._."""
 
 
 class RemotePath:
-    """A file or a folder of a file system that pyarrow opens, such as S3 or Google Cloud Storage.
-
-    A file is written in one request: there is no move of a whole file, and no lock.
-    """
+    """A file or folder of a file system of pyarrow's, such as S3, with neither moves nor locks."""
 
     def __init__(self, system: "FileSystem", key: str, root: str, options: str = ""):
         self.system, self.key = system, PurePosixPath(key)
@@ -60,10 +56,7 @@ class RemotePath:
 
     @classmethod
     def of(cls, url: str) -> "RemotePath":
-        """Return the folder at a URL; StoreError if it has a password or pyarrow does not open it.
-
-        Options are those of ``pyarrow.fs.FileSystem.from_uri``.
-        """
+        """Return the folder at a URL; StoreError if it has a password or does not open."""
         parts = urlsplit(url)
         options = parse_qsl(parts.query)
         secret = next((key for key, value in options if SECRETS.search(key) or "@" in value), None)
@@ -215,10 +208,8 @@ def place_at(path: Any) -> Place:
     return RemotePath.of(path) if isinstance(path, str) and "://" in path else Path(path)
 
 
-LONGEST_NAME = 100
-"""Characters of a file's name before its checksum; file systems allow 255 bytes in all."""
-PART = ".part"
-"""Ending of a file while it is written; a killed run may leave such a file, which means nothing."""
+LONGEST_NAME = 100  # characters before its checksum; file systems allow 255 bytes in all
+PART = ".part"  # ends a file while it is written; a killed run may leave it, and it means nothing
 
 
 def file_name(text: str) -> str:
@@ -227,12 +218,6 @@ def file_name(text: str) -> str:
     if len(name) <= LONGEST_NAME:
         return name
     return f"{name[:LONGEST_NAME]}+{hashlib.blake2b(text.encode(), digest_size=24).hexdigest()}"
-
-
-def part_in(folder: Path) -> Path:
-    """Return a new path in a folder for a file while it is written."""
-    # Unlike ``tempfile``, this gives the file the permissions that the user's umask says.
-    return folder / f".{token_hex(8)}{PART}"
 
 
 def read_bounded(path: Place, most: int) -> bytes:
@@ -282,16 +267,14 @@ def opened_regular(path: Place) -> Iterator[tuple[IO[bytes], int]]:
 
 
 def write_whole(path: Place, content: bytes) -> None:
-    """Write a file under another name and rename it when it is complete; at a URL, at once.
-
-    OSError where a device, a pipe or a folder is in its place: that would be lost.
-    """
+    """Write a file under another name and rename it when it is complete; at a URL, at once."""
     if isinstance(path, RemotePath):
         path.write(content)
         return
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "what is there is no regular file", str(path))
-    temporary = part_in(path.parent)
+    # Unlike ``tempfile``, this gives the file the permissions that the user's umask says.
+    temporary = path.parent / f".{token_hex(8)}{PART}"
     try:
         with temporary.open("xb") as file:
             file.write(content)
@@ -348,16 +331,11 @@ def digest_of(content: bytes) -> str:
 
 
 DIGEST = len(digest_of(b""))
-SEAL = 2 * DIGEST
-"""Bytes of a checksum, and of both."""
-ENCRYPTED = 1
-"""The flag of a member that is encrypted."""
-QUICK = 1
-"""Level of compression: a third of the time of the default for a tenth more bytes."""
-KINDS = "biufU"
-"""Types of arrays: booleans, numbers, text."""
-HELD = 256
-"""Bytes of memory that a byte on disk may take: a file of holes would fill the memory."""
+SEAL = 2 * DIGEST  # bytes of a checksum, and of both
+ENCRYPTED = 1  # the flag of a member that is encrypted
+QUICK = 1  # level of compression: a third of the time of the default for a tenth more bytes
+KINDS = "biufU"  # types of arrays: booleans, numbers, text
+HELD = 256  # bytes of memory that a byte on disk may take: a file of holes would fill the memory
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError)
 
 
@@ -415,11 +393,7 @@ class ArrayArchive:
     def read(
         self, *names: str, compressed: Collection[str] = (), most: int | None = None
     ) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays with these names, where there are any, without pickles.
-
-        Those in `compressed` may be compressed, and unpack to at most `most` bytes in all;
-        ValueError otherwise.
-        """
+        """Return the arrays with these names that are there, at most `most` bytes unpacked."""
         files = {name: f"{name}.npy" for name in names}
         wanted = {name: self.members[file] for name, file in files.items() if file in self.members}
         packed = {name: member for name, member in wanted.items() if member.compress_type}
@@ -453,10 +427,7 @@ def check_held(size: int, held: int) -> None:
 
 @contextmanager
 def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive]:
-    """Yield an archive, open to read some arrays or the `whole`, which is then in memory at once.
-
-    Damaged, also while it is read; ValueError where Curricle did not write it; OSError.
-    """
+    """Yield an archive, open to read some arrays or the `whole`; else Damaged or ValueError."""
     with opened_regular(path) as (file, size):
         source: IO[bytes] = file
         blocks = getattr(path.stat(), "st_blocks", size) if isinstance(path, Path) else size
@@ -496,8 +467,7 @@ def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
 
 ABOUT, FORMAT = "about.json", 1
 ENDING = ".npz"
-LARGEST_ABOUT = 2**24
-"""Bytes of ``about.json`` at most: in memory they are up to 25 times as many."""
+LARGEST_ABOUT = 2**24  # bytes of ``about.json`` at most: in memory they are up to 25 times as many
 
 
 class SavedFile(NamedTuple):
@@ -511,10 +481,7 @@ class SavedFile(NamedTuple):
 def write_saved(
     path: str | Path, kind: str, arrays: Mapping[str, npt.NDArray[Any]], about: Mapping[str, Any]
 ) -> Path:
-    """Write a whole ``.npz`` file, make its folders, and return its path; StoreError.
-
-    `kind` is the class whose ``load`` reads it.
-    """
+    """Write a whole ``.npz`` file, make its folders, and return its path; StoreError."""
     file = saved_path(path)
     others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
     content = archive_content(arrays, others)

@@ -33,11 +33,9 @@ from curricle.arrays import BoolArray
 from curricle.checks import brief
 from curricle.errors import SettingError
 
-BETWEEN = 0.2
-"""Seconds between two pictures of the bars in a notebook, at least."""
+BETWEEN = 0.2  # seconds between two pictures of the bars in a notebook, at least
 
-Progress = Union[bool, Callable[[Any], Any], "Bars", None]
-"""Values of ``progress``; bars are those of the function that calls this one."""
+Progress = Union[bool, Callable[[Any], Any], "Bars", None]  # bars: the caller's
 
 
 class Count(MofNCompleteColumn):
@@ -51,11 +49,7 @@ class Count(MofNCompleteColumn):
 
 
 class Screen(RichProgress):
-    """Rich's bars, and below them the text that `line` returns.
-
-    A notebook shows them in one cell output, which is emptied in the end; so it needs no widgets,
-    and its file holds no times.
-    """
+    """Rich's bars, and below them the text that `line` returns."""
 
     def __init__(self, console: Console | None = None, line: Callable[[], str] | None = None):
         self.line = line
@@ -122,10 +116,7 @@ class Bars:
     rows: dict[str, TaskID] = field(default_factory=dict)
 
     def bar(self, name: str, total: int | None = None) -> Callable[[], None]:
-        """Return a function that makes the bar `name` longer by 1, of `total` where it is known.
-
-        A second total of the same name is added to the first.
-        """
+        """Return a function that makes the bar `name` longer by 1; totals of one name add up."""
         screen, label = self.screen, f"{self.prefix}{name}"
         if screen is None:
             return nothing

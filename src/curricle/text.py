@@ -9,14 +9,10 @@ from typing import Any
 
 import numpy as np
 
-GAP = 2
-"""Spaces between two columns, at least."""
-NARROWEST_NAME, NARROWEST_WORDS = 12, 20
-"""Characters to which a column of names, and a column of words, may narrow before cells fold."""
-UNBOUNDED = 10_000
-"""A width in which nothing folds."""
-LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5
-"""Characters of a ``repr`` and of a value in it, and elements of an array that it shows."""
+GAP = 2  # spaces between two columns, at least
+NARROWEST_NAME, NARROWEST_WORDS = 12, 20  # characters of a column before its cells fold
+UNBOUNDED = 10_000  # a width in which nothing folds
+LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5  # of a ``repr``, a value, an array
 
 
 def counted(n: int, noun: str) -> str:
@@ -42,11 +38,7 @@ def text_table(
     *,
     words: bool = False,
 ) -> list[str]:
-    """Return the lines of a table: a column of names, then numbers, which are never cut.
-
-    Where lines would be longer than `width`, the last column folds if it holds `words`, and names
-    fold. Where that is not enough a row becomes several lines: its name, then a line a number.
-    """
+    """Return a table's lines: names, then numbers, which are never cut; all fits `width`."""
     cells = [tuple(heads), *(tuple(row) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     excess = sum(widths) + GAP * (len(widths) - 1) - width
@@ -54,9 +46,16 @@ def text_table(
         room = max(0, widths[column] - max(narrowest, len(heads[column])))
         less = max(0, min(excess, room))
         widths[column], excess = widths[column] - less, excess - less
-    if excess > 0:
-        return [line for row in cells[1:] for line in _stacked(heads, row, width)]
-    return [line for row in cells for line in _side_by_side(row, widths, words)]
+    if excess <= 0:
+        return [line for row in cells for line in _side_by_side(row, widths, words)]
+    lines, width = list[str](), max(width, NARROWEST_NAME)
+    for name, *numbers in cells[1:]:  # a row becomes its name and a line for each other cell
+        lines += wrap(name, width)
+        for head, cell in zip(heads[1:], numbers, strict=True):
+            if cell.strip():
+                text = f"{head}: {cell.strip()}" if head else cell.strip()
+                lines += wrap(text, width, initial_indent="  ", subsequent_indent="    ")
+    return lines
 
 
 def _side_by_side(row: Sequence[str], widths: Sequence[int], words: bool) -> list[str]:
@@ -72,17 +71,6 @@ def _side_by_side(row: Sequence[str], widths: Sequence[int], words: bool) -> lis
             for column, (part, size) in enumerate(zip(parts, widths, strict=True))
         ]
         lines.append((" " * GAP).join(padded).rstrip())
-    return lines
-
-
-def _stacked(heads: Sequence[str], row: Sequence[str], width: int) -> list[str]:
-    """Return a row as its name and a line for each other cell that is not empty."""
-    width = max(width, NARROWEST_NAME)
-    lines = wrap(row[0], width)
-    for head, cell in zip(heads[1:], row[1:], strict=True):
-        if cell.strip():
-            text = f"{head}: {cell.strip()}" if head else cell.strip()
-            lines += wrap(text, width, initial_indent="  ", subsequent_indent="    ")
     return lines
 
 

@@ -9,8 +9,13 @@ from hypothesis import assume, given, settings, strategies as st
 
 from curricle import evaluate, solve
 from curricle.design import source_candidates
-from curricle.design.kinds import betweenness, coarser_tables, likeliest_outcomes
-from curricle.design.proposals import design_target, spread
+from curricle.design.kinds import (
+    betweenness,
+    coarser_tables,
+    design_target,
+    likeliest_outcomes,
+    spread,
+)
 from curricle.errors import CurriculumError, TaskError
 from curricle.planning import visit_distribution
 from curricle.tasks import frozen_lake_family, maze_family, random_maze

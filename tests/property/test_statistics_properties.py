@@ -13,15 +13,14 @@ from curricle.statistics import (
     steps_saved,
     time_to_threshold,
 )
-from curricle.statistics.curves import charge_source, smooth
+from curricle.statistics.curves import Times, charge_source, fraction_of_optimum, midpoint, smooth
 from curricle.statistics.hypothesis_tests import (
+    add_seeds,
     holm,
     performance_profile,
     probability_of_improvement,
     sign_flip_test,
 )
-from curricle.statistics.sequential import add_seeds
-from curricle.statistics.thresholds import Times, fraction_of_optimum, midpoint
 
 RETURNS = st.floats(-1e4, 1e4).map(lambda value: round(value, 6))
 SHAPES = st.tuples(st.integers(1, 5), st.integers(2, 12))

@@ -9,8 +9,7 @@ states how easily a correct program would fail if the random stream changed (one
 import numpy as np
 import pytest
 
-from curricle.statistics.hypothesis_tests import holm, sign_flip_test
-from curricle.statistics.sequential import add_seeds
+from curricle.statistics.hypothesis_tests import add_seeds, holm, sign_flip_test
 
 pytestmark = pytest.mark.slow
 

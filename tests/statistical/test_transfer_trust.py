@@ -13,7 +13,7 @@ import pytest
 
 import curricle as cr
 from curricle.paper import mazes
-from curricle.paper.settings import maze
+from curricle.paper.mazes import maze
 from curricle.paper.trust_figure import hunts_of, tenths
 
 pytestmark = pytest.mark.slow

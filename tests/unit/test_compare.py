@@ -10,8 +10,8 @@ from curricle import Curriculum, Episodes, FiniteMDP, GreedyEvaluation, GridWorl
 from curricle.comparison.comparison import MEASURES
 from curricle.errors import CurriculumError, SettingError
 from curricle.planning import target as target_module
-from curricle.statistics.sequential import Looks, add_seeds
-from curricle.statistics.thresholds import midpoint
+from curricle.statistics.curves import midpoint
+from curricle.statistics.hypothesis_tests import Looks, add_seeds
 from curricle.transfer import UNMAPPED, StateActionMapping
 from tests.comparisons import ALL, CORNER, HERE, MAZE, assert_same, copied, corner, pursuit
 from tests.tasks import ring

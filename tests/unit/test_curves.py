@@ -14,9 +14,8 @@ from curricle.statistics import (
     steps_saved,
     time_to_threshold,
 )
-from curricle.statistics.curves import charge_source, smooth
+from curricle.statistics.curves import Times, charge_source, fraction_of_optimum, midpoint, smooth
 from curricle.statistics.intervals import mean_interval
-from curricle.statistics.thresholds import Times, fraction_of_optimum, midpoint
 from tests.refusals import check_values
 
 NAN, INF = np.nan, np.inf

@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 import curricle as cr
 from curricle.errors import MappingError
 from curricle.paper import mazes
-from curricle.paper.settings import maze
+from curricle.paper.mazes import maze
 from curricle.planning.solution import solve
 from curricle.transfer import (
     TaskPair,

@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 
 from curricle.errors import SettingError
-from curricle.statistics.sequential import Looks, add_seeds
+from curricle.statistics.hypothesis_tests import Looks, add_seeds
 from tests.refusals import check_values
 
 NAN = np.nan

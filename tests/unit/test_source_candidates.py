@@ -13,7 +13,7 @@ from curricle.design import SourceCandidate, mappings_between, source_candidates
 from curricle.design.candidates import KINDS
 from curricle.design.kinds import betweenness
 from curricle.errors import CurriculumError, TaskError
-from curricle.paper.settings import maze as paper_maze
+from curricle.paper.mazes import maze as paper_maze
 from curricle.tasks import (
     CliffWalking,
     DeepSea,

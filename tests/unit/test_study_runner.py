@@ -11,7 +11,7 @@ import pytest
 
 import curricle as cr
 from curricle.comparison import running
-from curricle.curriculum.sources import StoredValues
+from curricle.curriculum.result import StoredValues
 from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.arms import Arms, UnitInput, train_unit, units_of

@@ -1,16 +1,7 @@
 """The commands, their exit codes, and errors as one sentence.
 
 Each command imports what it needs of the library when it is called: a shell that completes a word,
-or shows a help, waits for no library.
-
-=====  =============================================================================
-0      done
-1      a file, a folder or a setting was refused
-2      the command line was wrong
-3      the study's own code failed, its cluster was lost, or its results cannot be
-       written any more; what was stored is whole
-130    interrupted; what was stored before is whole
-=====  =============================================================================
+or shows a help, waits for no library. The help ends with the exit codes.
 """
 
 import json
@@ -107,15 +98,6 @@ def _announce_imports() -> None:
     if not LOGGER.handlers:
         LOGGER.addHandler(logging.StreamHandler())
         LOGGER.setLevel(logging.INFO)
-
-
-def _part_of(shard: str) -> tuple[int, int]:
-    """Return (i, n) of i/n."""
-    part, slash, parts = shard.partition("/")
-    numbers = slash and part.isdecimal() and parts.isdecimal()
-    if not numbers or not 1 <= int(part) <= int(parts):
-        raise BadParameter(f"a shard is i/n, i from 1 to n, such as 1/4: got {shard!r}")
-    return int(part), int(parts)
 
 
 # -- The commands ----------------------------------------------------------------------------------
@@ -223,8 +205,12 @@ def run(
     if on is not None and processes:
         raise BadParameter(f"units are trained in one place: got --on {on} and --processes")
     _announce_imports()
-    study, part = _read(file, seeds, changes), _part_of(shard)
-    folder = out or study.results_folder
+    study = _read(file, seeds, changes)
+    i, slash, n = shard.partition("/")
+    numbers = slash and i.isdecimal() and n.isdecimal()
+    if not numbers or not 1 <= int(i) <= int(n):
+        raise BadParameter(f"a shard is i/n, i from 1 to n, such as 1/4: got {shard!r}")
+    part, folder = (int(i), int(n)), out or study.results_folder
     if dry_run:
         for line in units_left(study, folder, part, keep_stale=keep_stale):
             echo(line)

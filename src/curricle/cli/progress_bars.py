@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 from numba.core import event
@@ -32,10 +32,6 @@ from curricle.study.running import run_study
 from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
 
-if TYPE_CHECKING:
-    pass
-
-
 # -- Saying that loops are compiled, which happens once for each kind of task and learner ----------
 
 EVENT = "numba:compile"
@@ -44,14 +40,7 @@ KEPT = f"curricle: {ONCE}; what is compiled is kept, so that later runs start at
 
 
 class Compilation(event.Listener):
-    """Says on standard error what is compiled: each loop in a terminal, elsewhere once that it is.
-
-    Loops that were compiled before are read from the disk, and nothing is said. How many there will
-    be is not known beforehand. Garbage is collected afterwards, which saves a tenth of the time.
-
-    `loops` were compiled so far; `words` say what is being compiled, if anything is; with `silent`
-    they are shown elsewhere, such as below bars.
-    """
+    """Says on standard error what is compiled: each loop in a terminal, elsewhere once."""
 
     def __init__(self) -> None:
         self.loops, self.words, self.silent = 0, "", False
@@ -96,10 +85,8 @@ def announce_compilation() -> Compilation:
 
 # -- Running a study from the command line: bars on a terminal, and lines where there is none ------
 
-MANY = 1_000
-"""Units of a study; one with more does not print a line for each."""
-BETWEEN = 1.0
-"""Seconds between two lines of it at least."""
+MANY = 1_000  # units of a study; one with more does not print a line for each
+BETWEEN = 1.0  # seconds between two lines of it at least
 
 
 class Lines:

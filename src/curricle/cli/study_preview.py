@@ -10,7 +10,7 @@ from curricle.comparison.plan import numbered_seeds
 from curricle.comparison.trial import AGGREGATES, affordable, candidates_of, hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.sources import SourceValues
+from curricle.curriculum.result import SourceValues
 from curricle.errors import CurricleError, SettingError
 from curricle.files import Place, place_at
 from curricle.planning.target import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS
@@ -20,7 +20,7 @@ from curricle.study.config import StudyConfig
 from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
 from curricle.study.running import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore, bytes_a_seed, holds_study, seeds_per_file
-from curricle.study.tuning import check_tuning, number_of_trials, tuning_of
+from curricle.study.tuning import check_tuning, number_of_trials
 from curricle.study.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
@@ -53,14 +53,35 @@ def print_preview(study: StudyConfig) -> None:
         print(f"\narm{'s' * (len(names) > 1)} {between.join(names)}", *lines, sep="\n")
     print()
     costing = costs(study, arms)
-    _print_cost(costing)
+    rows = [
+        (
+            f"{cost.arm}: {cost.task}",
+            f"{cost.seeds}",
+            f"{cost.steps:,}",
+            _megabytes(cost.table_bytes),
+            duration(cost.seconds),
+        )
+        for cost in costing
+    ]
+    print_table(("cost at most", "seeds", "steps a seed", "tables", "time"), rows)
+    seconds = sum(cost.seconds for cost in costing)
+    print_text(f"about {duration(seconds)} on one processor, without compilation")
     if arms.budget is not None and arms.total not in (None, arms.budget):
         steps = arms.budget, arms.total, arms.eval_freq
         sources = any(curriculum.transfers for curriculum in arms.curricula.values())
         print_text(total_words(arms.target, *steps, sources=sources))
     print_text(traffic(study, arms, costing))
     if study.tune is not None:
-        print_text(_tuning(study, arms, costing))
+        most, number = check_tuning(study), number_of_trials(study)
+        runs = number * len(study.tune.seeds)
+        seconds = runs * sum(cost.seconds / cost.seeds for cost in costing) / len(arms.curricula)
+        print_text(
+            f"before that, tuning: {counted(study.tune.trials, 'trial')} of each arm on "
+            f"{numbered_seeds(study.tune.seeds)}, {counted(number, 'trial')} in all, "
+            f"{runs * most:,} steps, about {duration(seconds)}; the costs above are of the file's "
+            "own settings, and with the best of the search every arm spends at most "
+            f"{counted(most, 'step')}"
+        )
     try:
         study.check_networks()
     except SettingError as error:
@@ -93,35 +114,6 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = f"; {edge.mapping.coverage()}" if edge.mapping.countable else ""
             yield wrapped(f"{label}: {edge.mapping.words}{cover}", 4)
-
-
-def _tuning(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:
-    """Return what tuning every arm takes at most, in words."""
-    tune, total, number = tuning_of(study), check_tuning(study), number_of_trials(study)
-    runs = number * len(tune.seeds)
-    seconds = runs * sum(cost.seconds / cost.seeds for cost in costing) / len(arms.curricula)
-    return (
-        f"before that, tuning: {counted(tune.trials, 'trial')} of each arm on "
-        f"{numbered_seeds(tune.seeds)}, {counted(number, 'trial')} in all, {runs * total:,} steps, "
-        f"about {duration(seconds)}; the costs above are of the file's own settings, and with "
-        f"the best of the search every arm spends at most {counted(total, 'step')}"
-    )
-
-
-def _print_cost(costing: Sequence[Cost]) -> None:
-    rows = [
-        (
-            f"{cost.arm}: {cost.task}",
-            f"{cost.seeds}",
-            f"{cost.steps:,}",
-            _megabytes(cost.table_bytes),
-            duration(cost.seconds),
-        )
-        for cost in costing
-    ]
-    print_table(("cost at most", "seeds", "steps a seed", "tables", "time"), rows)
-    seconds = sum(cost.seconds for cost in costing)
-    print_text(f"about {duration(seconds)} on one processor, without compilation")
 
 
 def traffic(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:
@@ -183,21 +175,15 @@ def units_left(
 # a line or where training would take too long, from sources that are solved, as if learnt
 # perfectly.
 
-LONGEST = 5.0
-"""Estimated seconds, on one processor, up to which sources are trained for a forecast."""
-LONGEST_DISTILLED = 60.0
-"""The same where networks are distilled: there is no forecast without them."""
+LONGEST = 5.0  # estimated seconds, on one processor, up to which sources are trained for a forecast
+LONGEST_DISTILLED = 60.0  # the same where networks are distilled: there is no forecast without them
 LONGEST_COMPARING = 300.0
 """Seconds that comparing potentials in the target may take: nearly all episodes end long before the
 limit by which they are estimated."""
-PAIR_SECONDS = 2e-6
-"""Of comparing a potential with the optimal value of a pair: about 0.8 s for 390,625 pairs."""
-ACTION_SECONDS = 4e-9
-"""Of reading phi for one action at a step of a rollout: 3e-9 to 4e-9 for two sources."""
-LONGEST_TRIAL = 60.0
-"""Seconds that the trials may take by the machine's own pace."""
-SEEDS = 3
-"""Seeds of the sources, as many as ``curricle.forecast`` takes by default; one if that is slow."""
+PAIR_SECONDS = 2e-6  # of comparing phi with a pair's optimal value: 0.8 s for 390,625 pairs
+ACTION_SECONDS = 4e-9  # of reading phi for an action at a step of a rollout, from two sources
+LONGEST_TRIAL = 60.0  # seconds that the trials may take by the machine's own pace
+SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 
 def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> None:
@@ -286,23 +272,18 @@ def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
         return potentials * OBSERVATION_ROLLOUTS * horizon * step_seconds
     model = generative_model(node.task)
     pairs = model.states.size * model.actions.size
-    solving = sum(_solving(curriculum.tasks[edge.source]) for edge in edges)
+    sources = [curriculum.tasks[edge.source] for edge in edges]
+    solving = sum(  # twice: trained, and learnt perfectly
+        2 * sweeping_seconds(source, generative_model(source).states.size)
+        for source in sources
+        if not is_observation_task(source) and has_tables(source)
+    )
     rollouts = ROLLOUTS * horizon * (step_seconds + model.actions.size * ACTION_SECONDS)
     if not has_tables(node.task) or pairs > LARGEST_SOLVED:
         return solving + potentials * rollouts
     if pairs * horizon <= LARGEST_EVALUATED:
         rollouts = 0.0
     return solving + potentials * (pairs * PAIR_SECONDS + rollouts)
-
-
-def _solving(source: Any) -> float:
-    """Return the seconds that solving a source twice takes at most: trained, and learnt perfectly.
-
-    In a chain of states each sweep carries values one state further.
-    """
-    if is_observation_task(source) or not has_tables(source):
-        return 0.0
-    return 2 * sweeping_seconds(source, generative_model(source).states.size)
 
 
 def _print_trained(

@@ -18,14 +18,13 @@ from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
-from curricle.study.tuning import BY_TUNING, TuningRecord, effects_of, read_tuning, tuning_words
+from curricle.study.tuning import BY_TUNING, effects_of, read_tuning, tuning_words
 from curricle.study.vary import value_text
 from curricle.text import UNBOUNDED, counted, text_table
 
 # -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----
 
-LINE = 80
-"""Characters of a line of text where there is no terminal, and at most where there is one."""
+LINE = 80  # characters of a line of text where there is no terminal, and at most where there is one
 
 
 def table_width() -> int:
@@ -127,18 +126,12 @@ def used(text: str) -> dict[str, str]:
     """Return the words that a text has, and what each means."""
     left, words = " ".join(text.split()), set[str]()
     for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
-        left, times = _pattern(word).subn(" ", left)
+        plural = "" if word == "gain" else "s?"  # an arm that "gains more" is no column of gains
+        pattern = rf"(?<!\w){re.escape(word)}" + rf"{plural}(?!\w)" * word[-1].isalpha()
+        left, times = re.subn(r"\[[-+]?\d" if word == INTERVAL else pattern, " ", left)
         if times:
             words.add(word)
     return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in words}
-
-
-def _pattern(word: str) -> re.Pattern[str]:
-    """Return what finds a word, and not a part of another."""
-    if word == INTERVAL:
-        return re.compile(r"\[[-+]?\d")
-    plural = "" if word == "gain" else "s?"  # an arm that "gains more" is no column of gains
-    return re.compile(rf"(?<!\w){re.escape(word)}" + rf"{plural}(?!\w)" * word[-1].isalpha())
 
 
 # -- What ``curricle show`` prints of a sweep or a tuning ------------------------------------------
@@ -150,7 +143,18 @@ def print_effects(results: StudyResults) -> None:
     """Print the best trial of each arm and the main effects, of a study that has finished seeds."""
     tuning = read_tuning(results.store)
     if tuning is not None:
-        print_tuning(tuning)
+        print()
+        print_text(
+            f"tuned on {numbered_seeds(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
+            "sources included; these steps are shown here and not charged to the curves"
+        )
+        best = list[tuple[str, ...]]()
+        for name, arm in tuning.arms.items():
+            score, values = arm.best.score, arm.best.values
+            words = ", ".join(f"{key} = {_number(value)}" for key, value in values.items())
+            number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
+            best.append((f"{name}: {words or 'nothing to tune'}", number, steps, _number(score)))
+        print_table(("best trial", "of", "tuning steps", "mean return"), best)
     for effects in effects_of(results.comparison, results.record, tuning):
         tuned = effects.kind == BY_TUNING
         over = (
@@ -160,30 +164,14 @@ def print_effects(results: StudyResults) -> None:
         print_text(f"main effects: mean return, sources charged, over all {over}")
         rows = [
             (
-                f"{arm}: {key} = {level.text}",
+                f"{name}: {key} = {level.text}",
                 f"{level.number}",
                 f"{level.mean:.4g}",
                 f"[{level.low:.4g}, {level.high:.4g}]",
             )
-            for arm, key, level in effects.rows
+            for name, key, level in effects.rows
         ]
         print_table(("", "trials" if tuned else "arms", "mean return", ""), rows)
-
-
-def print_tuning(tuning: TuningRecord) -> None:
-    """Print how every arm was tuned, what that took, and its best trial."""
-    print()
-    print_text(
-        f"tuned on {numbered_seeds(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
-        "sources included; these steps are shown here and not charged to the curves"
-    )
-    rows = list[tuple[str, ...]]()
-    for name, arm in tuning.arms.items():
-        score, values = arm.best.score, arm.best.values
-        words = ", ".join(f"{key} = {_number(value)}" for key, value in values.items())
-        number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
-        rows.append((f"{name}: {words or 'nothing to tune'}", number, steps, _number(score)))
-    print_table(("best trial", "of", "tuning steps", "mean return"), rows)
 
 
 def _number(value: object) -> str:

@@ -31,9 +31,8 @@ from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule
 from curricle.planning.target import Target
 from curricle.progress import Bars, Progress, check_progress, shown
-from curricle.statistics.curves import SCRATCH
-from curricle.statistics.sequential import Looks, add_seeds
-from curricle.statistics.thresholds import fraction_of_optimum, midpoint
+from curricle.statistics.curves import SCRATCH, fraction_of_optimum, midpoint
+from curricle.statistics.hypothesis_tests import Looks, add_seeds
 from curricle.transfer.rollouts import ObservationTarget, target_of
 
 FRACTION = 0.9

@@ -25,12 +25,15 @@ from curricle.statistics.curves import (
     ROUNDING,
     SCRATCH,
     Curve,
+    Times,
     asymptotic_performance,
     charge_source,
     jumpstart,
     mean_return,
+    steps_saved,
+    time_to_threshold,
 )
-from curricle.statistics.hypothesis_tests import probability_of_improvement
+from curricle.statistics.hypothesis_tests import Looks, probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
     clusters,
@@ -39,8 +42,6 @@ from curricle.statistics.intervals import (
     paired_difference,
     seed_line,
 )
-from curricle.statistics.sequential import Looks
-from curricle.statistics.thresholds import Times, steps_saved, time_to_threshold
 from curricle.text import UNBOUNDED, brief_repr, counted, folded, or_dash, shortened, text_table
 
 

@@ -30,8 +30,8 @@ import numpy as np
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import one_of
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.sources import Learnt, SourceValues, calibrated
+from curricle.curriculum.node import calibrated
+from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.learners import Learner

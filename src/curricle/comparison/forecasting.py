@@ -33,7 +33,7 @@ from curricle.comparison.trial import (
     run_trial,
 )
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.sources import Learnt, SourceValues
+from curricle.curriculum.result import Learnt, SourceValues
 from curricle.deep.policy import policy_return
 from curricle.display import block, table
 from curricle.errors import CurricleError, CurriculumError

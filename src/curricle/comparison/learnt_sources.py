@@ -16,7 +16,7 @@ import numpy as np
 from curricle.arrays import FloatArray, Frozen, frozen
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
-from curricle.curriculum.sources import SourceValues
+from curricle.curriculum.result import SourceValues
 from curricle.deep.miniature import Miniatures
 from curricle.display import printed
 from curricle.planning.greedy import EqualValues, Values

@@ -19,7 +19,7 @@ from curricle.comparison.controls import Level, train_control
 from curricle.comparison.plan import Plan, PlannedArm, Unit
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import OF_TARGETS, SETTINGS, Node
-from curricle.curriculum.sources import SourceValues
+from curricle.curriculum.result import SourceValues
 from curricle.errors import LostStoreError
 from curricle.learning.result import LearningResult
 from curricle.progress import Bars

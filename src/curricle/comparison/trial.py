@@ -26,7 +26,7 @@ from curricle.comparison.plan import most_source_steps
 from curricle.comparison.running import Memory
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import SETTINGS, Node
-from curricle.curriculum.sources import Learnt
+from curricle.curriculum.result import Learnt
 from curricle.display import block
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple

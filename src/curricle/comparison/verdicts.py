@@ -29,9 +29,8 @@ from curricle.checks import whole_number
 from curricle.display import printed
 from curricle.errors import SettingError
 from curricle.statistics.curves import ROUNDING
-from curricle.statistics.hypothesis_tests import holm, sign_flip_test, smallest_p
+from curricle.statistics.hypothesis_tests import Looks, holm, sign_flip_test, smallest_p
 from curricle.statistics.intervals import Interval, mean_interval, vector
-from curricle.statistics.sequential import Looks
 from curricle.text import brief_repr
 
 ONE_LOOK = Looks((1,))

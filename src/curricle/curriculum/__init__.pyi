@@ -1,3 +1,2 @@
 from .curriculum import Curriculum as Curriculum
-from .result import CurriculumResult as CurriculumResult
-from .sources import SourceValues as SourceValues
+from .result import CurriculumResult as CurriculumResult, SourceValues as SourceValues

@@ -1,5 +1,6 @@
 """A curriculum: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,31 +12,30 @@ import numpy as np
 from curricle.arrays import IntArray
 from curricle.checks import fit_name, instance, one_of
 from curricle.curriculum.node import (
+    ACTOR_CRITICS,
     DEFAULT_STEPS,
+    MOST_GUARDED,
+    PULL,
     SETTINGS,
     SOURCES_SHARE,
     Node,
-    capped,
-    default_shaping,
-)
-from curricle.curriculum.result import CurriculumResult
-from curricle.curriculum.sources import (
-    Learnt,
-    SourceValues,
     calibrated,
-    handed_on,
-    source_potentials,
-    warn_of_refusals,
+    capped,
 )
+from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
+from curricle.deep.learner import DeepLearner
 from curricle.deep.miniature import Miniatures
+from curricle.deep.shaping import WeightTransfer
 from curricle.display import block, table
 from curricle.errors import CurriculumError
 from curricle.files import Place, file_name, place_at
+from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner
+from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
-from curricle.learning.shaping import Shaping
-from curricle.learning.stopping import Budget, limits
+from curricle.learning.shaping import QInitialisation, Shaping
+from curricle.learning.stopping import Budget, Episodes, limits
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
@@ -44,7 +44,9 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_value, counted, shortened
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.observation_mapping import TableValues, ValueSource
 from curricle.transfer.pair import search_steps
+from curricle.transfer.potential import ObservationPotential, combined_potential
 from curricle.transfer.search import with_mapping
 from curricle.transfer.transfer import Calibrate, Transfer
 
@@ -53,8 +55,7 @@ from curricle.transfer.transfer import Calibrate, Transfer
 class Curriculum:
     """A directed acyclic graph of tasks whose edges carry potentials.
 
-    A setting below is a value for all tasks, or a dict from task name to value; tasks that a dict
-    leaves out get the default.
+    A setting is a value for all tasks, or a dict from task name to value, else the default.
 
     Parameters
     ----------
@@ -62,8 +63,8 @@ class Curriculum:
     transfers : sequence of Transfer
         Several may share source and target (one source through several mappings).
     aggregate : callable or dict
-        (N, S, A) -> (S, A), applied to the potentials of all transfers into a task; default
-        :func:`mean`, which skips the NaN of sources whose mapping leaves a pair unmapped.
+        (N, S, A) -> (S, A), of all transfers into a task; default :func:`mean`, which skips NaN,
+        where a mapping leaves a pair unmapped.
     unknown_value : float or dict
         The potential of pairs that all mappings leave unmapped; default 0.
     learner : Learner or dict
@@ -154,7 +155,9 @@ class Curriculum:
                 transfer,
                 self.tasks[transfer.target],
                 self.tasks[transfer.source],
-                fit_unmapped=self.unmapped_is_free(transfer.target),
+                # Of several transfers each is skipped where it leaves a pair unmapped.
+                fit_unmapped=len(self.in_edges(transfer.target)) == 1
+                and self._stated("unknown_value", transfer.target) is None,
             )
             for transfer in self.transfers
         )
@@ -168,11 +171,6 @@ class Curriculum:
                         f"not the task {name!r} in {transfer.source} -> {transfer.target}"
                     )
         _ = self.order
-
-    def unmapped_is_free(self, name: str) -> bool:
-        """Return whether a mapping that is searched may state a value for unmapped pairs."""
-        # Of several transfers each is skipped where it leaves a pair unmapped.
-        return len(self.in_edges(name)) == 1 and self._stated("unknown_value", name) is None
 
     @property
     def target(self) -> str:
@@ -249,11 +247,25 @@ class Curriculum:
         if value is not None:
             return value
         if which == "shaping":
-            others = (self.setting(other, name) for other in ("learner", "storage"))
-            distilled = self._source_is_distilled(name)
-            budget = self.setting("budget", name) if distilled else None
-            return default_shaping(self.tasks[name], *others, distilled=distilled, budget=budget)
+            return self._default_shaping(name)
         return SETTINGS[which] if which == "unknown_value" else None
+
+    def _default_shaping(self, name: str) -> Shaping:
+        """Return the start of Q as the way of potentials, guarded where that is possible."""
+        learner, edges = self.setting("learner", name), self.in_edges(name)
+        if len(edges) == 1 and isinstance(self.tasks[edges[0].source], Miniatures):
+            alike = learner == self.setting("learner", edges[0].source)
+            critic = isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS
+            if critic and alike and edges[0].mapping.is_identity:
+                by_episodes = isinstance(self.setting("budget", name), Episodes)
+                return WeightTransfer(kl=0.0 if by_episodes else PULL)
+        # A guard needs a learner without a bonus, and dense tables, whatever the machine's memory.
+        possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
+        if possible and self.setting("storage", name).kind != "sparse":
+            model = generative_model(self.tasks[name])
+            if model.states.size * model.actions.size <= MOST_GUARDED:
+                return QInitialisation(guard=Guard())
+        return QInitialisation()
 
     def _stated(self, which: str, name: str) -> Any:
         """Return a setting of a task as stated; None for an `unknown_value` that is not."""
@@ -261,14 +273,6 @@ class Curriculum:
         if not isinstance(stated, Mapping):
             return stated
         return stated.get(name, None if which == "unknown_value" else SETTINGS[which])
-
-    def _source_is_distilled(self, name: str) -> bool:
-        """Return whether a task's only source is a network like its own, from miniatures."""
-        edges = self.in_edges(name)
-        if len(edges) != 1 or not isinstance(self.tasks[edges[0].source], Miniatures):
-            return False
-        learner, source_learner = (self.setting("learner", n) for n in (name, edges[0].source))
-        return bool(learner == source_learner and edges[0].mapping.is_identity)
 
     def _budget(self, name: str, stated: Budget | None) -> Budget:
         """Return the budget of a task: a source ends when its return has settled."""
@@ -298,7 +302,12 @@ class Curriculum:
         for name, task in ((name, self.tasks[name]) for name in self.order):
             learner, budget = type(self.setting("learner", name)).__name__, self.node(name).budget
             steps = counted(budget, "step") if isinstance(budget, int) else str(budget)
-            tasks.append((name, _task_in_words(task), learner, steps))
+            words = brief_value(task)
+            if not is_observation_task(task):
+                model = generative_model(task)
+                size = (model.states.size, "state"), (model.actions.size, "action")
+                words = ", ".join([type(task).__name__, *(counted(*n) for n in size)])
+            tasks.append((name, words, learner, steps))
         transfers = [
             (
                 edge.source,
@@ -343,13 +352,12 @@ class Curriculum:
         ----------
         seeds : int or sequence of int
             As in :func:`learn`. The k-th seed of a target builds on the k-th seed of its sources.
-            A task's random stream is named after it, so that a result does not depend on the other
-            tasks. Where a seed cannot be calibrated, its potential enters unscaled, with a warning;
+            Where a seed cannot be calibrated, its potential enters unscaled, with a warning;
             ``calibrations`` of the result says why.
         only : str or sequence of str, optional
             Tasks to train, with all that they build on; every task by default.
         trained : dict of str to LearningResult or SourceValues, optional
-            Tasks learnt before, for the same seeds.
+            Tasks of the curriculum learnt before, for the same seeds, or CurriculumError.
         charge : bool
             Whether the budget of :attr:`target` pays for its sources too, seed by seed.
         snapshots : int
@@ -357,21 +365,26 @@ class Curriculum:
         workers : int, optional
             Threads over seeds.
         saves : path, optional
-            A folder or a URL for checkpoints of networks: a killed run that is called again
-            continues from them (:func:`learn_deep`).
+            A folder or a URL for checkpoints of networks, as in :func:`learn_deep`.
         progress : bool or callable, optional
-            True shows a bar for each task; a function is called with the name of each task when it
-            is learnt.
-
-        Raises
-        ------
-        CurriculumError
-            When a result in `trained` is for an unknown task, another task or other seeds.
+            True shows a bar for each task; a function is called with the name of each that is
+            learnt.
         """
         check_progress(progress)
         numbers = seed_tuple(seeds)
         trained = {} if trained is None else trained
-        given = self._given(trained, numbers)
+        instance("trained", trained, Mapping, CurriculumError)
+        for name, result in trained.items():
+            if name not in self.tasks or not same_task(result.task, self.tasks[name]):
+                raise CurriculumError(
+                    f"a trained result must belong to a task of the curriculum: {name!r} does not"
+                )
+            if result.seeds != numbers:
+                raise CurriculumError(
+                    f"a trained result must have the seeds asked for, {numbers}: {name!r} has "
+                    f"{result.seeds}"
+                )
+        given = {name: SourceValues.of(result) for name, result in trained.items()}
         sources = dict(given)
         results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
@@ -379,8 +392,13 @@ class Curriculum:
         paying = self.target if charge else None
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
-        for name in wanted - set(sources):
-            self.node(name).check_network(shaped=bool(self.in_edges(name)))
+        for node in map(self.node, wanted - set(sources)):
+            if node.deep:
+                node.learner.algorithm_class()  # ImportError without Stable-Baselines3
+                from curricle.deep.models import check_learner  # with torch
+
+                shaped = self.in_edges(node.name) and not node.takes_no_steps
+                check_learner(node.learner, node.shaping if shaped else None)
         with shown(progress) as bars:
             for name in (name for name in self.order if name in wanted and name not in given):
                 potentials[name] = self.potentials(name, sources)
@@ -389,7 +407,12 @@ class Curriculum:
                 fitted = list[Calibration]()
                 if (settings := self.calibration(name)) is not None:
                     fitted = calibrated(node, potentials[name], settings, numbers, spent)
-                    warn_of_refusals(name, fitted)
+                    if refused := [fit.refusal for fit in fitted if fit.refusal]:
+                        warnings.warn(
+                            f"{len(refused)} of {counted(len(fitted), 'seed')} of {name!r} take "
+                            f"their potential as it is: {refused[0]}",
+                            stacklevel=2,
+                        )
                     calibrations[name] = fitted
                     potentials[name] = [calibration.potential for calibration in fitted]
                 results[name] = node.train(
@@ -427,33 +450,26 @@ class Curriculum:
         are not kept, or not in a dense table.
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
-        aggregate = self.setting("aggregate", name)
-        values = {edge.source: handed_on(edge, sources[edge.source]) for edge in edges}
-        unknown_value = self.setting("unknown_value", name)
-        return source_potentials(self.tasks[name], edges, values, aggregate, unknown_value)
-
-    def _given(
-        self, trained: Mapping[str, Learnt], seeds: tuple[int, ...]
-    ) -> dict[str, SourceValues]:
-        """Return the values of tasks that were learnt before, checked."""
-        instance("trained", trained, Mapping, CurriculumError)
-        for name, result in trained.items():
-            if name not in self.tasks or not same_task(result.task, self.tasks[name]):
+        how: dict[str, Any] = {"function": self.setting("aggregate", name)}
+        how["unknown_value"] = self.setting("unknown_value", name)
+        for edge in edges:
+            if not np.all(sources[edge.source].own_rewards):
                 raise CurriculumError(
-                    f"a trained result must belong to a task of the curriculum: {name!r} does not"
+                    "values that are handed on must be in the task's own rewards: those of "
+                    f"{edge.source!r}, which {edge.target!r} reads, contain what shaping added"
                 )
-            if result.seeds != seeds:
+        task, read = self.tasks[name], list[list[Any]]()
+        observed = is_observation_task(task)
+        for edge in edges:
+            kept = sources[edge.source].values
+            if isinstance(kept, np.ndarray):
+                read.append([TableValues(rows) for rows in kept] if observed else [*kept])
+            elif observed and kept is not None and all(isinstance(x, ValueSource) for x in kept):
+                read.append([*kept])
+            else:
                 raise CurriculumError(
-                    f"a trained result must have the seeds asked for, {seeds}: {name!r} has "
-                    f"{result.seeds}"
+                    f"a source's values must be kept, in dense tables{' or networks' * observed}: "
+                    f"those of {edge.source!r}, which {edge.target!r} reads, are not; see Storage"
                 )
-        return {name: SourceValues.of(result) for name, result in trained.items()}
-
-
-def _task_in_words(task: Any) -> str:
-    """Return the class of a task and its size."""
-    if is_observation_task(task):
-        return brief_value(task)
-    model = generative_model(task)
-    states, actions = counted(model.states.size, "state"), counted(model.actions.size, "action")
-    return f"{type(task).__name__}, {states}, {actions}"
+        make: Any = ObservationPotential if observed else combined_potential
+        return [make(task, edges, of_seed, **how) for of_seed in zip(*read, strict=True)]

@@ -11,15 +11,12 @@ from curricle.checks import instance, number
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
 from curricle.deep.miniature import Miniatures
-from curricle.deep.shaping import WeightTransfer
 from curricle.errors import CurriculumError, SettingError
 from curricle.files import Place
-from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner, QLearning
-from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
-from curricle.learning.shaping import QInitialisation, Shaping
+from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import (
     SETTLED,
     Budget,
@@ -41,8 +38,9 @@ from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr
 from curricle.transfer.aggregate import Aggregate, mean
-from curricle.transfer.calibration import AnyPotential
+from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.rollouts import target_of
+from curricle.transfer.transfer import Calibrate
 
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
@@ -55,10 +53,8 @@ SETTINGS: dict[str, Any] = {
     "storage": Storage(),
 }
 """Settings that are a value for all tasks or a dict from task to value, and their defaults."""
-OF_TARGETS = ("aggregate", "unknown_value", "shaping")
-"""Settings that do not apply to a task without sources."""
-DEFAULT_STEPS = 100_000
-"""The budget of a task that no other builds on."""
+OF_TARGETS = ("aggregate", "unknown_value", "shaping")  # not of tasks without sources
+DEFAULT_STEPS = 100_000  # the budget of a task that no other builds on
 SOURCES_SHARE = 0.1
 """Of the target's steps, for all sources without a budget. Fitted on the development families of
 benchmarks/pairs: more gains more on average, and loses more than a tenth more often."""
@@ -66,10 +62,8 @@ PULL = 0.1
 """Weight of the pull that keeps an actor-critic near a network distilled from miniatures. The
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
 among the development targets of benchmarks/deep_miniatures.py."""
-ACTOR_CRITICS = ("PPO", "A2C")
-"""Algorithms that a pull is known to fit."""
-MOST_GUARDED = 10_000_000
-"""State-action pairs up to which a task is guarded: its tables take some 300 MB a seed."""
+ACTOR_CRITICS = ("PPO", "A2C")  # algorithms that a pull is known to fit
+MOST_GUARDED = 10_000_000  # state-action pairs of a guarded task: some 300 MB of tables a seed
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,15 +136,6 @@ class Node:
         """Whether a network learns the task from exact answers, and not by steps."""
         return isinstance(self.task, Miniatures)
 
-    def check_network(self, *, shaped: bool) -> None:
-        """Raise SettingError if a network refuses its settings, ImportError without SB3."""
-        if not self.deep:
-            return
-        self.learner.algorithm_class()
-        from curricle.deep.models import check_learner
-
-        check_learner(self.learner, self.shaping if shaped and not self.takes_no_steps else None)
-
     def train(
         self,
         seeds: Sequence[int],
@@ -163,10 +148,7 @@ class Node:
         saves: Place | None = None,
         progress: Progress = None,
     ) -> LearningResult:
-        """Return the task learnt by K seeds, with K potentials and warm-ups or none.
-
-        The other arguments are those of :func:`learn`, `saves` that of :func:`learn_deep`.
-        """
+        """Return the task learnt by K seeds, with K potentials and warm-ups or none."""
         if self.takes_no_steps:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
@@ -211,7 +193,22 @@ class Node:
         return Decisions(of_seeds, result.seeds)
 
 
-# -- defaults --------------------------------------------------------------------------------------
+def calibrated(
+    node: Node,
+    potentials: Sequence[AnyPotential],
+    settings: Calibrate,
+    seeds: Sequence[int],
+    charged: IntArray | None = None,
+) -> list[Calibration]:
+    """Return the calibrations of a task's potentials within its budget, less (K,) charged steps."""
+    steps, episodes = limits(node.budget)
+    left = [steps] * len(seeds) if charged is None else (steps - charged).tolist()
+    return [
+        fit_calibration(
+            potential, settings.within(most, episodes), seed=k, stream=f"{node.name}/calibration"
+        )
+        for potential, k, most in zip(potentials, seeds, left, strict=True)
+    ]
 
 
 def capped(budget: Budget) -> Budget:
@@ -219,27 +216,3 @@ def capped(budget: Budget) -> Budget:
     if isinstance(budget, Episodes | StoppingRule):
         return budget
     return StoppingRule(limits(budget)[0], settled=SETTLED)
-
-
-def default_shaping(
-    task: Any,
-    learner: Any,
-    storage: Storage,
-    *,
-    distilled: bool = False,
-    budget: Budget | None = None,
-) -> Shaping:
-    """Return the start of Q as the way of potentials, guarded where that is possible.
-
-    An actor-critic whose only source is `distilled` from miniatures starts as that network and is
-    kept near it, unless its budget is in episodes, of which no half is known.
-    """
-    if distilled and isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS:
-        return WeightTransfer(kl=0.0 if isinstance(budget, Episodes) else PULL)
-    # A guard needs a learner without a bonus, and dense tables, whatever the machine's memory.
-    possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
-    if possible and storage.kind != "sparse":
-        generative = generative_model(task)
-        if generative.states.size * generative.actions.size <= MOST_GUARDED:
-            return QInitialisation(guard=Guard())
-    return QInitialisation()

@@ -1,18 +1,17 @@
 """The result of training a curriculum: results of its tasks, and the values that targets read."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, IntArray, frozen
 from curricle.checks import one_of
-from curricle.curriculum.sources import Learnt, SourceValues, StoredValues, source_values
 from curricle.deep.policy import DeepResult
 from curricle.display import beside, block
 from curricle.errors import CurricleError, CurriculumError, SettingError
@@ -36,11 +35,56 @@ from curricle.learning.saved_result import (
 )
 from curricle.learning.stopping import Decisions
 from curricle.planning.episode import Episode
-from curricle.text import counted, shortened
+from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.calibration import AnyPotential, Calibration
 
-MOST_CURVES = 4
-"""Tasks whose curves are shown beside each other, the last ones of a curriculum."""
+MOST_CURVES = 4  # tasks whose curves are shown beside each other, the last ones of a curriculum
+
+
+@dataclass(frozen=True, eq=False)
+class SourceValues:
+    """The values that K seeds learnt in a task: all that later tasks need of it.
+
+    Attributes
+    ----------
+    task : Task or ObservationTask
+    seeds : tuple of int
+        K of them.
+    values : (K, S, A) float array or K ValueSource
+        None if they were not kept.
+    steps_used : (K,) int64
+        Steps of each seed in the task.
+    own_rewards : bool
+        Whether the values are in the task's own rewards (:class:`LearningResult`).
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> SourceValues.of(learn(GridWorld("S.T"), budget=500, seeds=3)).first(2).seeds
+    (0, 1)
+    """
+
+    task: Any
+    seeds: tuple[int, ...]
+    values: Any
+    steps_used: IntArray
+    own_rewards: bool = True
+
+    __repr__ = brief_repr
+
+    @classmethod
+    def of(cls, result: "Learnt") -> Self:
+        """Return the values of a result."""
+        own_rewards = bool(np.all(result.own_rewards))
+        return cls(result.task, result.seeds, result.values, result.steps_used, own_rewards)
+
+    def first(self, n: int) -> "SourceValues":
+        """Return the values of the first n seeds."""
+        values = None if self.values is None else self.values[:n]
+        return replace(self, seeds=self.seeds[:n], values=values, steps_used=self.steps_used[:n])
+
+
+Learnt = LearningResult | SourceValues
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,19 +183,14 @@ class CurriculumResult:
     def watch(
         self, task: str | None = None, *, seed: int = 0, max_steps: int | None = None
     ) -> Episode:
-        """Return an episode of a task's best policy, by default the target's.
-
-        A notebook shows it, ``print`` prints it, and ``save`` writes a GIF
-        (:meth:`LearningResult.watch`).
-        """
+        """Return :meth:`LearningResult.watch` of a task, by default of the target."""
         name = self.curriculum.target if task is None else task
         return self[name].watch(seed=seed, max_steps=max_steps)
 
     def frame(self) -> Any:
-        """Return the curves of all tasks as a pandas DataFrame.
+        """Return the curves of all tasks as a pandas DataFrame, ImportError without pandas.
 
         Its columns are the task, those of :meth:`LearningResult.frame`, and source_steps.
-        ImportError where pandas is not installed.
         """
         parts = [
             curve_columns(arrays_of(node) | {"source_steps": self.source_steps(name)}, name)
@@ -162,27 +201,16 @@ class CurriculumResult:
     def save(self, path: str | Path) -> Path:
         """Write the results of all tasks into an ``.npz`` file without pickles; return its path.
 
-        Equal results give equal bytes. The file has no tasks and transfers: :meth:`load` takes the
-        curriculum again. StoreError when it cannot be written.
+        Equal results give equal bytes. The file has no tasks. StoreError when it is not written.
         """
         return write_saved(path, type(self).__name__, *to_file(self))
 
     @classmethod
     def load(cls, path: str | Path, curriculum: Any) -> Self:
-        """Return the result in a file that :meth:`save` wrote, bit for bit.
+        """Return the result in a file that :meth:`save` wrote, of the same `curriculum`.
 
-        Parameters
-        ----------
-        path : path
-        curriculum : Curriculum
-            As it was trained.
-
-        Raises
-        ------
-        StoreError
-            When the file cannot be read, is damaged, or holds something else.
-        CurriculumError, SettingError
-            When the curriculum has other tasks, or a task with other states or actions.
+        StoreError when the file cannot be read, is damaged, or holds something else;
+        CurriculumError or SettingError when a task is another, or has other states or actions.
 
         Examples
         --------
@@ -283,10 +311,13 @@ def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> 
         check_value_arrays(arrays, len(seeds), pairs_of(saved, words["tasks"][name], task))
         values, steps = all_values_of(arrays, len(seeds)), frozen(arrays["steps_used"])
         given[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
-    fitted = {
-        name: [_calibration(arrays, k, scalars) for k, scalars in enumerate(about)]
-        for name, (arrays, about) in parts["calibrations"].items()
-    }
+    fitted = dict[str, list[Calibration]]()  # without their potentials
+    for name, (arrays, about) in parts["calibrations"].items():
+        fitted[name] = []
+        for k, scalars in enumerate(about):
+            warm_up = WarmUp(frozen(arrays[f"lengths_{k}"]), frozen(arrays[f"returns_{k}"]))
+            scalars = {key: scalars[key] for key in SCALARS}
+            fitted[name].append(Calibration(None, warm_up=warm_up, **scalars))
     nodes, given = _with_networks(curriculum, nodes, given, fitted)
     # Potentials follow from the sources' values, as they did in training.
     sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **given}
@@ -299,12 +330,6 @@ def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> 
         ]
         potentials[name] = [calibration.potential for calibration in calibrations[name]]
     return nodes, potentials, calibrations, given
-
-
-def _calibration(arrays: Arrays, k: int, scalars: Mapping[str, Any]) -> Calibration:
-    """Return the calibration of the k-th seed without its potential."""
-    warm_up = WarmUp(frozen(arrays[f"lengths_{k}"]), frozen(arrays[f"returns_{k}"]))
-    return Calibration(None, warm_up=warm_up, **{name: scalars[name] for name in SCALARS})
 
 
 def _with_networks(
@@ -338,3 +363,51 @@ def _with_networks(
         }
 
     return with_values(nodes), with_values(given)
+
+
+# -- stored values, as plain data ------------------------------------------------------------------
+
+
+class StoredValues(NamedTuple):
+    """The values that K seeds learnt in a task, as plain data."""
+
+    values: Any  # (K, S, A) float array, or K dicts of a network's parameters; None if not read
+    steps_used: IntArray  # (K,) in the task
+    scales: Sequence[float] = ()  # of each seed's potential, if it is calibrated
+
+
+def sources_read(curriculum: Any, name: str) -> set[str]:
+    """Return the tasks whose values are needed to train a task: its sources, and theirs if deep."""
+    read, waiting = set[str](), [name]
+    while waiting:
+        for edge in curriculum.in_edges(waiting.pop()):
+            # A network that learnt on top of a potential needs that potential.
+            if edge.source not in read and curriculum.node(edge.source).deep:
+                waiting.append(edge.source)
+            read.add(edge.source)
+    return read
+
+
+def source_values(
+    curriculum: Any, seeds: tuple[int, ...], sources: Mapping[str, StoredValues]
+) -> dict[str, SourceValues]:
+    """Return stored values as :meth:`Curriculum.train` takes them; networks are rebuilt."""
+    learnt: dict[str, SourceValues] = {}
+    for name in (name for name in curriculum.order if name in sources):
+        node, (values, steps_used, scales) = curriculum.node(name), sources[name]
+        if node.deep and values is not None:
+            potentials: list[Any] = curriculum.potentials(name, learnt)
+            if scales:
+                pairs = zip(potentials, scales, strict=True)
+                potentials = [phi.rescaled(scale) for phi, scale in pairs]
+            node.learner.algorithm_class()  # raises an ImportError that names what to install
+            from curricle.deep.models import network_values  # needs PyTorch
+
+            # A distilled network computes its values alone, whatever its task's sources are.
+            shapings = [
+                None if node.takes_no_steps else node.shaping.with_potential(potential)
+                for potential in potentials or [None] * len(seeds)
+            ]
+            values = tuple(map(partial(network_values, node.task, node.learner), shapings, values))
+        learnt[name] = SourceValues(node.task, seeds, values, steps_used)
+    return learnt

@@ -1,8 +1,6 @@
 from .candidates import (
-    SourceCandidates as SourceCandidates,
-    source_candidates as source_candidates,
-)
-from .proposals import (
     SourceCandidate as SourceCandidate,
+    SourceCandidates as SourceCandidates,
     mappings_between as mappings_between,
+    source_candidates as source_candidates,
 )

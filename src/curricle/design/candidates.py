@@ -9,32 +9,39 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray
-from curricle.checks import one_of, whole_number
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
+from curricle.checks import fit_name, one_of, text, whole_number
 from curricle.design.kinds import (
+    DesignTarget,
+    Draft,
+    aims,
     bottlenecks,
     coarser_tables,
     crops,
+    design_target,
     family_members,
     likeliest_outcomes,
     removals,
     start_rings,
 )
-from curricle.design.proposals import (
-    PROPOSED,
-    DesignTarget,
-    Draft,
-    SourceCandidate,
-    aims,
-    design_target,
-)
 from curricle.display import block, table
 from curricle.errors import CurricleError, CurriculumError
 from curricle.planning.solution import evaluate, solve
-from curricle.tasks.mdp import FiniteMDP, generative_model, reachable_states, same_task, tables
+from curricle.tasks.family import FamilyMember
+from curricle.tasks.mdp import (
+    FiniteMDP,
+    generative_model,
+    has_tables,
+    reachable_states,
+    same_task,
+    tables,
+)
 from curricle.tasks.start_states import goal_distance
-from curricle.text import brief_repr
+from curricle.text import brief_repr, counted
 from curricle.transfer.bisimulation import model_for_refinement, refined
+from curricle.transfer.by_components import member_mappings
+from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
+from curricle.transfer.observation_mapping import ObservationMapping
 
 MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "member": family_members,
@@ -45,16 +52,14 @@ MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "bottleneck": bottlenecks,
     "coarser": coarser_tables,
 }
-KINDS = tuple(MAKERS)
-"""In the order of their turns."""
-MOST = 20
-"""Candidates by default."""
-LARGEST = 20_000_000
-"""State-action pairs up to which a task is judged, as they are refined together."""
-ROUNDING = 1e-9
-"""Difference of returns, in units of the larger, that counts as none."""
-FINGERPRINT = 1e-6
-"""Difference of fingerprints, in units of the larger, that equal tasks never have."""
+KINDS = tuple(MAKERS)  # in the order of their turns
+MOST = 20  # candidates by default
+LARGEST = 20_000_000  # state-action pairs of a task that is judged: tasks are refined together
+ROUNDING = 1e-9  # difference of returns, in units of the larger, that counts as none
+FINGERPRINT = 1e-6  # difference, in units of the larger, that equal tasks never have
+PROPOSED = "proposed"
+MAPPINGS = (StateActionMapping, ObservationMapping)
+AGREES = 0.99  # share of the target's pairs that must read the same pair through the target
 # Why a task is no candidate.
 NOT_MADE = "cannot be made"
 TOO_LARGE = "too large to be judged"
@@ -64,7 +69,143 @@ AVOIDED = "goal avoided by every optimal policy"
 NOTHING_TO_LEARN = "nothing to learn: the random policy is optimal"
 AS_TARGET, AS_ANOTHER = "same as the target", "same as another candidate"
 
-Propose = Callable[[Any], Iterable[SourceCandidate]]
+Propose = Callable[[Any], Iterable["SourceCandidate"]]
+
+
+@dataclass(frozen=True, eq=False)
+class SourceCandidate(Frozen):
+    """A task that may be a source of the target, and how the target reads it.
+
+    CurriculumError when the name is unfit, or `mappings` holds something else or leads elsewhere.
+
+    Parameters
+    ----------
+    name : str
+        For a curriculum; every candidate of a target has a different one.
+    task : Task
+        With tables.
+    mappings : StateActionMapping, ObservationMapping or sequence of them
+        From the target to the task; several where the target reads it in several ways, as each of
+        two predators reads the single predator of a smaller hunt.
+    kind : str
+        One of the kinds of :func:`source_candidates`; "proposed" for a user's candidate.
+    words : str
+        A description for a person.
+    share : float, optional
+        Size or distance as a share of the target's: the side of a crop, the way from starts or a
+        bottleneck to the goal.
+    member : FamilyMember, optional
+        Its address, if it is a member of the target's family.
+    optimum, random_return : float
+        Expected discounted return from its start, of an optimal policy and of the uniformly random
+        policy; NaN before it is judged.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, same_position
+    >>> maze = GridWorld("S...T")
+    >>> near = maze.crop(rows=(0, 1), columns=(2, 5))
+    >>> SourceCandidate("near", near, same_position(maze, near))
+    SourceCandidate('near', proposed, 3 states)
+    """
+
+    name: str
+    task: Any
+    mappings: Any
+    kind: str = PROPOSED
+    words: str = ""
+    share: float | None = None
+    member: FamilyMember | None = None
+    optimum: float = float("nan")
+    random_return: float = float("nan")
+
+    def __post_init__(self) -> None:
+        fit_name("a candidate", self.name, CurriculumError)
+        text(f"the kind of {self.name!r}", self.kind, CurriculumError)
+        several = isinstance(self.mappings, Sequence)
+        mappings = tuple(self.mappings) if several else (self.mappings,)
+        if not mappings or not all(isinstance(mapping, MAPPINGS) for mapping in mappings):
+            raise CurriculumError(
+                f"a candidate needs mappings from the target: {self.name!r} has {self.mappings!r}"
+            )
+        if any(mapping.source is not self.task for mapping in mappings):
+            raise CurriculumError(
+                f"the mappings of a candidate must lead to its task: one of {self.name!r} does not"
+            )
+        object.__setattr__(self, "mappings", mappings)
+
+    @property
+    def mapping(self) -> Any:
+        """The first of its mappings."""
+        return self.mappings[0]
+
+    def __repr__(self) -> str:
+        states = counted(self.task.states.size, "state")
+        return f"SourceCandidate({self.name!r}, {self.kind}, {states})"
+
+
+def mappings_between(
+    target: Any, after: SourceCandidate, before: SourceCandidate
+) -> tuple[Any, ...]:
+    """Return how a source reads an earlier source: f(s', a') for the later source's pairs.
+
+    Members of a family map onto each other as the family declares. Other sources, which must have
+    tables, read each other through the target: of all target pairs that read a pair of the later
+    source, most read the same pair of the earlier source, and that is its value. Of several
+    mappings those are returned for which nearly all target pairs agree, or most.
+
+    Parameters
+    ----------
+    target : Task
+        Whose pairs the mappings of both sources are from.
+    after, before : SourceCandidate
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.design import source_candidates
+    >>> maze = GridWorld(["S....", ".....", ".....", ".....", "....T"])
+    >>> crops = source_candidates(maze, kinds=["crop"])
+    >>> large, small = crops["rows 1..4, columns 1..4"], crops["rows 3..4, columns 3..4"]
+    >>> (mapping,) = mappings_between(maze, large, small)
+    >>> print(mapping.coverage())
+    20.0% of 60 target pairs mapped, 0.0% at the source's end, 80.0% unmapped; ...
+    """
+    later, earlier = after.member, before.member
+    if later and earlier and later.family.factory is earlier.family.factory:
+        return member_mappings(later, earlier, after.task, before.task)
+    if not all(has_tables(task) for task in (target, after.task, before.task)):
+        raise CurriculumError(
+            "sources that build on each other must be members of one family, or have tables as "
+            f"the target has: {after.name!r} and {before.name!r} do not"
+        )
+    reader = after.mappings[0].index
+    read = [_through(reader, mapping.index, after.task, before.task) for mapping in before.mappings]
+    best = max(agreement for agreement, _ in read)
+    return tuple(
+        StateActionMapping(after.task, before.task, index)
+        for agreement, index in read
+        if agreement >= min(best, AGREES)
+    )
+
+
+def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple[float, IntArray]:
+    """Return the pair that most target pairs read, (S', A'), and the share of pairs that do."""
+    shape = after.states.size, generative_model(after).actions.size
+    known = (reader >= 0) & (read != UNMAPPED)
+    index = np.full(shape[0] * shape[1], UNMAPPED, np.int64)
+    if not known.any():
+        return 0.0, index.reshape(shape)
+    size = before.states.size * generative_model(before).actions.size - ENDED
+    both = reader[known].astype(np.int64) * size + (read[known] - ENDED)
+    pairs, counts = np.unique(both, return_counts=True)
+    later, earlier = np.divmod(pairs, size)
+    order = np.lexsort((earlier, -counts, later))  # of equal counts the first pair
+    first = order[np.unique(later[order], return_index=True)[1]]
+    index[later[first]] = earlier[first] + ENDED
+    index = index.reshape(shape)
+    index[terminal_states(after)] = ENDED
+    return float(counts[first].sum() / counts.sum()), index
 
 
 class DroppedCandidate(NamedTuple):
@@ -84,7 +225,7 @@ class SourceCandidates:
     ----------
     target : Task
     candidates : tuple of SourceCandidate
-        They take turns by kind, so that the first few are of all kinds.
+        They take turns by kind.
     dropped : tuple of DroppedCandidate
         The drafts before the last candidate that are no candidates.
     cut : bool
@@ -318,8 +459,15 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
         chance = evaluate(mdp, np.full((n_states, n_actions), 1 / n_actions))
     except CurricleError:
         return Judged(mdp, NO_SOLUTION)
-    if refusal := _missed(mdp, aims(mdp) if goal is None else goal, best.optimal):
-        return Judged(mdp, refusal)
+    goal = aims(mdp) if goal is None else goal
+    if mdp.terminal.any() and not mdp.terminal[goal].any():
+        return Judged(mdp, NEVER_REACHED)  # no end can be entered: the largest rewards are no goal
+    far = goal_distance(mdp, goal)[mdp.start_states]
+    far = far[far >= 0]
+    if not far.size or (mdp.time_limit is not None and int(far.min()) > mdp.time_limit):
+        return Judged(mdp, NEVER_REACHED)
+    if not (reachable_states(mdp, best.optimal) & goal).any():
+        return Judged(mdp, AVOIDED)
     optimum, random_return = float(best.start_value), float(chance.start_value)
     error = best.error_bound + chance.error_bound
     error += ROUNDING * max(1.0, abs(optimum), abs(random_return))
@@ -333,24 +481,8 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
     )
 
 
-def _missed(mdp: FiniteMDP, goal: BoolArray, optimal: BoolArray) -> str:
-    """Return why an episode misses the goal; empty if an optimal policy can reach it in time."""
-    if mdp.terminal.any() and not mdp.terminal[goal].any():
-        return NEVER_REACHED  # no end can be entered: the largest rewards are no goal
-    far = goal_distance(mdp, goal)[mdp.start_states]
-    far = far[far >= 0]
-    if not far.size or (mdp.time_limit is not None and int(far.min()) > mdp.time_limit):
-        return NEVER_REACHED
-    return "" if (reachable_states(mdp, optimal) & goal).any() else AVOIDED
-
-
 def same_up_to_homomorphism(task: Judged, other: Judged) -> bool:
-    """Return whether both tasks are mapped onto the same task by exact homomorphisms.
-
-    Their states and actions may be numbered in any way, and several states of a task may stand for
-    a single state of the other. Discount, time limit, and the chance to start in each block are
-    equal. Tasks whose fingerprints differ are not refined.
-    """
+    """Return whether both tasks are mapped onto the same task by exact homomorphisms."""
     first, second = task.mdp, other.mdp
     if (first.discount, first.time_limit) != (second.discount, second.time_limit):
         return False

@@ -6,27 +6,21 @@ generation for reinforcement learning"), and bottlenecks as goals. Simpler model
 it: without hazards, a predator or penalties, without chance, and with coarser tables.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from inspect import signature
 from itertools import islice
 from math import ceil
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from curricle.arrays import FloatArray, IntArray, frozen
-from curricle.design.proposals import (
-    DesignTarget,
-    Draft,
-    Made,
-    paired,
-    spread,
-)
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.errors import TaskError
 from curricle.tasks.cliff_walking import CliffWalking
 from curricle.tasks.deep_sea import DeepSea
+from curricle.tasks.family import FamilyMember
 from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.frozen_lake import FrozenLake
 from curricle.tasks.gridworld import OBJECTS, GridWorld
@@ -34,30 +28,24 @@ from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.mdp import FiniteMDP, Task, reachable_states, tables
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Component, Space
-from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
+from curricle.tasks.start_states import GoalDistance, goal_distance, goal_states, with_start
 from curricle.tasks.taxi import Taxi
 from curricle.text import counted
 from curricle.transfer.bisimulation import merged_outcomes
 from curricle.transfer.by_components import ComponentMapping, family_mappings, project
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping, same_position
 
-MOST_LISTED = 10_000
-"""Easier members that are listed at most; addresses alone, of which few are built."""
-MOST_GOALS = 4
-"""Cells of a goal around which parts are taken."""
+MOST_LISTED = 10_000  # easier members: addresses alone, of which few are built
+MOST_GOALS = 4  # cells of a goal around which parts are taken
 COMPONENTS = {"rows": "row", "columns": "column", "positions": "position"}
 """The component of a state that an axis of `crop` cuts."""
-LARGEST_GRAPH = 20_000
-"""States up to which bottlenecks are looked for."""
-MOST_FIRST, FEWEST_FIRST = 1_000, 50
-"""States from which paths are counted; of more, so many that are spread evenly over their list."""
+LARGEST_GRAPH = 20_000  # states up to which bottlenecks are looked for
+MOST_FIRST, FEWEST_FIRST = 1_000, 50  # states that counted paths begin in, spread evenly
 MOST_EDGES = 200_000_000
 """Edges of all states from which paths are counted, so that they are fewer in dense graphs."""
-BLOCK = 128
-"""First states of paths that are counted at a time."""
+BLOCK = 128  # first states of paths that are counted at a time
 MOST_BOTTLENECKS = 12
-ROUNDING = 1e-9
-"""Share of a betweenness that counts as none: sums are made in one order or another."""
+ROUNDING = 1e-9  # share of a betweenness that counts as none: sums are made in one order or another
 SWITCHES: dict[type, tuple[str, Any]] = {
     FrozenLake: ("slippery", False),
     CliffWalking: ("slippery", False),
@@ -66,13 +54,81 @@ SWITCHES: dict[type, tuple[str, Any]] = {
     Taxi: ("rainy", False),
 }
 """The parameter of a task, and its value with which moves do what they are meant to."""
-LARGEST_MERGED = 2_000_000
-"""Outcomes of all pairs up to which a table is merged."""
-FEWEST = 4
-"""Values of a component that is worth merging."""
+LARGEST_MERGED = 2_000_000  # outcomes of all pairs up to which a table is merged
+FEWEST = 4  # values of a component that is worth merging
 
+Item = TypeVar("Item")
 Range = tuple[int, int]
 Places = tuple[tuple[int, int], ...]
+
+
+# -- drafts --------------------------------------------------------------------------------------
+
+
+class DesignTarget(NamedTuple):
+    """A target, its tables and its goal, from which drafts are made."""
+
+    task: Any
+    member: FamilyMember | None  # its address, if it is a member of a family
+    mdp: FiniteMDP
+    goal: BoolArray  # (S,)
+
+
+Made = tuple[Any, StateActionMapping | Sequence[StateActionMapping]]
+
+
+class Draft(NamedTuple):
+    """A candidate before its task is built."""
+
+    kind: str
+    name: str
+    words: str
+    build: Callable[[], Made]  # the task and its mappings; CurricleError if there is no such task
+    share: float | None = None
+    member: FamilyMember | None = None
+
+
+def paired(target: Any, make: Callable[[], Any], reads: Any = None) -> Callable[[], Made]:
+    """Return the `build` of a task that `make` returns; `reads(target, source)` is the mapping."""
+
+    def build() -> Made:
+        source = make()
+        if reads is not None:
+            return source, reads(target, source)
+        states, actions = np.arange(target.states.size), np.arange(target.actions.size)
+        return source, pair_mapping(target, source, states[:, None], actions)
+
+    return build
+
+
+def design_target(target: Any) -> DesignTarget:
+    """Return a target, a task or a member of a family, with its tables; TaskError for others."""
+    member = target if isinstance(target, FamilyMember) else None
+    task = target if member is None else member.task
+    mdp = tables(task)
+    return DesignTarget(task, member, mdp, aims(mdp))
+
+
+def aims(mdp: FiniteMDP) -> BoolArray:
+    """Return the goal, (S,) bool: the best ends, or else the states of the largest reward."""
+    try:
+        return goal_states(mdp)
+    except TaskError:
+        mean = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row].max(axis=1)
+        live = ~mdp.terminal
+        return np.asarray(live & (mean >= mean[live].max(initial=-np.inf)))
+
+
+def spread(items: Iterable[Item]) -> list[Item]:
+    """Return items in an order of which the first few are spread over all: the middle first."""
+    items = list(items)
+    order, parts = list[Item](), [(0, len(items))]
+    for low, high in parts:  # grows while it is read
+        if low < high:
+            middle = (low + high - 1) // 2
+            order.append(items[middle])
+            parts += [(low, middle), (middle + 1, high)]
+    return order
 
 
 # -- members of the target's family --------------------------------------------------------------
@@ -102,11 +158,7 @@ def _member(target: Any, source: Any) -> Made:
 
 
 def crops(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the windows around the goal of a task that has `crop`, half the size first.
-
-    Windows are squares where the task has rows and columns, and as long in any other axis. Of a
-    :class:`DeepSea` the lowest rows are taken. Tasks of other classes yield none.
-    """
+    """Yield the windows around the goal of a task that has `crop`, half the size first."""
     task = target.task
     if isinstance(task, DeepSea):
         for rows in spread(range(1, task.size)):
@@ -119,9 +171,19 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
         return
     longest = max(high - low for low, high in extents.values())
     reads = same_position if isinstance(task, GridWorld) else project
+    states, columns = np.flatnonzero(target.goal), []
+    values = task.states.decode(states)
+    for name in (COMPONENTS[axis] for axis in extents):
+        if name in values:
+            columns.append(values[name].tolist())
+        else:
+            n = ("row", "column").index(name)
+            columns.append(task.layout.cells[states, n].tolist())
+    cells = list(dict.fromkeys(zip(*columns, strict=True)))[:MOST_GOALS]
     for side in spread(range(2, longest)):
-        for goal in _goal_cells(target, extents):
-            part = {axis: _window(extents[axis], side, place) for axis, place in goal.items()}
+        for cell in cells:
+            places = zip(extents, cell, strict=True)
+            part = {axis: _window(extents[axis], side, place) for axis, place in places}
             if part != extents:
                 name = ", ".join(f"{axis} {low}..{high - 1}" for axis, (low, high) in part.items())
                 words = f"the part around the goal: {name}"
@@ -150,21 +212,6 @@ def _extents(task: Any) -> dict[str, Range]:
     return extents
 
 
-def _goal_cells(target: DesignTarget, extents: dict[str, Range]) -> list[dict[str, int]]:
-    """Return the place on each axis of a few cells of the goal."""
-    states = np.flatnonzero(target.goal)
-    values = target.task.states.decode(states)
-    columns = []
-    for axis in extents:
-        name = COMPONENTS[axis]
-        if name in values:
-            columns.append(values[name])
-        else:
-            columns.append(target.task.layout.cells[states, ("row", "column").index(name)])
-    cells = list(dict.fromkeys(zip(*(column.tolist() for column in columns), strict=True)))
-    return [dict(zip(extents, cell, strict=True)) for cell in cells[:MOST_GOALS]]
-
-
 def _window(extent: Range, side: int, place: int) -> Range:
     """Return a range of this length around a place, moved so that it lies in the extent."""
     low, high = extent
@@ -190,10 +237,7 @@ def _cut(task: Any, part: dict[str, Range]) -> Any:
 
 
 def start_rings(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target with starts in 1 to d steps from the goal, half the way first.
-
-    d is less than the distance of the farthest start.
-    """
+    """Yield the target with starts in 1 to d steps from the goal, half the way first."""
     far = int(goal_distance(target.mdp, target.goal)[target.mdp.start_states].max(initial=0))
     goal = np.flatnonzero(target.goal)
     for most in spread(range(1, far)):
@@ -215,11 +259,7 @@ def start_rings(target: DesignTarget) -> Iterator[Draft]:
 
 
 def betweenness(task: Task) -> FloatArray:
-    """Return the share of shortest paths between other states through each state, (S,) float64.
-
-    Paths lead by possible outcomes from a state that the start can reach to another, through no
-    terminal state; from more than 1,000 states (50 in dense graphs), a sample of them counts.
-    """
+    """Return the share of shortest paths between other states through each state, (S,) float64."""
     mdp = tables(task)
     if len(mdp.terminal) > LARGEST_GRAPH:
         raise TaskError(
@@ -240,11 +280,7 @@ def betweenness(task: Task) -> FloatArray:
 
 
 def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target with a bottleneck as its goal, the strongest first.
-
-    Entering the bottleneck ends the episode, and pays what entering the goal pays at best. The
-    mapping leaves the pairs of the bottleneck unmapped, of which the source learns nothing.
-    """
+    """Yield the target with a bottleneck as its goal, paid as the goal is, strongest first."""
     mdp = target.mdp
     if len(mdp.terminal) > LARGEST_GRAPH:
         return
@@ -287,11 +323,9 @@ def _edges(mdp: FiniteMDP) -> Any:
 
 
 def _dependencies(edges: Any, first: Any) -> FloatArray:
-    """Return for each state the share of shortest paths through it, summed over ends, (S,).
-
-    Brandes' recursion, level by level: delta(v) = sum over w one level farther, next to v, of
-    paths(v) / paths(w) (1 + delta(w)).
-    """
+    """Return for each state the share of shortest paths through it, summed over ends, (S,)."""
+    # Brandes' recursion, level by level: delta(v) = sum over w one level farther, next to v, of
+    # paths(v) / paths(w) (1 + delta(w)).
     n = edges.shape[0]
     forward = edges.T.tocsr()
     place = first, np.arange(len(first))
@@ -347,8 +381,13 @@ def _ending_in(target: DesignTarget, state: int, way: int) -> Made:
 def removals(target: DesignTarget) -> Iterator[Draft]:
     """Yield the target without a predator, all hazards, some of them, or penalties."""
     task, mdp = target.task, target.mdp
-    if isinstance(task, Pursuit):
-        yield from _fewer_predators(task)
+    # A prey that looks at the predators has no policy without one of them.
+    if isinstance(task, Pursuit) and not callable(task.prey):
+        alone = task.prey == "uniform" or len(task.prey) == task.cells
+        for n in range(1, task.predators if alone else 1):
+            words = f"the same grid with {n} of {task.predators} predators"
+            fewer = partial(_with_predators, task, n)
+            yield Draft("removed", counted(n, "predator"), words, fewer)
     yield from _without_hazards(task)
     row = mdp.outcome_row[~mdp.terminal]
     rewards = mdp.reward[row][mdp.probability[row] > 0]
@@ -361,7 +400,14 @@ def removals(target: DesignTarget) -> Iterator[Draft]:
 
 
 def _without_hazards(task: Any) -> Iterator[Draft]:
-    names = _hazards(task)
+    names = dict[str, str]()  # of the characters of the map that are hazards
+    if isinstance(task, GridWorld):
+        rewards = {"F": task.rewards.fire, "P": task.rewards.pit}
+        names = {sign: OBJECTS[sign] for sign, reward in rewards.items() if reward < 0}
+    elif isinstance(task, KeyLockPit) and task.pit_reward < 0:
+        names = {"P": "pit"}
+    elif isinstance(task, FrozenLake):
+        names = {"H": "hole"}
     hazards = [
         (names[character], (row, column))
         for row, line in enumerate(task.map if names else ())
@@ -385,18 +431,6 @@ def _without_hazards(task: Any) -> Iterator[Draft]:
         yield Draft("removed", name, words, paired(task, partial(_cleared, task, places), reads))
 
 
-def _hazards(task: Any) -> dict[str, str]:
-    """Return the characters of a task's map that are hazards, and their names."""
-    if isinstance(task, GridWorld):
-        rewards = {"F": task.rewards.fire, "P": task.rewards.pit}
-        return {sign: OBJECTS[sign] for sign, reward in rewards.items() if reward < 0}
-    if isinstance(task, KeyLockPit):
-        return {"P": "pit"} if task.pit_reward < 0 else {}
-    if isinstance(task, FrozenLake):
-        return {"H": "hole"}
-    return {}
-
-
 def _cleared(task: Any, places: Places) -> Any:
     """Return the task with free cells in these places of its map."""
     free = "F" if isinstance(task, FrozenLake) else "."
@@ -404,15 +438,6 @@ def _cleared(task: Any, places: Places) -> Any:
     for row, column in places:
         lines[row][column] = free
     return replace(task, map=tuple("".join(line) for line in lines))
-
-
-def _fewer_predators(task: Pursuit) -> Iterator[Draft]:
-    if callable(task.prey) or (task.prey != "uniform" and len(task.prey) != task.cells):
-        return  # a prey that looks at the predators has no policy without one of them
-    for n in range(1, task.predators):
-        name = counted(n, "predator")
-        words = f"the same grid with {n} of {task.predators} predators"
-        yield Draft("removed", name, words, partial(_with_predators, task, n))
 
 
 def _with_predators(task: Pursuit, n: int) -> Made:
@@ -431,13 +456,7 @@ def _with_predators(task: Pursuit, n: int) -> Made:
 
 
 def likeliest_outcomes(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target without chance, if there is any in it.
-
-    A task with a parameter for slipping has it switched off. In any other a pair goes to its
-    likeliest next state, with the mean reward of going there. That is not defined where two next
-    states are equally likely in a state that can be reached, as those of a prey that moves at
-    random: the draft then fails.
-    """
+    """Yield the target without chance; fails where two next states are equally likely."""
     task, mdp = target.task, target.mdp
     if (np.count_nonzero(mdp.probability, axis=1) <= 1).all():
         return
@@ -478,27 +497,22 @@ def _likeliest(mdp: FiniteMDP) -> FiniteMDP:
 
 
 def coarser_tables(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target with neighbouring values merged, of all ordered components and of each.
-
-    A component is ordered if its values have no labels, or those that :class:`Bins` gives them.
-    The only component of a table without names, ``state``, is a numbering and no order. A terminal
-    state is never merged with a live one.
-    """
+    """Yield the target with neighbouring values merged, of all ordered components and of each."""
+    # Ordered are values without labels, or with those of `Bins`; ``state`` is a numbering.
     states = target.mdp.states
-    names = tuple(c.name for c in states.components if c.size >= FEWEST and _ordered(c))
-    names = () if states.names == ("state",) else names
-    groups = [names] if names else []
+    names = list[str]()
+    for component in states.components if states.names != ("state",) else ():
+        labels = component.labels or ("below ", " and above")
+        ordered = labels[0].startswith("below ") and labels[-1].endswith(" and above")
+        if ordered and component.size >= FEWEST:
+            names.append(component.name)
+    groups = [tuple(names)] if names else []
     groups += [(name,) for name in names] if len(names) > 1 else []
     for group in groups:
         name = f"{', '.join(group)} by 2"
         words = f"a coarser table: each two values of {' and '.join(group)} are one"
         build = partial(_merged, target.task, target.mdp, group)
         yield Draft("coarser", name[:90], words, build)
-
-
-def _ordered(component: Component) -> bool:
-    labels = component.labels or ("below ", " and above")
-    return labels[0].startswith("below ") and labels[-1].endswith(" and above")
 
 
 def _merged(task: Any, mdp: FiniteMDP, names: tuple[str, ...]) -> Made:
@@ -560,10 +574,7 @@ def _clusters(mdp: FiniteMDP, names: tuple[str, ...]) -> tuple[Space, IntArray]:
 
 
 def _average(mdp: FiniteMDP, cluster: IntArray, n: int) -> tuple[Any, Any, Any]:
-    """Return chances, next clusters and rewards of the pairs of clusters, (n A, O') each.
-
-    A reward is the mean over the outcomes of a pair that lead to the same cluster.
-    """
+    """Return chances, next clusters and mean rewards of the pairs of clusters, (n A, O') each."""
     n_actions = mdp.outcome_row.shape[1]
     size = np.bincount(cluster, minlength=n)
     pair = (cluster[:, None] * n_actions + np.arange(n_actions)).ravel()

@@ -26,7 +26,7 @@ from curricle import (
 )
 from curricle.arrays import FloatArray
 from curricle.learning import Learner, LearningResult
-from curricle.paper.settings import (
+from curricle.paper.mazes import (
     DISCOUNT,
     EPISODE_CAP,
     EPSILON,
@@ -38,13 +38,12 @@ from curricle.paper.settings import (
     Progress,
     answer,
     in_thousands,
-    over_seeds,
     stacked,
     verdict,
 )
 from curricle.planning import greedy_policy
 from curricle.show import draw_curve, new_figure
-from curricle.statistics import Curve, Interval, paired_difference
+from curricle.statistics import Curve, Interval, mean_interval, paired_difference
 from curricle.text import counted
 from curricle.transfer import UNMAPPED, StateActionMapping, find_projections
 
@@ -243,8 +242,7 @@ VALUES: dict[tuple[int, Any], float] = {
 }
 """Mean of V* over all states (caught ones counted as 0), discount 0.99, computed independently."""
 
-AVERAGED = 4
-"""Checkpoints (40,000 steps) averaged for "at the start" (after the first) and "at the end"."""
+AVERAGED = 4  # checkpoints (40,000 steps) of "at the start" (after the first) and "at the end"
 
 
 def _start(result: LearningResult) -> FloatArray:
@@ -329,7 +327,7 @@ def _as_published(arms: Arms, control: Arms) -> Iterator[Claim]:
 def _as_stated(arms: Arms) -> Iterator[Claim]:
     setting = "4x4, softmax 0.2, both must catch, every state mapped"
     end = {n: _end(arms[n]) for n in ("scratch", *AGGREGATES)}
-    ends = {n: over_seeds(values) for n, values in end.items()}
+    ends = {n: mean_interval(values) for n, values in end.items()}
     best = {
         f"min minus {n}, at the end": paired_difference(end["min"], end[n])
         for n in ("mean", "total", "max")

@@ -1,17 +1,25 @@
-"""The paper's mazes: figures 1 to 3, reward hacking, and the runs that other figures share."""
+"""What a figure consists of, and the paper's mazes: figures 1 to 3 and reward hacking."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
+from math import isnan
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from curricle import (
     Curriculum,
     Episodes,
+    GreedyEvaluation,
     GridWorld,
     QInitialisation,
+    QLearning,
     Rewards,
     StateActionPotential,
     Transfer,
@@ -20,28 +28,124 @@ from curricle import (
     solve,
 )
 from curricle.arrays import FloatArray, IntArray
+from curricle.files import as_json
 from curricle.learning import LearningResult, RewardBonus, StateShaping
-from curricle.paper.settings import (
-    EPSILON,
-    LEARNER,
-    LEARNING_RATE,
-    SUMMED,
-    Claim,
-    FigureResult,
-    Progress,
-    answer,
-    draw_level,
-    maze,
-    over_seeds,
-    stacked,
-    verdict,
-    whiskers,
-)
 from curricle.planning import greedy_policy, rollout
-from curricle.show import COLOURS, draw_curve, draw_maze, draw_potential, new_figure
-from curricle.statistics import Curve, Times, midpoint, time_to_threshold
+from curricle.show import COLOURS, content_of, draw_curve, draw_maze, draw_potential, new_figure
+from curricle.statistics import Curve, Interval, Times, mean_interval, midpoint, time_to_threshold
 from curricle.text import counted
 from curricle.transfer import relative_objects
+
+MAP = resources.files("curricle.paper").joinpath("maze.txt").read_text(encoding="utf-8")
+
+LEARNING_RATE = 0.1
+DISCOUNT = 0.99
+EPSILON = 0.1
+LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
+EPISODE_CAP = 200
+INVERSE_TEMPERATURE = 0.2
+
+SUMMED = GreedyEvaluation(discounted=False)  # the paper's measure, up to the cap
+
+Progress = Callable[[str], object]  # called with a message for each part of a figure
+
+Verdict = Literal["reproduced", "not reproduced", "explained"]
+INTERVAL = ("estimate", "low", "high")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement of the paper, or an answer to an open question of it, and the verdict."""
+
+    id: str
+    claim: str  # the statement
+    setting: str  # where it was tested
+    verdict: Verdict
+    evidence: Mapping[str, Any]  # name -> number, text, or interval over seeds
+
+
+@dataclass(frozen=True)
+class FigureResult:
+    """A figure with its caption, data, settings and claims."""
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+    tables: Mapping[str, Mapping[str, Any]]  # name -> column name -> values of one length
+    claims: Sequence[Claim]
+    settings: Mapping[str, str]
+
+    def files(self, name: str) -> tuple[dict[str, bytes], dict[str, Any]]:
+        """Return the files of the figure called `name`, and its section of the page."""
+        files = {self.name + end: content_of(self.figure, end) for end in (".png", ".svg")}
+        links = {"PNG": f"{self.name}.png"}
+        for table, columns in self.tables.items():
+            sink = pa.BufferOutputStream()
+            pq.write_table(pa.table(dict(columns)), sink)
+            links[f"{table}.parquet"] = f"data/{table}.parquet"
+            files[f"data/{table}.parquet"] = sink.getvalue().to_pybytes()
+        claims = [{"id": claim.id, "figure": name, **vars(claim)} for claim in self.claims]
+        for claim in claims:
+            claim["evidence"] = evidence = dict(claim["evidence"])
+            for key, value in evidence.items():
+                if isinstance(value, Interval):  # whose bounds may be NaN, which JSON has not
+                    parts = {part: float(getattr(value, part)) for part in INTERVAL}
+                    numbers = {part: None if isnan(x) else x for part, x in parts.items()}
+                    evidence[key] = {**numbers, "seeds": value.n}
+        section = {
+            "title": self.title,
+            "caption": self.caption,
+            "image": f"{self.name}.svg",
+            "settings": dict(self.settings),
+            "claims": claims,
+            "links": links,
+        }
+        files[f"data/{self.name}.json"] = as_json(section)
+        return files, section
+
+
+def maze(step: float) -> GridWorld:
+    """Return the paper's 10x10 maze; `step` is -1 in its text and -5 in its runs."""
+    return GridWorld(MAP, rewards=Rewards(step=step), discount=DISCOUNT, time_limit=EPISODE_CAP)
+
+
+def verdict(holds: Any) -> Verdict:
+    """Return the verdict on a claim that holds or does not."""
+    return "reproduced" if holds else "not reproduced"
+
+
+def answer(holds: Any) -> Verdict:
+    """Return the verdict on an open question that a control answers or does not."""
+    return "explained" if holds else "not reproduced"
+
+
+def whiskers(interval: Interval) -> list[list[Any]]:
+    """Return an interval as distances below and above the estimate, for Matplotlib."""
+    return [[interval.estimate - interval.low], [interval.high - interval.estimate]]
+
+
+def in_thousands(panel: Axes) -> None:
+    """Write the horizontal axis in thousands."""
+    panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
+
+
+def draw_level(panel: Axes, level: float, **style: Any) -> None:
+    """Draw a horizontal grey line, at a return to be reached or at 0."""
+    panel.axhline(level, color=COLOURS["grey"], lw=0.8, **style)
+
+
+def stacked(parts: Iterable[Mapping[str, npt.ArrayLike]]) -> dict[str, npt.NDArray[Any]]:
+    """Return parts of a tidy table below each other; the columns of a part are broadcast."""
+    names, columns = list[str](), list[list[npt.NDArray[Any]]]()
+    for part in parts:
+        names = list(part)
+        columns.append([np.ravel(column) for column in np.broadcast_arrays(*part.values())])
+    whole = [np.concatenate(column) for column in zip(*columns, strict=True)]
+    return dict(zip(names, whole, strict=True))
+
+
+# -- what the figures of mazes share ---------------------------------------------------------------
 
 SOURCE_BUDGET, TARGET_BUDGET = Episodes(250), Episodes(800)
 EVERY = 100
@@ -173,8 +277,7 @@ def figure1(seeds: int, workers: int | None, progress: Progress) -> FigureResult
 # -- figure 2: the maze with its optimal path, and learning it with and without transfer ---------
 
 SIZE = 4
-OPTIMUM = {-1.0: 114.6014, -5.0: -1.1773}
-"""V*(start) by step reward, computed independently."""
+OPTIMUM = {-1.0: 114.6014, -5.0: -1.1773}  # v*(start) by step reward, computed independently
 
 
 def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
@@ -202,7 +305,7 @@ def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult
     panel.set(ylim=(-1700, 150), xlim=(0, None))
     panel.legend(loc="lower right")
     weak, strong = (
-        over_seeds(scratch.steps - times(curve, scratch.threshold, strong=strong).steps)
+        mean_interval(scratch.steps - times(curve, scratch.threshold, strong=strong).steps)
         for strong in (False, True)
     )
     right = all(abs(optimal[s].start_value - v) < 5e-5 for s, v in OPTIMUM.items())
@@ -231,7 +334,7 @@ def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult
                 f"source of size {SIZE}, step reward -5; paired over seeds",
                 verdict(weak.low > 0),
                 {
-                    "scratch, steps to threshold": over_seeds(scratch.steps),
+                    "scratch, steps to threshold": mean_interval(scratch.steps),
                     "steps saved (weak transfer)": weak,
                     "steps saved (strong transfer)": strong,
                 },
@@ -243,11 +346,9 @@ def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult
 
 # -- figure 3: steps saved by the size of the source, and the values that a small source learns --
 
-SIZES = range(2, 11)
-"""Size 1 is the treasure alone: it has no state to learn in, so nothing to transfer."""
+SIZES = range(2, 11)  # size 1 is the treasure alone, without a state to learn in
 STEP_REWARDS = {-5.0: "as run", -1.0: "as written"}
-LONG = 150_000
-"""Target steps for size 3, which never reaches the threshold in the paper's 800 episodes."""
+LONG = 150_000  # target steps for size 3, which 800 episodes never take to the threshold
 SAVED = "steps saved (thousands)"
 
 
@@ -268,8 +369,7 @@ class Arm:
         return self.saved - self.cost
 
 
-Arms = Mapping[int | str, Arm]
-"""Size, or "fixed" for the full size with the target's own start -> its arm."""
+Arms = Mapping[int | str, Arm]  # "fixed" is the full size with the target's own start
 
 
 def _transfer(
@@ -319,7 +419,7 @@ def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult
     for x, (step, start) in enumerate((s, a) for s in results for a in (10, "fixed")):
         arm = results[step][start]
         for shift, values, colour in ((-0.2, arm.saved, "blue"), (0.2, arm.net, "orange")):
-            mean = over_seeds(values / 1000)
+            mean = mean_interval(values / 1000)
             style = {"color": COLOURS[colour], "capsize": 2}
             axes[1, 1].bar(x + shift, mean.estimate, 0.38, yerr=whiskers(mean), **style)
         labels.append(f"{'uniform' if start == 10 else 'fixed'} start\nstep {step:g}")
@@ -375,7 +475,7 @@ def _draw_saved(panel: Any, arms: Arms, seeds: int, title: str) -> None:
     ):
         panel.plot(1 + shift, 0, "o", color=colour, label=label, ms=5)
         for size in SIZES:
-            mean = over_seeds((arms[size].net if strong else arms[size].saved) / 1000)
+            mean = mean_interval((arms[size].net if strong else arms[size].saved) / 1000)
             filling = colour if arms[size].reached == seeds else "white"
             style = {"color": colour, "fmt": "o", "ms": 5, "mfc": filling, "capsize": 2}
             panel.errorbar(size + shift, mean.estimate, yerr=whiskers(mean), **style)
@@ -389,17 +489,17 @@ def _claims(step: float, arms: Arms, longer: Arm) -> list[Claim]:
     """Return the claims about the maze with one step reward."""
     setting = f"step reward {step:g} ({STEP_REWARDS[step]}), 800 target episodes"
     tag = STEP_REWARDS[step].replace(" ", "-")
-    saved = {size: over_seeds(arms[size].saved) for size in SIZES}
-    net = {size: over_seeds(arms[size].net) for size in SIZES}
+    saved = {size: mean_interval(arms[size].saved) for size in SIZES}
+    net = {size: mean_interval(arms[size].net) for size in SIZES}
     large = [saved[size] for size in range(4, 11)]
     mean = float(np.mean([s.estimate for s in large]))
     alike = all(s.low > 0 and abs(float(s.estimate) - mean) < mean / 3 for s in large)
     seeds = len(arms[3].saved)
     starts = dict[str, Any]()
     for start, arm in (("fixed", arms["fixed"]), ("uniform", arms[10])):
-        starts[f"{start} start, target steps saved"] = over_seeds(arm.saved)
-        starts[f"{start} start, source steps"] = over_seeds(arm.cost)
-        starts[f"{start} start, net"] = over_seeds(arm.net)
+        starts[f"{start} start, target steps saved"] = mean_interval(arm.saved)
+        starts[f"{start} start, source steps"] = mean_interval(arm.cost)
+        starts[f"{start} start, net"] = mean_interval(arm.net)
     fixed, uniform = starts["fixed start, net"], starts["uniform start, net"]
     explained = fixed.low < 500 and uniform.low > max(0, fixed.high)
     words = (
@@ -416,7 +516,7 @@ def _claims(step: float, arms: Arms, longer: Arm) -> list[Claim]:
             {
                 "steps saved within 800 episodes (at most)": saved[3],
                 "seeds that reached the threshold": f"{arms[3].reached} of {seeds}",
-                f"steps saved when run on for {LONG:,} steps": over_seeds(longer.saved),
+                f"steps saved when run on for {LONG:,} steps": mean_interval(longer.saved),
                 "seeds that reached it then": f"{longer.reached} of {seeds}",
             },
         ),
@@ -505,7 +605,7 @@ def hacking(seeds: int, workers: int | None, progress: Progress) -> FigureResult
                 "finishing (E3); as a potential the same hint keeps the optimal policy",
                 "5x5 grid, treasure 20, step -1, discount 0.95",
                 verdict(loops and (final["as a potential"] > 0).all()),
-                {f"final greedy return, {name}": over_seeds(v) for name, v in final.items()},
+                {f"final greedy return, {name}": mean_interval(v) for name, v in final.items()},
             ),
         ],
         settings={

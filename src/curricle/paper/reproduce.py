@@ -11,15 +11,13 @@ from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError, StoreError, reason
 from curricle.files import as_json, write_whole
 from curricle.paper.figure4 import figure4
-from curricle.paper.mazes import figure1, figure2, figure3, hacking
-from curricle.paper.settings import Progress
+from curricle.paper.mazes import Progress, figure1, figure2, figure3, hacking
 from curricle.paper.trust_figure import trust
 from curricle.progress import Bars, shown
 from curricle.show import STYLE, render
 from curricle.text import counted
 
-INTENDED_SEEDS = 30
-"""Seeds that the verdicts are meant for."""
+INTENDED_SEEDS = 30  # seeds that the verdicts are meant for
 CLAIMS = "claims.json"
 FIGURES = {
     "1": figure1,
@@ -39,12 +37,7 @@ def reproduce(
     workers: int | None = None,
     progress: bool | Progress | Bars | None = True,
 ) -> list[dict[str, Any]]:
-    """Write figures, data, claims and the page into a folder, and return the claims.
-
-    Nothing is written before all figures are made. A function as `progress` is called with a short
-    message for each part. SettingError on an unknown figure or fewer than 2 seeds; StoreError on a
-    folder with other files than those of an earlier run.
-    """
+    """Write figures, data, claims and the page into a folder, and return the claims."""
     wanted = list(dict.fromkeys(figures))
     for name in wanted:
         one_of("a figure", name, FIGURES, SettingError)

@@ -34,7 +34,7 @@ from curricle.comparison import Comparison, Forecast
 from curricle.errors import CalibrationError
 from curricle.learning import LearningResult
 from curricle.paper import mazes
-from curricle.paper.settings import (
+from curricle.paper.mazes import (
     LEARNER,
     Claim,
     FigureResult,
@@ -43,30 +43,23 @@ from curricle.paper.settings import (
     draw_level,
     in_thousands,
     maze,
-    over_seeds,
     stacked,
     whiskers,
 )
 from curricle.show import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
-from curricle.statistics import Curve, Interval, paired_difference
+from curricle.statistics import Curve, Interval, mean_interval, paired_difference
 from curricle.text import counted
 from curricle.transfer import Calibrate
 
 AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
 ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
 SOURCE_STEPS = 400_000
-HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}
-"""Size -> time limit and target steps; discount 0.95."""
-FITTED = Calibrate()
-"""The scale is the one that fits the returns, neither shrunk nor bounded."""
-SWEEP = (1.2, 1.6, 2.0, 2.5)
-"""Scales set by hand."""
-FORECAST_SEEDS, LARGE_SEEDS = 2, 10
-"""Seeds of the forecast, and the most of 7x7."""
-MAZE_STEPS = 150_000
-"""Target steps in the maze."""
-EXAMINED = 20_000
-"""Steps after which the greedy choices in the maze are examined."""
+HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}  # size -> limit, steps
+FITTED = Calibrate()  # the scale is the one that fits the returns, neither shrunk nor bounded
+SWEEP = (1.2, 1.6, 2.0, 2.5)  # scales set by hand
+FORECAST_SEEDS, LARGE_SEEDS = 2, 10  # seeds of the forecast, and the most of 7x7
+MAZE_STEPS = 150_000  # target steps in the maze
+EXAMINED = 20_000  # steps after which the greedy choices in the maze are examined
 Hunts = dict[tuple[int, str], LearningResult]
 """Size and arm, "min" or "mean", also ", calibrated" or " x c" -> training."""
 
@@ -112,10 +105,7 @@ def corner_plan(size: int) -> Curriculum:
 
 
 def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], FloatArray]:
-    """Return the maze from scratch and from its 3x3 corner, without and with a guard.
-
-    And the share of seeds whose greedy choice is wrong with the corner, less that without, (S,).
-    """
+    """Return the maze's arms: scratch, its 3x3 corner, guarded; and the wrong choices added."""
     plan = corner_plan(3)
     sources = plan.train(seeds, only=["corner"], workers=workers).sources
     arms = {
@@ -136,15 +126,6 @@ def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], 
     return results, wrong[0] - wrong[1]
 
 
-def _is_refused(phi: Any, seed: int) -> bool:
-    """Return whether a scale is the wrong model for a potential."""
-    try:
-        calibrate(phi, seed=seed)
-    except CalibrationError:
-        return True
-    return False
-
-
 def tenths(result: LearningResult) -> FloatArray:
     """Return the mean training return in each tenth of a run, (K, 10)."""
     values = result.training_return[:, 1:]
@@ -159,8 +140,7 @@ STYLES = {
     "mean, calibrated": ("blue", "-"),
 }
 MAZES = {"scratch": "black", "from the 3x3 corner": "vermillion", "the same, guarded": "green"}
-SHOWN = 60_000
-"""Steps in the maze that are drawn."""
+SHOWN = 60_000  # steps in the maze that are drawn
 
 
 def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
@@ -188,8 +168,13 @@ def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     for size in range(3, 11):
         plan = corner_plan(size)
         sources = plan.train(seeds, only=["corner"], workers=workers).sources
-        potentials = plan.potentials("target", sources)
-        refused[size] = sum(map(_is_refused, potentials, range(seeds))) / seeds
+        refusals = 0  # a scale is then the wrong model
+        for seed, phi in enumerate(plan.potentials("target", sources)):
+            try:
+                calibrate(phi, seed=seed)
+            except CalibrationError:
+                refusals += 1
+        refused[size] = refusals / seeds
     progress("maze, calibration")
     figure, axes = new_figure(2, 3, width=13.5, height=7.6)
     _draw_forecast(axes[0, 0], predicted)
@@ -293,10 +278,8 @@ def _draw_guard(panel: Any, guarded: Mapping[str, LearningResult], threshold: fl
 
 
 WHERE = "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, truncated at 100, 400,000 steps"
-MOSTLY = 0.5
-"""Share of seeds in which the choice in a cell must have become wrong."""
-NEAR = 1.05
-"""Cost of a calibrated arm at most, relative to the best scale set by hand."""
+MOSTLY = 0.5  # share of seeds in which the choice in a cell must have become wrong
+NEAR = 1.05  # cost of a calibrated arm at most, relative to the best scale set by hand
 
 
 def _end(result: LearningResult) -> Any:
@@ -327,7 +310,7 @@ def _forecast_claims(predicted: Forecast, compared: Comparison, hunts: Hunts) ->
         },
     )
     rows = {name: predicted[name].mean("start") for name in predicted.ranking}
-    first = {name: over_seeds(compared[name].curve.values[:, 0]) for name in AGGREGATES}
+    first = {name: mean_interval(compared[name].curve.values[:, 0]) for name in AGGREGATES}
     order = [float(interval.estimate) for interval in first.values()]
     seen = rows["minimum"] > rows["mean"] > rows["maximum"]
     yield Claim(
@@ -366,7 +349,7 @@ def _calibration_claims(hunts: Hunts) -> Iterator[Claim]:
         ends[1.0] = float(_end(hunts[5, name]).mean())
         best = max(ends, key=ends.__getitem__)
         fitted = hunts[5, f"{name}, calibrated"]
-        numbers[f"{name}, calibrated, last tenth"] = over_seeds(_end(fitted))
+        numbers[f"{name}, calibrated, last tenth"] = mean_interval(_end(fitted))
         numbers[f"{name}, best scale by hand"] = best
         numbers[f"{name}, last tenth at that scale"] = ends[best]
         numbers[f"{name}, calibrated, last minus first tenth"] = _change(fitted)
@@ -381,7 +364,7 @@ def _calibration_claims(hunts: Hunts) -> Iterator[Claim]:
         answer(near and rising),
         numbers,
     )
-    last = {name: over_seeds(_end(hunts[7, name])) for name in STYLES}
+    last = {name: mean_interval(_end(hunts[7, name])) for name in STYLES}
     halved = all(
         last[f"{name}, calibrated"].estimate > last[name].estimate / 2 for name in ("min", "mean")
     )
@@ -442,7 +425,7 @@ def _maze_claims(
         name: mazes.times(Curve.of(result), threshold).steps for name, result in guarded.items()
     }
     alone = steps.pop("scratch")
-    saved = {name: over_seeds(alone - reached) for name, reached in steps.items()}
+    saved = {name: mean_interval(alone - reached) for name, reached in steps.items()}
     yield Claim(
         "trust.guard",
         "A harmful source (size 3) does no harm, within noise, to a learner with a guard",
@@ -451,7 +434,7 @@ def _maze_claims(
             saved["the same, guarded"].high >= 0 and saved["from the 3x3 corner"].high < -10_000
         ),
         {f"{name}, steps saved": value for name, value in saved.items()}
-        | {"scratch, steps to threshold": over_seeds(alone)},
+        | {"scratch, steps to threshold": mean_interval(alone)},
     )
     added = {
         f"row {row}, column {column}": float(share)

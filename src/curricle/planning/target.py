@@ -10,7 +10,7 @@ from curricle.errors import SettingError
 from curricle.planning.greedy import EqualValues, Values
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.solution import Solution, solve
-from curricle.statistics.thresholds import fraction_of_optimum
+from curricle.statistics.curves import fraction_of_optimum
 from curricle.tasks.mdp import Task, generative_model, has_tables, tables
 from curricle.text import brief_repr
 

@@ -1,10 +1,16 @@
 from .curves import (
     Curve as Curve,
+    Times as Times,
     asymptotic_performance as asymptotic_performance,
     jumpstart as jumpstart,
     mean_return as mean_return,
+    midpoint as midpoint,
+    steps_saved as steps_saved,
+    time_to_threshold as time_to_threshold,
 )
 from .hypothesis_tests import (
+    Looks as Looks,
+    add_seeds as add_seeds,
     probability_of_improvement as probability_of_improvement,
     sign_flip_test as sign_flip_test,
 )
@@ -13,11 +19,4 @@ from .intervals import (
     interquartile_interval as interquartile_interval,
     mean_interval as mean_interval,
     paired_difference as paired_difference,
-)
-from .sequential import Looks as Looks, add_seeds as add_seeds
-from .thresholds import (
-    Times as Times,
-    midpoint as midpoint,
-    steps_saved as steps_saved,
-    time_to_threshold as time_to_threshold,
 )

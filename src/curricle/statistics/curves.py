@@ -6,9 +6,14 @@ reaching a threshold; everywhere else the seed's first measured value stands for
 Weak transfer ignores the steps spent on source tasks. Strong transfer charges them, so that both
 arms are compared at the same total number of steps (``charge_source``).
 
+A seed that never reaches a threshold is censored, not dropped: its time is known only to exceed
+its observed steps. Leaving it out, or taking these steps as its time, would favour the arm.
+
 Sources: Taylor and Stone, "Transfer learning for reinforcement learning domains: a survey", JMLR
 10, 2009; Narvekar et al., "Curriculum learning for reinforcement learning domains: a framework and
-survey", JMLR 21(181), 2020.
+survey", JMLR 21(181), 2020; Kaplan and Meier, Journal of the American Statistical Association 53,
+1958; Royston and Parmar, "Restricted mean survival time", BMC Medical Research Methodology 13:152,
+2013; Thompson, Annals of Mathematical Statistics 7, 1936.
 """
 
 from __future__ import annotations
@@ -19,21 +24,28 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray, Frozen, IntArray, frozen
-from curricle.display import block, curves
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
+from curricle.checks import number
+from curricle.display import block, curves, printed
 from curricle.errors import SettingError
-from curricle.statistics.intervals import seed_line
+from curricle.statistics.intervals import (
+    CONFIDENCE,
+    Interval,
+    check_confidence,
+    check_each,
+    mean_interval,
+    seed_line,
+)
 from curricle.text import brief_repr, counted
 
-SCRATCH = "scratch"
-"""Name of the arm that learns the target from scratch, with which all others are compared."""
-ROUNDING = 1e-7
-"""Relative difference of two mean returns that rounding can cause in exact evaluations."""
+SCRATCH = "scratch"  # the arm that learns the target alone, with which others are compared
+ROUNDING = 1e-7  # relative difference that rounding causes between two exact mean returns
+SHARE_ROUNDING = 1e-9  # difference of a product of shares from the fraction that it stands for
 
 
 @dataclass(frozen=True, eq=False)
 class Curve(Frozen):
-    """The learning curves of an arm, a row a seed. The arrays are copied and frozen.
+    """The learning curves of an arm, a row a seed, copied and frozen; SettingError on others.
 
     Attributes
     ----------
@@ -45,11 +57,6 @@ class Curve(Frozen):
     source_steps : (K,) int64
         Steps of a seed in source tasks before its first target step; a single number stands for all
         seeds.
-
-    Raises
-    ------
-    SettingError
-        If a shape, a checkpoint or a value breaks the rules above.
 
     Examples
     --------
@@ -134,11 +141,7 @@ class Curve(Frozen):
 
 
 def smooth(values: FloatArray, window: int) -> FloatArray:
-    """Return the trailing mean of each row over the last `window` checkpoints.
-
-    smooth_t = mean(values_{t - window + 1}, ..., values_t), over fewer at the start; NaN stays. A
-    constant row stays exactly constant, so that rounding moves no threshold.
-    """
+    """Return the trailing mean of each row over the last `window` checkpoints; NaN stays."""
     mean = values.copy()
     if not 1 <= window <= mean.shape[1] or int(window) != window:
         raise SettingError(
@@ -146,7 +149,8 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
         )
     original = mean.copy()
     for lag in range(1, int(window)):
-        step = (original[:, :-lag] - mean[:, lag:]) / (lag + 1)  # running mean, newest first
+        # A running mean, newest first: a constant row stays so, and rounding moves no threshold.
+        step = (original[:, :-lag] - mean[:, lag:]) / (lag + 1)
         mean[:, lag:] += np.where(np.isnan(step), 0.0, step)
     return mean
 
@@ -155,13 +159,7 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     """Return a transfer curve over total steps, source steps included (strong transfer).
 
     At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, and
-    then its value at x - source_steps_k target steps, interpolated between checkpoints. A measure
-    of the result is that measure under strong transfer, at the same total budget.
-
-    Where learning falls below its first value, that value would be a gift: the baseline itself,
-    begun later, would have a larger area. Its gain, mean over seeds, is taken off the first value.
-    So a source that teaches nothing gains nothing, and no strong gain exceeds the weak gain over
-    the same target steps.
+    then its value at x - source_steps_k target steps, interpolated between checkpoints.
     """
     require_pair(baseline, transfer)
     require_no_source(baseline)
@@ -173,6 +171,8 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
         for rows in (alone, transfer.filled())
     )
     first = np.broadcast_to(alone[:, :1], alone.shape)
+    # Where learning falls below its first value, that value is a gift: the baseline begun later
+    # has a larger area. Taken off, a source that teaches nothing gains nothing.
     gift = np.trapezoid(np.where(training, first, late) - alone, steps, axis=1).mean()
     if gift > 0:
         first = first - gift / np.trapezoid(1.0 * training, steps, axis=1).mean()
@@ -208,24 +208,15 @@ def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> Floa
     """Return how much better transfer starts than learning from scratch (Taylor and Stone 2009).
 
     transfer_k(steps_0) - baseline_k(steps_0 + c_k), with c_k = 0 if weak and source_steps_k if
-    strong: the baseline has then learnt for as many steps as the sources took.
+    strong: the baseline has then learnt for as many steps as the sources took. NaN if they exceed
+    its curve, which is interpolated. SettingError if the curves do not pair.
 
     Parameters
     ----------
     baseline, transfer : Curve
         The same K seeds and T checkpoints.
     strong : bool
-        Whether to charge the source steps.
-
-    Returns
-    -------
-    (K,) float64
-        Return; NaN if the source steps exceed the baseline's curve, which is interpolated.
-
-    Raises
-    ------
-    SettingError
-        If the curves do not pair, or if strong and `baseline` has source steps.
+        Whether to charge the source steps; `baseline` then has none.
 
     Examples
     --------
@@ -289,3 +280,241 @@ def _whole(name: str, array: IntArray) -> IntArray:
     if copy.dtype.kind not in "iu":
         raise SettingError(f"{name} must be integers: got dtype {copy.dtype}")
     return copy.astype(np.int64)
+
+
+# -- Thresholds, and the steps that a learner takes to reach them ----------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Times(Frozen):
+    """The steps of each seed to a threshold, censored seeds included; SettingError on others.
+
+    Attributes
+    ----------
+    steps : (K,) float64
+        Steps to the threshold, from 0, finite; of a seed that never reached it, its observed steps,
+        which its true time exceeds (right-censored).
+    reached : (K,) bool
+        Whether the seed reached the threshold.
+
+    Examples
+    --------
+    >>> print(Times(np.array([200.0, 900.0]), np.array([True, False])))
+    at least 550 steps (1 of 2 seeds never reached it)
+    """
+
+    steps: FloatArray
+    reached: BoolArray
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
+
+    def __post_init__(self) -> None:
+        steps = np.array(self.steps, dtype=np.float64)
+        reached = np.array(self.reached, dtype=np.bool_)
+        if steps.ndim != 1 or steps.size == 0 or steps.shape != reached.shape:
+            raise SettingError(
+                "steps and reached must both have shape (K,) with K at least 1:"
+                f" got {steps.shape} and {reached.shape}"
+            )
+        valid = np.isfinite(steps) & (steps >= 0)
+        check_each("steps must be finite and at least 0", valid, steps, "seed")
+        for name, array in (("steps", steps), ("reached", reached)):
+            object.__setattr__(self, name, frozen(array))
+
+    def survival(self) -> Any:
+        """Return the share of seeds that are not yet at the threshold, by Kaplan and Meier.
+
+        share(t) = prod_{t_i <= t} (1 - d_i / n_i), where d_i seeds reach the threshold at t_i and
+        n_i are observed until then and have not reached it before. The end of a seed's observation
+        must not depend on its returns, as a budget of steps does not. Of the result of
+        ``scipy.stats.ecdf``, ``quantiles`` (L,) are steps, and ``probabilities`` (L,) the shares
+        from these steps on.
+
+        Examples
+        --------
+        >>> reached = np.array([True, False, True, True])
+        >>> curve = Times(np.array([100.0, 200.0, 300.0, 300.0]), reached).survival()
+        >>> curve.quantiles, curve.probabilities
+        (array([100., 200., 300.]), array([0.75, 0.75, 0.  ]))
+        """
+        from scipy.stats import CensoredData, ecdf  # half a second that few need
+
+        return ecdf(CensoredData.right_censored(self.steps, ~self.reached)).sf
+
+    def median(self, *, confidence: float = CONFIDENCE) -> Interval:
+        """Return the median time with the interval of the sign test, in steps.
+
+        The estimate is min {t : share(t) <= 1/2} of :meth:`survival`, infinite if the share stays
+        above. The bounds are the two order statistics of the times between which the median lies
+        with at least the stated probability, whatever the distribution (Thompson 1936). A censored
+        time counts as its observed steps for the lower bound and as infinite for the upper bound.
+        Five seeds or fewer bound no median at 95 %: from 0 to infinity.
+
+        Examples
+        --------
+        >>> reached = np.array([True] * 7 + [False])
+        >>> print(Times(np.arange(1.0, 9.0) * 100, reached).median())
+        400 [100, inf], 8 seeds
+        """
+        from scipy.stats import quantile_test  # half a second that few need
+
+        check_confidence(confidence)
+        k, curve = self.steps.size, self.survival()
+        half = curve.probabilities <= 0.5 + SHARE_ROUNDING
+        median = float(curve.quantiles[half.argmax()]) if half.any() else np.inf
+        if k == 1:
+            return Interval(median, np.nan, np.nan, confidence, 1)
+        latest = np.where(self.reached, self.steps, np.inf)
+        low = quantile_test(self.steps).confidence_interval(confidence).low
+        high = quantile_test(latest).confidence_interval(confidence).high
+        if np.isnan(low):  # too few seeds
+            low, high = 0.0, np.inf
+        return Interval(median, float(low), float(high), confidence, k)
+
+    def restricted_mean(
+        self, horizon: float | None = None, *, confidence: float = CONFIDENCE
+    ) -> Interval:
+        """Return the mean time within a horizon with Student's interval, in steps.
+
+        mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon.
+        By default a seed counts with its observed steps: the mean time if all seeds reached the
+        threshold, else a lower bound of it, with infinity as the upper bound. The bounds are
+        clipped to 0 and the horizon.
+
+        Parameters
+        ----------
+        horizon : float, optional
+            Above 0, at most the observed steps of any censored seed, or SettingError. Arms are
+            comparable only within the same horizon.
+        confidence : float
+            Between 0 and 1.
+
+        Examples
+        --------
+        >>> times = Times(np.array([200.0, 400.0, 900.0]), np.array([True, True, False]))
+        >>> print(times.restricted_mean(600.0))
+        400 [0, 600], 3 seeds
+        """
+        within = self.steps
+        if horizon is not None:
+            if number("horizon", horizon, SettingError) <= 0:
+                raise SettingError(f"horizon must be above 0 steps: got {horizon:g}")
+            short = ~self.reached & (self.steps < horizon)
+            if short.any():
+                place = int(np.argmax(short))
+                raise SettingError(
+                    f"horizon must not exceed the observed steps of a censored seed: got"
+                    f" {horizon:g}, seed {place} was censored at {self.steps[place]:g}"
+                )
+            within = np.minimum(self.steps, horizon)
+        mean = mean_interval(within, confidence=confidence)
+        low, high = np.clip([mean.low, mean.high], 0.0, horizon)
+        if horizon is None and not self.reached.all() and not np.isnan(high):
+            high = np.inf
+        return Interval(mean.estimate, float(low), float(high), confidence, mean.n)
+
+    def __str__(self) -> str:
+        seeds, missed = self.reached.size, int(np.sum(~self.reached))
+        of_seeds = f"{seeds} seed{'s' if seeds > 1 else ''}"
+        text = f"{self.steps.mean():,.0f} steps"
+        if missed == 0:
+            return f"{text} ({of_seeds})"
+        return f"at least {text} ({missed} of {of_seeds} never reached it)"
+
+
+def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
+    """Return the threshold midway between a curve's lowest and highest value (paper, figure 3).
+
+    (min_t m_t + max_t m_t) / 2, where m is the mean over seeds of the :meth:`Curve.filled` and
+    smoothed curve. SettingError if `window` or `after` does not fit the curve.
+
+    Parameters
+    ----------
+    curve : Curve
+        Usually that of learning from scratch.
+    window : int
+        Checkpoints to smooth over; 10 in the paper.
+    after : int
+        Steps; earlier checkpoints do not count. An untrained table breaks all its ties at random,
+        which can be far worse than anything later.
+
+    Examples
+    --------
+    >>> midpoint(Curve(np.array([0, 100]), np.array([[-9.0, -1.0], [-7.0, -3.0]])))
+    -5.0
+    """
+    late = curve.steps >= after
+    if not late.any():
+        raise SettingError(
+            f"after must not exceed the last checkpoint, {curve.steps[-1]}: got {after}"
+        )
+    mean = smooth(curve.filled(), window).mean(axis=0)[late]
+    return float((mean.min() + mean.max()) / 2)
+
+
+def fraction_of_optimum(optimum: float, worst: float, fraction: float) -> float:
+    """Return worst + fraction (optimum - worst); a fraction of 1 gives the optimum exactly."""
+    if not (np.isfinite(optimum) and np.isfinite(worst) and worst <= optimum):
+        raise SettingError(f"worst must be finite and at most optimum: got {worst} and {optimum}")
+    if not 0 <= fraction <= 1:
+        raise SettingError(f"fraction must be from 0 to 1: got {fraction}")
+    return float(optimum - (1 - fraction) * (optimum - worst))
+
+
+def time_to_threshold(
+    curve: Curve, threshold: float, *, window: int = 1, strong: bool = False
+) -> Times:
+    """Return the steps of each seed until its smoothed value first reaches a threshold.
+
+    min {steps_t : smooth_t >= threshold}, plus the source steps if strong. A seed that never
+    reaches it is censored at the last checkpoint (plus its source steps if strong). SettingError if
+    `threshold` is not finite or `window` does not fit the curve.
+
+    Parameters
+    ----------
+    curve : Curve
+    threshold : float
+        Return.
+    window : int
+        Checkpoints to smooth over.
+    strong : bool
+        Whether to charge the source steps.
+
+    Examples
+    --------
+    >>> curve = Curve(np.array([0, 100, 200]), np.array([[0.0, 5.0, 9.0], [0.0, 1.0, 2.0]]))
+    >>> time_to_threshold(curve, 5.0)
+    Times(steps=array([100., 200.]), reached=array([ True, False]))
+    """
+    if not np.isfinite(threshold):
+        raise SettingError(f"threshold must be a finite return: got {threshold}")
+    above = smooth(curve.values, window) >= threshold
+    reached = np.asarray(above.any(axis=1))
+    place = np.where(reached, above.argmax(axis=1), curve.steps.size - 1)
+    steps = curve.steps[place] + (curve.source_steps if strong else 0)
+    return Times(steps.astype(np.float64), reached)
+
+
+def steps_saved(
+    baseline: Curve, transfer: Curve, threshold: float, *, window: int = 1, strong: bool = False
+) -> FloatArray:
+    """Return the steps to threshold that transfer saves, (K,).
+
+    time_to_threshold(baseline)_k - time_to_threshold(transfer)_k. Where only the baseline is
+    censored the true saving is at least this; where only transfer is, at most this. Where both are,
+    it is 0, or minus the source steps if strong. SettingError if the curves do not pair, or as of
+    :func:`time_to_threshold`.
+
+    Examples
+    --------
+    >>> steps = np.array([0, 100, 200])
+    >>> scratch = Curve(steps, np.array([[0.0, 1.0, 5.0]]))
+    >>> helped = Curve(steps, np.array([[5.0, 5.0, 5.0]]), np.array([150]))
+    >>> steps_saved(scratch, helped, 5.0), steps_saved(scratch, helped, 5.0, strong=True)
+    (array([200.]), array([50.]))
+    """
+    require_pair(baseline, transfer)
+    without = time_to_threshold(baseline, threshold, window=window, strong=strong)
+    with_transfer = time_to_threshold(transfer, threshold, window=window, strong=strong)
+    return without.steps - with_transfer.steps

@@ -25,14 +25,10 @@ from curricle.display import Line, printed
 from curricle.errors import SettingError
 from curricle.text import brief_repr, counted
 
-CONFIDENCE = 0.95
-"""Nominal coverage of an interval by default."""
-ROUNDING = 1e-12
-"""Share of the largest value by which rounding can make equal values differ."""
-APART, FEWEST_CLUSTERED = 3, 5
-"""Ranges of a cluster between it and another cluster, and the fewest seeds that have clusters."""
-DIGITS = 9
-"""Significant digits of a printed interval at most; three if its bounds differ in them."""
+CONFIDENCE = 0.95  # nominal coverage of an interval by default
+ROUNDING = 1e-12  # share of the largest value by which rounding can make equal values differ
+APART, FEWEST_CLUSTERED = 3, 5  # ranges between two clusters; the fewest seeds that have any
+DIGITS = 9  # significant digits of a printed interval at most; three if its bounds differ in them
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +76,7 @@ class Interval(Frozen):
 
 
 def interquartile_mean(values: npt.ArrayLike) -> float | FloatArray:
-    """Return the mean of the middle half of the values of the seeds, (K,) or (K, T).
-
-    The floor(K / 4) smallest and the floor(K / 4) largest of K values are left out, as by
-    ``scipy.stats.trim_mean(values, 0.25)`` in rliable. NaN where any value is NaN.
-    """
+    """Return the mean of the middle half of the values, (K,) or (K, T); NaN where any is NaN."""
     array = np.asarray(values, dtype=np.float64)
     if len(array) == 0:
         raise SettingError(f"an interquartile mean needs at least 1 seed: got shape {array.shape}")
@@ -100,24 +92,14 @@ def mean_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> I
 
     mean +- t s / sqrt(K), where s is the standard deviation over the K seeds and t the quantile of
     Student's distribution with K - 1 degrees of freedom (Student 1908). Exact for normal values,
-    too short for skewed values of few seeds (docs/trust.md).
+    too short for skewed values of few seeds (docs/trust.md). SettingError on other arguments.
 
     Parameters
     ----------
     values : (K,) or (K, T) float64
-        A NaN makes its checkpoint NaN.
+        Not infinite; a NaN makes its checkpoint NaN. (K, T) gives arrays (T,).
     confidence : float
         Between 0 and 1.
-
-    Returns
-    -------
-    Interval
-        Floats for (K,), arrays (T,) for (K, T).
-
-    Raises
-    ------
-    SettingError
-        If a shape or setting breaks these rules or a value is infinite.
 
     Examples
     --------
@@ -158,17 +140,13 @@ def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDE
 
 
 def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
-    """Return the values (K,) below and above their widest gap if they are two clusters, else None.
-
-    They are two if the gap is more than three times the range of either: some seeds learnt, say,
-    and others did not. Of samples of a single cluster (normal, Gumbel, lognormal with sigma 0.5)
-    less than 1 % count as two with 10 values or more, up to 11 % with 5, and none with fewer.
-    """
+    """Return the values (K,) below and above their widest gap if they are two clusters."""
     ordered = np.sort(vector("values", values))
     if len(ordered) < FEWEST_CLUSTERED:
         return None
     gaps = np.diff(ordered)
     low, high = np.split(ordered, [int(gaps.argmax()) + 1])
+    # Of samples of one cluster less than 1 % count as two with 10 values, up to 11 % with 5.
     widest = max(np.ptp(low), np.ptp(high), ROUNDING * float(abs(ordered).max()))
     return (low, high) if gaps.max() > APART * widest else None
 

@@ -186,15 +186,11 @@ def _depends_on_total(curriculum: Curriculum) -> str:
 
 # -- What only the tasks say of results: forecasts, certificates, episodes; stored when a run ends -
 
-EFFORT = 800_000
-"""Target pairs times forecasts times seeds at most: about ten seconds."""
-MOST_SEEDS = 3
-"""Seeds of a forecast."""
-LARGEST_CERTIFIED = 20_000_000
-"""Target pairs up to which a potential is certified."""
+EFFORT = 800_000  # target pairs times forecasts times seeds at most: about ten seconds
+MOST_SEEDS = 3  # seeds of a forecast
+LARGEST_CERTIFIED = 20_000_000  # target pairs up to which a potential is certified
 DIGEST_BYTES = 8
-LARGEST_TABLE = 20_000_000
-"""Pairs (S x A) of a task up to which its episodes are kept."""
+LARGEST_TABLE = 20_000_000  # pairs (S x A) of a task up to which its episodes are kept
 
 
 def analyse(study: StudyResults, arms: Arms) -> None:
@@ -247,12 +243,7 @@ def analysed(
 def before_and_after(
     snapshots: Snapshots, task: Task, view: GridView, *, discounted: bool
 ) -> EpisodePair | None:
-    """Return an episode of the first greedy policy and one of the last.
-
-    Both have the same start and random stream; ties are broken uniformly; returns may be
-    `discounted`. None where the task is given by functions or too large, or where a state is not in
-    the view.
-    """
+    """Return an episode of the first greedy policy and one of the last; None if not drawn."""
     model = generative_model(task)
     pairs = model.states.size * model.actions.size
     if pairs > LARGEST_TABLE or not (has_tables(task) or is_live(task)):
@@ -268,10 +259,8 @@ def before_and_after(
             return None
         rewards = path.rewards * weight ** np.arange(len(path))
         returns = np.concatenate([[0.0], rewards.cumsum()])
-        record = EpisodeRecord(cells=cells, returns=returns, terminated=path.terminated)
-        episodes.append(record)
-    before, after = episodes
-    return EpisodePair(before=before, after=after)
+        episodes.append(EpisodeRecord(cells=cells, returns=returns, terminated=path.terminated))
+    return EpisodePair(before=episodes[0], after=episodes[1])
 
 
 def _section(
@@ -279,17 +268,15 @@ def _section(
 ) -> SectionRecord:
     curriculum = results[arms[0]].curriculum
     target = curriculum.target
-    extent = _observed_extent if is_observation_task(curriculum.tasks[target]) else _extent
-    seeds, certified, left_out = extent(arms, results, target, n_groups)
+    seeds, certified, left_out = _extent(arms, results, target, n_groups)
     record: ForecastRecord | None = None
     certificates: dict[str, tuple[tuple[str, ...], Certificate | SampledCertificate]] = {}
     try:
         record = _forecast(arms, results, target, seeds) if seeds else None
         for arm in arms if certified else ():
             shaping = results[arm].curriculum.setting("shaping", target)
-            potential = _entering(results[arm], target)
-            task = results[arm].curriculum.tasks[target]
-            certificate = certify(task, shaping.with_potential(potential))
+            shaping = shaping.with_potential(_entering(results[arm], target))
+            certificate = certify(results[arm].curriculum.tasks[target], shaping)
             alike, _ = certificates.get(str(certificate), ((), certificate))
             certificates[str(certificate)] = (*alike, arm), certificate
     except CurricleError as error:  # what was learnt stands all the same
@@ -310,6 +297,19 @@ def _extent(
 ) -> tuple[int, bool, list[str]]:
     """Return the seeds of the forecast, whether to certify, and what is left out and why."""
     first = results[arms[0]]
+    if is_observation_task(first.curriculum.tasks[target]):
+        left_out = [
+            f"Certificates are left out, because {target} is seen through observations: they need "
+            "numbered states."
+        ]
+        edges = first.curriculum.in_edges(target)
+        readable = all(first.sources[edge.source].values is not None for edge in edges)
+        if not readable:
+            left_out.append(
+                "The forecast is left out, because the sources' values were not kept, or their "
+                'networks cannot be read here: pip install "curricle[deep]".'
+            )
+        return int(readable), False, left_out
     space = generative_model(first.curriculum.tasks[target])
     pairs = space.states.size * space.actions.size
     kept = all(
@@ -324,33 +324,12 @@ def _extent(
     why = why if kept else "the sources' values were not kept in dense tables"
     left_out = []
     if not seeds:
-        left_out.append(
-            f"The forecast is left out, because {why}: curricle.forecast(curriculum) gives it."
-        )
+        text = f"The forecast is left out, because {why}: curricle.forecast(curriculum) gives it."
+        left_out.append(text)
     if not certified:
-        left_out.append(
-            f"Certificates are left out, because {why}: curricle.certify(task, shaping) gives them."
-        )
+        text = "Certificates are left out, because "
+        left_out.append(f"{text}{why}: curricle.certify(task, shaping) gives them.")
     return seeds, certified, left_out
-
-
-def _observed_extent(
-    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, _: int
-) -> tuple[int, bool, list[str]]:
-    """Return the same of a target seen through observations: one seed, and no certificates."""
-    left_out = [
-        f"Certificates are left out, because {target} is seen through observations: they need "
-        "numbered states."
-    ]
-    first = results[arms[0]]
-    edges = first.curriculum.in_edges(target)
-    readable = all(first.sources[edge.source].values is not None for edge in edges)
-    if not readable:
-        left_out.append(
-            "The forecast is left out, because the sources' values were not kept, or their "
-            'networks cannot be read here: pip install "curricle[deep]".'
-        )
-    return int(readable), False, left_out
 
 
 def _forecast(
@@ -393,15 +372,7 @@ IN_THE_TASK = "--study FILE, the study's own file, plays one in the task itself"
 def stored_episode(
     results: StudyResults, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
-    """Return the last greedy episode of a task that a folder stores, and the seed that learnt it.
-
-    No task is made and no module of the study imported. The folder keeps the sum of the rewards,
-    and no actions.
-
-    A `seed` is the one that must have learnt it. StoreError when the folder has no such arm or
-    task, or no such episode: those of tasks with a grid and snapshots are stored, of the first
-    seed, when a run that compares arms has ended.
-    """
+    """Return the last greedy episode of a task in a folder, and the seed that learnt it."""
     _check_names(results, arm, task)
     analysis, about = results.analysis, results.record.task(arm, task)
     pair = None if analysis is None else analysis.episodes.get(arm, {}).get(task)
@@ -435,13 +406,7 @@ def stored_episode(
 def played_episode(
     results: StudyResults, study: StudyConfig, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
-    """Return an episode of a learnt policy in the task itself, and the seed that learnt it.
-
-    The tasks of `study`, the file that was run, are made. By default the seed is the first of those
-    that have the best last greedy return. StoreError when the folder holds no such result, or the
-    results of other settings; SettingError when the values were not saved, or the task has no time
-    limit.
-    """
+    """Return an episode of a learnt policy in the task itself, and the seed that learnt it."""
     _check_names(results, arm, task)
     learnt, arms = results.result(arm, task), Arms.of(study)
     if arms.keys.get((arm, task)) != results.record.keys[arm, task]:

@@ -19,7 +19,7 @@ from curricle.comparison.plan import (
 )
 from curricle.comparison.running import Trained, train
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.sources import StoredValues, source_values
+from curricle.curriculum.result import StoredValues, source_values
 from curricle.errors import ConfigError, SettingError
 from curricle.files import Place
 from curricle.learning.saved_result import arrays_of

@@ -74,21 +74,19 @@ from curricle.study.schema import (
 )
 from curricle.study.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
 from curricle.study.vary import (
+    SWEEP_HOME,
     SweepTable,
     TuneTable,
     Tuning,
     varied_arms,
-    wrong_made,
     wrong_sweep,
     wrong_tuning,
 )
 from curricle.tasks.family import FamilyMember
 from curricle.text import counted, shortened
 
-ONLY_ARM = "transfer"
-"""The name of the arm of a study without arms."""
-Messages = Iterator[tuple[KeyPath, str]]
-"""What is wrong, each with its key path."""
+ONLY_ARM = "transfer"  # the name of the arm of a study without arms
+Messages = Iterator[tuple[KeyPath, str]]  # what is wrong, each with its key path
 
 # -- The tables of a study: as a file writes them, and as they are with all settings filled in -----
 
@@ -236,9 +234,8 @@ def _docstrings(module: str) -> dict[str, dict[str, str]]:
 class StudyConfig(RunTable):
     """A study of which nothing is left to fill in: every arm is complete, every map is there.
 
-    :func:`read_study` makes it from a file, :meth:`from_data` from :meth:`to_data`. Two files with
-    one meaning give equal configurations, and a study's results depend on nothing else but the
-    modules of its own functions.
+    :func:`read_study` makes it from a file, :meth:`from_data` from :meth:`to_data`. Results depend
+    on nothing else but the modules of its own functions.
 
     Parameters
     ----------
@@ -247,12 +244,11 @@ class StudyConfig(RunTable):
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
     scratches : dict of str to ArmTables, optional
-        The arms that learn the target from scratch, where a sweep or a tuning gives them settings;
-        else they follow from the first arm.
+        The arms from scratch that a sweep or a tuning made; else they follow from the first arm.
     variants : dict of str to VariantRecord, optional
         The settings of each arm that a sweep or a tuning gave it, scratch included.
     tune : Tuning, optional
-        What is to be searched for every arm before the study is run.
+        What is searched for every arm before the study is run.
     own_learners : bool, optional
         Whether each arm may learn the target in its own way, as it was tuned.
     total : int, optional
@@ -297,19 +293,8 @@ class StudyConfig(RunTable):
     ) -> Self:
         """Return the configuration that plain data describe, as :meth:`to_data` returns them.
 
-        Parameters
-        ----------
-        data : dict
-        folder : Path
-            Of the modules with the study's own functions.
-        positions : Positions, optional
-            Where in a file things are, for messages.
-        say : callable
-            Takes each line about a mapping that is found.
-
-        Raises
-        ------
-        pydantic.ValidationError
+        `folder` has the modules with the study's own functions, `positions` are for messages, and
+        `say` takes each line about a mapping that is found. Raises pydantic.ValidationError.
         """
         families = positions.families if positions else ()
         context = {"folder": folder, "families": families}
@@ -319,11 +304,7 @@ class StudyConfig(RunTable):
         return config
 
     def to_data(self) -> dict[str, Any]:
-        """Return the configuration as plain data, which JSON can hold.
-
-        Maps are in it, every arm is complete and every setting is given, so that equal data mean
-        equal results as long as the study's own functions stay the same.
-        """
+        """Return the configuration as plain data for JSON, with maps and every setting."""
         return self.model_dump(mode="json", exclude_none=True)
 
     def __eq__(self, other: object) -> bool:
@@ -366,22 +347,13 @@ class StudyConfig(RunTable):
 
     @cached_property
     def curricula(self) -> dict[str, Curriculum]:
-        """The curricula of all arms, by name.
-
-        Raises
-        ------
-        ConfigError
-            Naming all that cannot be built.
-        """
+        """The curricula of all arms, by name; ConfigError names all that cannot be built."""
         return self._built(self.arms)
 
     def scratch_curricula(self) -> dict[str, Curriculum]:
         """Return the arms that learn the target from scratch, ``scratch`` first.
 
-        Raises
-        ------
-        ConfigError
-            Naming each learner that does not fit the target, or is its own.
+        ConfigError names each learner that does not fit the target, or is its own.
         """
         if self.scratches is not None:
             return self._built(self.scratches)
@@ -404,12 +376,8 @@ class StudyConfig(RunTable):
     def check_networks(self) -> None:
         """Check the learners that are networks with Stable-Baselines3.
 
-        Raises
-        ------
-        SettingError
-            When there is such a learner, and Stable-Baselines3 is not installed.
-        ConfigError
-            Naming each algorithm, setting and kind of shaping that it does not support.
+        SettingError when it is needed and not installed; ConfigError names each algorithm, setting
+        and kind of shaping that it does not support.
         """
         problems = Problems(self._positions)
         for arm, curriculum in self.curricula.items():
@@ -431,13 +399,7 @@ class StudyConfig(RunTable):
         problems.raise_any()
 
     def varied(self, **fields: Any) -> Self:
-        """Return the study with some fields in plain data in the place of its own.
-
-        Raises
-        ------
-        ConfigError
-            Naming the first field that does not fit.
-        """
+        """Return the study with these fields of plain data; ConfigError names one that is unfit."""
         data = {**self.to_data(), **fields}
         try:
             made = self.from_data(data, self._folder, self._positions, say=self._say)
@@ -488,7 +450,7 @@ class _Builder:
     def _mappings(self, edge: Any, tasks: dict[str, Any], settings: Any) -> tuple[Any, ...]:
         """Return the mappings of a transfer, made once for all arms in which they are the same."""
         target, source = tasks[edge.target], tasks[edge.source]
-        # As the curriculum's own ``unmapped_is_free``.
+        # As the curriculum itself.
         alone = sum(other.target == edge.target for other in self.arm.transfers) == 1
         fit = alone and settings["unknown_value"].get(edge.target) is None
         fitted = edge.mapping == "auto" and fit
@@ -500,8 +462,7 @@ class _Builder:
             self.made[key] = edge.mappings_in(
                 target, source, self.folder, members, fit_unmapped=fit, say=self.study._say
             )
-        mappings: tuple[Any, ...] = self.made[key]
-        return mappings
+        return self.made[key]  # type: ignore[no-any-return]
 
     def _tasks(self) -> dict[str, Any]:
         """Return the tasks that could be made, with the mazes that only crops are made of."""
@@ -555,14 +516,13 @@ class _Builder:
 def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyConfig:
     r"""Return the study that a TOML file describes.
 
-    Nothing is built yet: tasks and curricula are built when they are asked for.
+    Tasks and curricula are built when they are asked for.
 
     Parameters
     ----------
     path : path
     set : sequence of str
-        Changes, such as ``"tasks.chase.budget=1000"``: keys as in the file with dots between them,
-        values as in TOML, or else text.
+        Changes, such as ``"tasks.chase.budget=1000"``: dotted keys, values as in TOML or else text.
 
     Raises
     ------
@@ -583,27 +543,22 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
         raise ConfigError(f"a study file must be a path: got {path!r}")
     if isinstance(set, str):
         raise ConfigError(f"set must be a list of settings, each key=value: got {set!r}")
-    path = Path(path)
-    text, study = toml_of(path)
+    file = Path(path)
+    text, study = toml_of(file)
     changed = list[KeyPath]()
     for change in set:
         keys, value = assignment(change)
-        changed.append(_existing(study, keys, str(path)))
+        place: KeyPath = keys
+        if len(keys) > 1 and keys[0] in ("tasks", "arms", "transfers"):
+            there, number = study.get(keys[0]), keys[0] == "transfers" and keys[1].isdecimal()
+            known = [*map(str, range(len(there)))] if isinstance(there, list) else [*table(there)]
+            place = (keys[0], int(keys[1]) if number else keys[1], *keys[2:])
+            if keys[1] not in known:
+                positions = Positions(str(file), changed=(place[:2],))
+                raise ConfigError(positions.sentence(place[:2], unknown(keys[1], known)))
+        changed.append(place)
         study = merged(study, value)
-    return configured(study, path.parent, Positions(str(path), line_numbers(text), tuple(changed)))
-
-
-def _existing(study: dict[str, Any], keys: tuple[str, ...], file: str) -> KeyPath:
-    """Return the key path that is to be set; ConfigError for an unknown task, arm or transfer."""
-    if len(keys) < 2 or keys[0] not in ("tasks", "arms", "transfers"):
-        return keys
-    there, listed = study.get(keys[0]), keys[0] == "transfers"
-    known = [str(n) for n in range(len(there))] if isinstance(there, list) else list(table(there))
-    path = (keys[0], int(keys[1]) if listed and keys[1].isdecimal() else keys[1], *keys[2:])
-    if keys[1] not in known:
-        positions = Positions(file, changed=(path[:2],))
-        raise ConfigError(positions.sentence(path[:2], unknown(keys[1], known)))
-    return path
+    return configured(study, file.parent, Positions(str(file), line_numbers(text), tuple(changed)))
 
 
 def configured(study: dict[str, Any], folder: Path, positions: Positions) -> StudyConfig:
@@ -626,7 +581,7 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
         fields["scratch_learners"] = complete_learners(study, next(iter(complete.values())))
     with problems.at():
         FileTable.model_validate(study, context={"folder": folder})
-    problems.add([*_wrong_arms(study, complete), *_wrong_learners(study)])
+    problems.add(_wrong_arms(study, complete))
     for arm, curriculum in complete.items():
         problems.add(_wrong_names(curriculum), "arms", arm)
     problems.add([*wrong_sweep(study, complete), *wrong_tuning(study, complete)])
@@ -635,7 +590,8 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
         varied, probes = varied_arms(study, complete)
         trees = {**complete, **varied["scratches"], **varied["arms"], **probes}
         problems.positions = replace(problems.positions, arms=trees)
-        problems.add(wrong_made(varied["arms"]))
+        unfit = {name: why for name in varied["arms"] if (why := unfit_name(name))}
+        problems.add((SWEEP_HOME, f"makes an arm with a name that {why}") for why in unfit.values())
         if probes:
             with problems.at(mapped=True):
                 StudyConfig.from_data({**fields, "arms": probes}, folder, problems.positions)
@@ -649,7 +605,7 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
 
 
 def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
-    """Yield what is wrong with arms as they are written."""
+    """Yield what is wrong with arms, and further learners from scratch, as they are written."""
     tasks, transfers = table(study.get("tasks")), study.get("transfers")
     transfers = transfers if isinstance(transfers, list) else []
     targets: dict[str, str] = {}
@@ -661,40 +617,33 @@ def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
             yield here, "must have another name: it is the arm without sources"
         strange = [name for name in table(patch.get("tasks")) if name not in tasks]
         yield from (((*here, "tasks", name), unknown(name, tasks)) for name in strange)
-        numbers = list(_wrong_numbers(arm, patch.get("transfers"), len(transfers)))
-        yield from numbers
-        if patch and complete[arm] == complete_curriculum(study) and not strange and not numbers:
+        chosen, refused = patch.get("transfers"), False
+        for index, entry in enumerate(chosen if isinstance(chosen, list | dict) else []):
+            number = int(entry) if isinstance(entry, str) and entry.isdecimal() else entry
+            if isinstance(entry, dict) or (type(number) is int and 0 <= number < len(transfers)):
+                continue
+            text = f"must name transfers of the study by number, below {len(transfers)}: got "
+            path = (*here, "transfers")
+            yield (*path, index) if isinstance(chosen, list) else path, text + shown(entry)
+            refused = True
+        if patch and complete[arm] == complete_curriculum(study) and not strange and not refused:
             yield here, "changes nothing: its settings are the study's, or a task has its own"
         if len(last := NameGraph.of(complete[arm]).targets) == 1:
             targets[arm] = last[0]
     if len({*targets.values()}) > 1:
-        each = ", ".join(f"{arm} has {target}" for arm, target in targets.items())
-        yield ("arms",), f"must all have the same target: {each}"
-
-
-def _wrong_numbers(arm: str, chosen: Any, there: int) -> Messages:
-    for index, entry in enumerate(chosen if isinstance(chosen, list | dict) else []):
-        number = int(entry) if isinstance(entry, str) and entry.isdecimal() else entry
-        if isinstance(entry, dict) or (type(number) is int and 0 <= number < there):
-            continue
-        path: KeyPath = ("arms", arm, "transfers", *([index] if isinstance(chosen, list) else []))
-        yield path, f"must name transfers of the study by number, below {there}: got {shown(entry)}"
-
-
-def _wrong_learners(study: dict[str, Any]) -> Messages:
-    """Yield what is wrong with the names of further learners from scratch."""
-    learners, arms = table(study.get("scratch_learners")), table(study.get("arms"))
+        by_arm = ", ".join(f"{arm} has {target}" for arm, target in targets.items())
+        yield ("arms",), f"must all have the same target: {by_arm}"
+    learners = table(study.get("scratch_learners"))
     if learners and study.get("scratch") is False:
         yield ("scratch_learners",), "are compared with the target's own: leave out scratch = false"
     for name in learners:
         if why := unfit_name(name):
             yield ("scratch_learners", name), f"has a name that {why}"
-        if f"{SCRATCH}, {name}" in arms:
+        if f"{SCRATCH}, {name}" in table(study.get("arms")):
             yield ("arms", f"{SCRATCH}, {name}"), "must have another name: a learner has it"
 
 
-DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")
-"""Types of tasks that a crop may be a part of."""
+DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")  # what a crop may be a part of
 
 
 def _wrong_names(plan: dict[str, Any]) -> Messages:
@@ -740,10 +689,8 @@ def _wrong_names(plan: dict[str, Any]) -> Messages:
 
 # -- Functions of curricula that take a study too, or the path of its file -------------------------
 
-Study = StudyConfig | str | PathLike[str]
-"""A study, or the path of its file."""
-FORECAST_SEEDS = 3
-"""Seeds of a study that a forecast takes, as many as it takes of a curriculum."""
+Study = StudyConfig | str | PathLike[str]  # a study, or the path of its file
+FORECAST_SEEDS = 3  # seeds of a study that a forecast takes, as many as it takes of a curriculum
 Subject = TypeVar("Subject")
 Rest = ParamSpec("Rest")
 Result = TypeVar("Result")

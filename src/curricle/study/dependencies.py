@@ -15,8 +15,7 @@ from curricle.transfer.transfer import mappings_digest
 
 # -- In what two descriptions of results differ, so that their results may too ---------------------
 
-MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window")
-"""Keys of a study on which no stored result depends."""
+MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window")  # no result depends on it
 
 
 def differences(mine: Any, yours: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
@@ -43,14 +42,10 @@ def shown(value: Any) -> str:
 # -- What a unit's result depends on, its key, and why a stored unit does not fit a study any more -
 
 KEY_BYTES = 8
-AUTO = "auto"
-"""The mapping of a transfer table for which the best is searched."""
-OF_CODE = ("curricle", "code")
-"""The dependencies that ``--keep-stale`` ignores."""
-Dependencies = Mapping[str, Any]
-"""Plain data: all that the result of one task of one arm depends on, but the seed."""
-Stored = Mapping[str, Mapping[int, Any]]
-"""Key -> seed -> :class:`StoredUnit`, at least one."""
+AUTO = "auto"  # the mapping of a transfer table for which the best is searched
+OF_CODE = ("curricle", "code")  # the dependencies that ``--keep-stale`` ignores
+Dependencies = Mapping[str, Any]  # all that a task's result in an arm depends on, but the seed
+Stored = Mapping[str, Mapping[int, Any]]  # key -> seed -> :class:`StoredUnit`, at least one
 
 
 def key_of(dependencies: Dependencies) -> str:

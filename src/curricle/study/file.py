@@ -18,17 +18,14 @@ from curricle.study.task_tables import text_of
 
 # -- TOML, read without trust: bounded in size and in depth ----------------------------------------
 
-DEEPEST = 50
-"""Tables and lists inside each other: what has more exhausts the stack of those that read it."""
+DEEPEST = 50  # tables and lists inside each other: more exhaust their readers' stack
 DEEP_KEY = re.compile(
     r"""(?<![\w.-])(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)"""
     rf"{{{DEEPEST}}}"
 )
 """Keys that so many dots join: the parser's memory grows with the square of their number."""
-MOST_DOTS = 100_000
-"""Dots between keys in a file: each may be a table, of a kilobyte while a file is parsed."""
-LONGEST_NUMBER = 4096
-"""Bits of a whole number: Python writes no number of more than 4,300 digits, as in a message."""
+MOST_DOTS = 100_000  # between keys of a file: each may be a table, of a kilobyte while parsed
+LONGEST_NUMBER = 4096  # bits: Python writes no number of more than 4,300 digits
 TOO_DEEP = f"tables and lists must be at most {DEEPEST} deep"
 TOO_LONG = f"whole numbers must have at most {LONGEST_NUMBER:,} bits"
 
@@ -143,11 +140,7 @@ def located(value: Any, home: KeyPath = ()) -> Any:
 
 
 def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Located:
-    """Return a table with another's entries over its own.
-
-    Tables are merged key by key; any other value replaces the old one. A table that becomes another
-    type keeps the keys that every type has. Transfers, a list, are given by number.
-    """
+    """Return a table with another's entries over its own, key by key; transfers go by number."""
     changes_type = any(key in patch and patch[key] != base.get(key) for key in ("type", "family"))
     kept = {key: value for key, value in base.items() if not changes_type or key in LASTING}
     result, homes = Located(kept, base), getattr(patch, "homes", {})
@@ -267,16 +260,12 @@ def _with_settings(task: Mapping[str, Any], for_all: Located, has_sources: bool)
 class Positions:
     """Where the keys of a study file are."""
 
-    file: str
-    """What messages call it."""
-    lines: Mapping[KeyPath, int] = field(default_factory=dict)
-    """The line of each key."""
-    changed: tuple[KeyPath, ...] = ()
-    """What was set from outside."""
+    file: str  # what messages call it
+    lines: Mapping[KeyPath, int] = field(default_factory=dict)  # the line of each key
+    changed: tuple[KeyPath, ...] = ()  # what was set from outside
     arms: Mapping[str, Any] = field(default_factory=dict)
     """Arm -> its complete curriculum, whose tables know their places."""
-    families: tuple[str, ...] = ()
-    """Names of the study's own families."""
+    families: tuple[str, ...] = ()  # names of the study's own families
 
     def line(self, path: KeyPath) -> int:
         """Return the line of a key path, or of the table it is in; 0 if it is not in the file."""

@@ -27,16 +27,11 @@ from curricle.errors import ConfigError, CurricleError
 # import slip``). A module on ``sys.path`` must be of a package that the user allows: a file alone,
 # from whomever, then runs nothing that nobody chose to run.
 
-ALLOW = "CURRICLE_ALLOW"
-"""The environment variable with the installed packages whose functions study files may name."""
-SAFE = {"curricle.deep", "torch.nn", "torch.optim"}
-"""Modules that they may name anyway: what networks are made of runs no commands."""
-IMPORTED = dict[str, tuple[int, int] | None]()
-"""The time and size of each module's file when it was imported."""
-PACKAGES = "curricle_study_"
-"""What the names of packages of studies' own modules begin with."""
-LOGGER = logging.getLogger(__name__)
-"""It names each module of a study before the module is imported."""
+ALLOW = "CURRICLE_ALLOW"  # the variable with the installed packages that study files may name
+SAFE = {"curricle.deep", "torch.nn", "torch.optim"}  # they run no commands
+IMPORTED = dict[str, tuple[int, int] | None]()  # time and size of modules' files
+PACKAGES = "curricle_study_"  # what the names of packages of studies' own modules begin with
+LOGGER = logging.getLogger(__name__)  # names each module before it is imported
 
 
 def load(reference: str, folder: Path) -> Callable[..., Any]:
@@ -89,26 +84,22 @@ def _module(name: str, folder: Path) -> ModuleType | None:
     if _exists(f"{package}.{first}"):
         module = _imported(f"{package}.{name}", name, "beside the study file")
     if module is None and (first in sys.modules or _exists(first)):
-        _check_allowed(name)
+        allowed = os.environ.get(ALLOW, "").split(",")
+        if first in sys.stdlib_module_names:
+            raise ConfigError(
+                f"a study file names functions of modules beside it: {first} is not there, and "
+                "Python's own library, which can run any command, is refused"
+            )
+        if name not in SAFE and not any(f"{name}.".startswith(f"{x.strip()}.") for x in allowed):
+            raise ConfigError(
+                "a study file names functions of modules beside it, and of installed packages that "
+                f"you allow: {first} is not beside it; set {ALLOW}={first} if you trust the file "
+                "with it"
+            )
         module = _imported(name, name, "from Python's path")
     for path in _modules_in(package):
         IMPORTED.setdefault(path, _stamp(path))
     return module
-
-
-def _check_allowed(name: str) -> None:
-    """Raise ConfigError unless a module that is not beside the study file may be named in it."""
-    first, allowed = name.partition(".")[0], os.environ.get(ALLOW, "").split(",")
-    if first in sys.stdlib_module_names:
-        raise ConfigError(
-            f"a study file names functions of modules beside it: {first} is not there, and "
-            "Python's own library, which can run any command, is refused"
-        )
-    if name not in SAFE and not any(f"{name}.".startswith(f"{path.strip()}.") for path in allowed):
-        raise ConfigError(
-            "a study file names functions of modules beside it, and of installed packages that you "
-            f"allow: {first} is not beside it; set {ALLOW}={first} if you trust the file with it"
-        )
 
 
 def _imported(path: str, name: str, place: str) -> ModuleType | None:
@@ -168,12 +159,7 @@ INSTALLED = {
 
 
 def code_of(data: Any, folder: Path) -> dict[str, str]:
-    """Return digests of the own modules that plain data name, by file.
-
-    Files are named from the folder that holds them, and line ends do not count, so that equal code
-    has equal digests on any machine. Any text in the data may be a ``module:function``; `folder` is
-    the study's.
-    """
+    """Return digests of the own modules that plain data name, by file, equal on any machine."""
     return {
         name: blake2b(file.read_bytes().replace(b"\r\n", b"\n"), digest_size=16).hexdigest()
         for name, file in own_files(data, folder).items()

@@ -52,23 +52,19 @@ class Plain(BaseModel):
 # It is written when the study runs. Whoever reads the folder imports no module that the study names
 # and makes no task.
 
-LONGEST_EPISODE = 200
-"""Steps of an episode that are kept."""
+LONGEST_EPISODE = 200  # steps of an episode that are kept
 Model = TypeVar("Model", bound=BaseModel)
 
 
-Thing = Literal["treasure", "fire", "pit", "goal", "key", "lock", "exit"]
-"""What lies on a grid."""
+Thing = Literal["treasure", "fire", "pit", "goal", "key", "lock", "exit"]  # what lies on a grid
 
 
 class ViewRecord(Plain):
     """A :class:`GridView`, without the cells of its markers in all states."""
 
     states: Ints
-    cells: Ints
-    """Of each state, counted from the top-left one by rows."""
-    ended: Ints
-    """Places in `states` of those in which the episode is over."""
+    cells: Ints  # of each state, counted from the top-left one by rows
+    ended: Ints  # places in `states` of those in which the episode is over
     origin: tuple[int, int]
     shape: tuple[int, int]
     actions: tuple[str, ...]
@@ -78,8 +74,7 @@ class ViewRecord(Plain):
     is_map: bool
     objects: tuple[tuple[Thing, int, int, bool], ...]
     markers: tuple[tuple[str, Literal["blue", "vermillion", "green", "purple", "black"]], ...]
-    air: Ints = Field(default_factory=lambda: np.empty(0, np.int64))
-    """Cells in which no state lies and that are no walls, counted as `cells` are."""
+    air: Ints = Field(default_factory=lambda: np.empty(0, np.int64))  # without states, no walls
 
     @classmethod
     def of(cls, view: GridView) -> Self:
@@ -121,13 +116,10 @@ def _below(numbers: IntArray, most: int) -> bool:
 class TaskRecord(Plain):
     """A task of a study."""
 
-    kind: str
-    """Its type and its size, in words."""
-    text: str
-    """Its parameters, in words."""
+    kind: str  # its type and its size, in words
+    text: str  # its parameters, in words
     states: Count
-    actions: Count
-    """0 where it is seen through observations."""
+    actions: Count  # 0 where it is seen through observations
     view: ViewRecord | None
 
     @model_validator(mode="after")
@@ -144,16 +136,11 @@ class TaskRecord(Plain):
 class NodeRecord(Plain):
     """A task of an arm and how it is trained."""
 
-    task: Count
-    """Its place among the study's tasks; equal for tasks that are the same."""
-    key: str
-    """Of its units; empty for what is not stored."""
-    settings: dict[str, str]
-    """Those of its training, in words."""
-    aggregate: str | None
-    """What combines the transfers into it, where there are several."""
-    seeds_per_file: Annotated[int, Field(ge=1)]
-    """How many seeds a file of its units holds at most."""
+    task: Count  # its place among the study's tasks; equal for tasks that are the same
+    key: str  # of its units; empty for what is not stored
+    settings: dict[str, str]  # those of its training, in words
+    aggregate: str | None  # what combines the transfers into it, where there are several
+    seeds_per_file: Annotated[int, Field(ge=1)]  # how many seeds a file of its units holds at most
 
 
 class TransferRecord(Plain):
@@ -162,17 +149,14 @@ class TransferRecord(Plain):
     source: str
     target: str
     words: str
-    number: Count
-    """Equal for transfers that are the same."""
+    number: Count  # equal for transfers that are the same
 
 
 class VariantRecord(Plain, strict=False):  # a configuration makes it of a dict
     """The settings that a sweep or a tuning gave to an arm."""
 
-    arm: str
-    """The arm as the file calls it; "scratch" of learning from scratch."""
-    values: dict[str, Any]
-    """By their keys in the file."""
+    arm: str  # the arm as the file calls it; "scratch" of learning from scratch
+    values: dict[str, Any]  # by their keys in the file
 
 
 class ArmRecord(Plain):
@@ -180,10 +164,8 @@ class ArmRecord(Plain):
 
     nodes: dict[str, NodeRecord] = Field(min_length=1)
     transfers: tuple[TransferRecord, ...]
-    potential: str
-    """The row of a forecast that has the potential of its target."""
-    scratch: bool = False
-    """Whether it learns the target from scratch with a learner of its own."""
+    potential: str  # the row of a forecast that has the potential of its target
+    scratch: bool = False  # whether it learns the target from scratch with a learner of its own
     depends_on_total: str | None = None
     """Why what is learnt by a step depends on the total, in words; empty if it does not, None if
     another version wrote the record."""
@@ -242,15 +224,12 @@ class StudyRecord(CurriculaRecord):
     seeds: tuple[Count, ...]
     threshold: float | None
     """The file's, or what the target's optimum gives; None where that is not known."""
-    threshold_from: str = ""
-    """In words; empty in records of earlier versions."""
+    threshold_from: str = ""  # in words; empty in records of earlier versions
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
     target: str
-    problem: TaskSummary
-    """Of the target: what tells whether two studies have the same."""
-    budget: Count | None
-    """Of the target, as are total and eval_freq, and as in :class:`Arms`."""
+    problem: TaskSummary  # of the target: what tells whether two studies have the same
+    budget: Count | None  # of the target, as are total and eval_freq, and as in :class:`Arms`
     total: Count | None
     eval_freq: Annotated[int, Field(ge=1)]
 
@@ -295,8 +274,7 @@ class ForecastRecord(Plain):
     optimum: float
     exact: bool
     solved: bool
-    computed_from: str
-    """What the sources' values were, in words."""
+    computed_from: str  # what the sources' values were, in words
     rows: tuple[RowRecord, ...] = Field(min_length=1)
 
 
@@ -314,8 +292,7 @@ class SectionRecord(Plain):
     arms: tuple[str, ...]
     forecast: ForecastRecord | None
     certificates: tuple[CertificateRecord, ...]
-    left_out: tuple[str, ...]
-    """What, why, and how to get it, in a sentence each."""
+    left_out: tuple[str, ...]  # what, why, and how to get it, in a sentence each
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -327,21 +304,15 @@ class SectionRecord(Plain):
 class EpisodeRecord(Plain):
     """One greedy episode of n steps on a grid."""
 
-    cells: Ints
-    """(n + 1, markers): where each marker is, as row * columns + column."""
-    returns: Floats
-    """(n + 1,): return so far."""
+    cells: Ints  # (n + 1, markers): where each marker is, as row * columns + column
+    returns: Floats  # (n + 1,): return so far
     terminated: bool
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
         n = self.returns.size
-        if (
-            self.cells.ndim != 2
-            or self.returns.ndim != 1
-            or len(self.cells) != n
-            or not 0 < n <= LONGEST_EPISODE + 1
-        ):
+        alike = self.cells.ndim == 2 and self.returns.shape == self.cells.shape[:1]
+        if not alike or not 0 < n <= LONGEST_EPISODE + 1:
             raise ValueError(f"cells and returns must be of at most {LONGEST_EPISODE} steps")
         if not _below(self.cells, MOST_CELLS):
             raise ValueError(f"cells must be below {MOST_CELLS}")
@@ -358,11 +329,9 @@ class EpisodePair(Plain):
 class Analysis(Plain):
     """What only the tasks themselves can say of results: written at the end of a run."""
 
-    of: str
-    """A digest of the results that it is of."""
+    of: str  # a digest of the results that it is of
     sections: tuple[SectionRecord, ...] = ()
-    episodes: dict[str, dict[str, EpisodePair]] = Field(default={})
-    """Arm -> task -> episodes."""
+    episodes: dict[str, dict[str, EpisodePair]] = Field(default={})  # arm -> task -> episodes
 
 
 class UnitRecord(Plain):

@@ -18,7 +18,7 @@ from curricle.comparison.controls import PLACEBO, Level, concatenated_levels
 from curricle.comparison.running import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.sources import SourceValues, source_values, sources_read
+from curricle.curriculum.result import SourceValues, source_values, sources_read
 from curricle.deep.policy import policies_of
 from curricle.display import block
 from curricle.errors import (
@@ -34,8 +34,7 @@ from curricle.learning.record import MAX_SNAPSHOT_BYTES
 from curricle.learning.result import LearningResult, curve_columns, joined_results
 from curricle.learning.saved_result import check_result_arrays
 from curricle.learning.stopping import UNLEARNT
-from curricle.statistics.curves import SCRATCH
-from curricle.statistics.thresholds import midpoint
+from curricle.statistics.curves import SCRATCH, midpoint
 from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record
 from curricle.study.serialization import RUN, SNAPSHOTS, VALUES
 from curricle.study.store import (

@@ -18,7 +18,7 @@ from typing import Any
 from curricle.checks import BEYOND_64_BITS, whole_number
 from curricle.comparison.plan import Unit, numbered_seeds
 from curricle.comparison.running import Failures, Scheduler
-from curricle.curriculum.sources import StoredValues, sources_read
+from curricle.curriculum.result import StoredValues, sources_read
 from curricle.errors import SettingError, StoreError
 from curricle.files import Place, place_at
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of

@@ -83,10 +83,8 @@ from curricle.transfer.transfer import Transfer
 
 # -- Tables: frozen, without unknown keys, and with messages in plain words ------------------------
 
-KeyPath = tuple[str | int, ...]
-"""The keys and list indices that lead to a value of a study file."""
-SHOWN = 60
-"""Characters of a value that a message repeats."""
+KeyPath = tuple[str | int, ...]  # the keys and list indices that lead to a value of a study file
+SHOWN = 60  # characters of a value that a message repeats
 PHRASES = {
     "float_type": "must be a number",
     "finite_number": "must be finite",
@@ -201,11 +199,7 @@ def word(
     lists: Any = None,
     other: Callable[[Any], Any] = lambda value: value,
 ) -> BeforeValidator:
-    """Return the validator of a value that is a text among some words, or is no text.
-
-    `rule` is what the value must be, for messages; `function` allows ``module:function`` too.
-    `lists` is the type of a list in a word's place, and `other` validates whatever is no text.
-    """
+    """Return the validator of a text among some words; `other` takes what is no text."""
     if lists is not None:
         # Not left to the union of both types, which would complain about a list that it is no word.
         adapter = TypeAdapter[Any](lists)
@@ -276,14 +270,11 @@ class Choice:
     """Annotation of a value that is one of several tables: only the one meant is reported about."""
 
     tables: tuple[type[Table], ...]
-    default: str | None = None
-    """The ``type`` of a table that says none."""
+    default: str | None = None  # the ``type`` of a table that says none
     choose: Callable[[dict[str, Any]], Any] = lambda value: None
     """Returns the table that a dict is meant to be; None where its key ``type`` says it."""
-    simple: Callable[[Any], Any] = as_table
-    """Validates what is not a table."""
-    simple_type: Any = None
-    """The type of what `simple` accepts, for the JSON Schema."""
+    simple: Callable[[Any], Any] = as_table  # validates what is not a table
+    simple_type: Any = None  # the type of what `simple` accepts, for the JSON Schema
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -294,23 +285,17 @@ class Choice:
         )
 
     def _validated(self, value: Any, _: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        if isinstance(value, dict):
-            return self._meant(value).model_validate(value, context=info.context)
-        return value if isinstance(value, Table) else self.simple(value)
-
-    def _meant(self, value: dict[str, Any]) -> type[Table]:
-        """Return the table that a dict is meant to be."""
-        if len(self.tables) == 1:
-            return self.tables[0]
-        meant: type[Table] | None = self.choose(value)
-        if meant is not None:
-            return meant
-        name, by_name = value.get("type", self.default), tags(self.tables)
-        if "type" not in value and self.default is None:
-            raise wrong_at((("type",), f"is missing: one of {', '.join(by_name)}"))
-        if not isinstance(name, str) or name not in by_name:
-            raise wrong_at((("type",), not_one_of(name, by_name)))
-        return by_name[name]
+        if not isinstance(value, dict):
+            return value if isinstance(value, Table) else self.simple(value)
+        meant = self.tables[0] if len(self.tables) == 1 else self.choose(value)
+        if meant is None:
+            name, by_name = value.get("type", self.default), tags(self.tables)
+            if "type" not in value and self.default is None:
+                raise wrong_at((("type",), f"is missing: one of {', '.join(by_name)}"))
+            if not isinstance(name, str) or name not in by_name:
+                raise wrong_at((("type",), not_one_of(name, by_name)))
+            meant = by_name[name]
+        return meant.model_validate(value, context=info.context)
 
 
 def tags(tables: Iterable[type[Table]]) -> dict[str, type[Table]]:
@@ -356,14 +341,10 @@ def table_of(
     *,
     tag: str | None = None,
     without: tuple[str, ...] = (),
+    functions: tuple[str, ...] = (),
     **annotations: Any,
 ) -> Any:
-    """Return the table of a dataclass or function of the library.
-
-    Keys of the table `base` come on top; `tag` is the value of its key ``type``, where it is one of
-    several; parameters `without` cannot be given; `annotations` are types of parameters that TOML
-    writes in another way than Python.
-    """
+    """Return the table of a dataclass or function; `tag` is the value of its key ``type``."""
     hints, texts = get_type_hints(makes), descriptions(makes)
     signature = inspect.signature(makes).parameters
     parameters = {name: of.default for name, of in signature.items() if name not in without}
@@ -379,6 +360,7 @@ def table_of(
         fields[name] = (annotation, Field(default, description=texts[name]))
     made = create_model(tag or makes.__name__, __base__=base, __doc__=summary(makes), **fields)
     made.makes, made.parameters = makes, tuple(parameters)
+    made.functions = functions or made.functions
     return made
 
 
@@ -392,26 +374,22 @@ def annotated(hint: Any) -> Any:
             return Rate | None if NoneType in members else Rate
         tables = [table_of(member) for member in members if _is_dataclass(member)]
         if tables and (bool in members or NoneType in members):
-            return _flag_or(tables[0], False if bool in members else None)
+            made, off = tables[0], False if bool in members else None
+
+            def flag(value: Any) -> Any:  # true stands for a table of defaults
+                if not isinstance(value, bool):
+                    raise wrong(f"must be true, false or a table: got {shown(value)}")
+                return made() if value else off
+
+            return Annotated[Any, Choice((made,), simple=flag, simple_type=bool)]
         return Union[*tables, *(annotated(other) for other in members if not _is_dataclass(other))]
     if get_origin(hint) is tuple:
         return tuple[*map(annotated, members)]  # type: ignore[misc]
     return table_of(hint) if _is_dataclass(hint) else hint
 
 
-def _is_dataclass(hint: Any) -> bool:
+def _is_dataclass(hint: Any) -> bool:  # without narrowing, after which no class is hashable
     return is_dataclass(hint)
-
-
-def _flag_or(made: type[Table], off: Any) -> Any:
-    """Return the type of what is false (`off`), true (a table of defaults) or a table."""
-
-    def flag(value: Any) -> Any:
-        if not isinstance(value, bool):
-            raise wrong(f"must be true, false or a table: got {shown(value)}")
-        return made() if value else off
-
-    return Annotated[Any, Choice((made,), simple=flag, simple_type=bool)]
 
 
 def summary(makes: Any) -> str:
@@ -469,12 +447,7 @@ def named(*tables: Any, function: bool = False) -> Callable[[Any], Any]:
 
 
 def _encoder_of(*tables: Any) -> Any:
-    simple = named(*tables, function=True)
-    return Annotated[Any, Choice(tables, simple=simple, simple_type=str)]
-
-
-class _StackedFramesTable(ObjectTable):
-    functions: ClassVar[tuple[str, ...]] = ("of",)
+    return Annotated[Any, Choice(tables, simple=named(*tables, function=True), simple_type=str)]
 
 
 _OF_A_FRAME = (
@@ -485,7 +458,10 @@ _OF_A_FRAME = (
 AnyEncoder: Any = _encoder_of(
     *_OF_A_FRAME,
     table_of(
-        StackedFrames, _StackedFramesTable, tag="StackedFrames", of=_encoder_of(*_OF_A_FRAME) | None
+        StackedFrames,
+        tag="StackedFrames",
+        functions=("of",),
+        of=_encoder_of(*_OF_A_FRAME) | None,
     ),
 )
 """An encoder: ``"MiniGridView"``, ``{ type = "FlatDict", ... }`` or ``"module:function"``."""
@@ -494,8 +470,7 @@ AnyEncoder: Any = _encoder_of(
 # -- Settings of learning: learner, budget, how potentials enter, evaluation, storage --------------
 
 AGGREGATES = ("maximum", "mean", "minimum", "total")
-DEEP = "deep"
-"""The `type` of a learner that is a network."""
+DEEP = "deep"  # the `type` of a learner that is a network
 
 
 class _DeepLearnerTable(ObjectTable):
@@ -608,10 +583,8 @@ class Settings(Table):
 # -- Transfers: which mapping, how much of the source's values, calibrated or not ------------------
 
 MAPPINGS_BY_NAME = ("identity", "same_position", "relative_objects", "family", "auto")
-MAPPINGS = ("project", "mapping", "function", "factory", "observations")
-"""Ways to say which source pair a target pair reads; a transfer has one of them."""
-OF_OBSERVATIONS = ("observations", "actions", "status")
-"""Keys of transfers into tasks that are seen through observations."""
+MAPPINGS = ("project", "mapping", "function", "factory", "observations")  # a transfer has one
+OF_OBSERVATIONS = ("observations", "actions", "status")  # keys of targets seen by networks
 ACTIONS = (
     "be a list of the source's actions, -1 where there is none, or a function as module:function"
 )
@@ -696,13 +669,7 @@ class _TransferTable(ObjectTable):
         fit_unmapped: bool,
         say: Callable[[str], Any],
     ) -> tuple[Any, ...]:
-        """Return the mapping f, or several where a family says so.
-
-        `folder` has the modules of the user's own functions; `members` are the addresses of target
-        and source in their families, None for a task that has none. `fit_unmapped` is for a mapping
-        that is found: whether it may state a value where it knows nothing. `say` takes each line
-        about it.
-        """
+        """Return the mapping f, or several where the family of both `members` says so."""
         to, of = members
         if self.mapping == "auto":
             edge = f"{self.source} -> {self.target}"
@@ -718,7 +685,14 @@ class _TransferTable(ObjectTable):
         """Return the mapping f of any other kind."""
         value = self.unmapped_value
         if is_observation_task(target) and self.factory is None:
-            return self._of_observations(target, source, folder)
+            keys = {key: getattr(self, key) for key in OF_OBSERVATIONS}
+            functions: dict[str, Any] = {
+                key: load(name, folder) if isinstance(name, str) else name
+                for key, name in keys.items()
+            }
+            if self.mapping == "identity":
+                check_same_observations(target, source)
+            return ObservationMapping(target, source, **functions, unmapped_value=value)
         if self.project is not None:
             return by_components.project(target, source, unmapped_value=value, **self.project)
         if self.mapping == "identity":
@@ -731,16 +705,6 @@ class _TransferTable(ObjectTable):
             if self.factory is not None:
                 return function(target, source)
             return mapping.from_function(target, source, function, unmapped_value=value)
-
-    def _of_observations(self, target: Any, source: Any, folder: Path) -> Any:
-        functions: dict[str, Any] = {
-            key: load(value, folder) if isinstance(value, str) else value
-            for key in OF_OBSERVATIONS
-            for value in [getattr(self, key)]
-        }
-        if self.mapping == "identity":
-            check_same_observations(target, source)
-        return ObservationMapping(target, source, **functions, unmapped_value=self.unmapped_value)
 
 
 if TYPE_CHECKING:
@@ -757,10 +721,8 @@ else:
 class NameGraph(NamedTuple):
     """The tasks of a curriculum by name, its crops and its transfers."""
 
-    parts: dict[str, str | None]
-    """The task of which each task is a crop, if it is one."""
-    edges: tuple[tuple[str, str], ...]
-    """Source and target of each transfer."""
+    parts: dict[str, str | None]  # the task of which each task is a crop, if it is one
+    edges: tuple[tuple[str, str], ...]  # source and target of each transfer
 
     @classmethod
     def of(cls, plan: dict[str, Any]) -> "NameGraph":

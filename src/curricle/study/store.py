@@ -19,7 +19,7 @@ from filelock import FileLock, Timeout
 
 from curricle.comparison.plan import Unit, seed_ranges
 from curricle.curriculum.node import Node
-from curricle.curriculum.sources import StoredValues
+from curricle.curriculum.result import StoredValues
 from curricle.errors import LostStoreError, StoreError, reason
 from curricle.files import (
     PART,

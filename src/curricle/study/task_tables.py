@@ -174,8 +174,7 @@ class TaskTable(ObjectTable, Settings):
         return super().build(folder)
 
 
-NONE = "none"
-"""What a file writes for None."""
+NONE = "none"  # what a file writes for None
 TimeLimit = Annotated[
     int | Literal["none"], word("be a whole number, or 'none'", (NONE,), other=whole_number)
 ]
@@ -308,12 +307,11 @@ class ObservationTaskTable(_EncodedTable):
     """Steps after which an episode is cut; the environment's own."""
 
 
-def _member(value: Any) -> Any:
-    """Return an id as the table of a member."""
-    return {"id": value} if isinstance(value, str) else value
-
-
-Members = tuple[Annotated[Maker, BeforeValidator(_member, json_schema_input_type=str | Maker)], ...]
+_by_id = BeforeValidator(
+    lambda value: {"id": value} if isinstance(value, str) else value,
+    json_schema_input_type=str | Maker,
+)
+Members = tuple[Annotated[Maker, _by_id], ...]
 
 
 class DistilledTask(TaskTable):
@@ -432,25 +430,21 @@ class FamilyTask(TaskTable):
 
     def member(self, folder: Path) -> FamilyMember:
         """Return the address of the task in its family, which may be the user's own."""
-        family = BUILT_IN.get(self.family) or self._users_family(folder)
-        optional = {parameter.name for parameter in family.parameters if parameter.optional}
-        values = _checked_by(family, self.__pydantic_extra__).items()
-        return family(**{k: None if v == NONE and k in optional else v for k, v in values})
-
-    def _users_family(self, folder: Path) -> TaskFamily:
-        family = load(self.family, folder)
+        family: Any = BUILT_IN.get(self.family) or load(self.family, folder)
         if not isinstance(family, TaskFamily):
             raise ConfigError(
                 f"{self.family} must be a TaskFamily, such as a function under @task_family(): got "
                 f"{family!r}"
             )
-        for parameter in family.parameters:
+        for parameter in family.parameters if self.family not in BUILT_IN else ():
             if parameter.name in type(self).model_fields:
                 raise ConfigError(
                     f"{self.family} has the parameter {parameter.name}, which is a key of every "
                     "task in a file: give it another name"
                 )
-        return family
+        optional = {parameter.name for parameter in family.parameters if parameter.optional}
+        values = _checked_by(family, self.__pydantic_extra__).items()
+        return family(**{k: None if v == NONE and k in optional else v for k, v in values})
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the task that the family makes."""
@@ -463,11 +457,9 @@ class FamilyTask(TaskTable):
 
 # -- Tasks of the library: mazes, crops, pursuits, other domains -----------------------------------
 
-LARGEST_FILE = 10_000_000
-"""Bytes of a study file or a map: the largest example has 3,000."""
+LARGEST_FILE = 10_000_000  # bytes of a study file or a map: the largest example has 3,000
 Pair = tuple[Whole, Whole]
-CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)
-"""Tasks that lie on a map, of which a crop may be a part."""
+CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)  # what a crop may be a part of
 
 
 def text_of(path: Path) -> str:
@@ -549,10 +541,6 @@ class CropTask(TaskTable):
         return cropped.crop(rows=self.rows, columns=self.columns, start=self.start)
 
 
-class _PursuitTask(TaskTable):
-    functions: ClassVar[tuple[str, ...]] = ("prey",)
-
-
 class FactoryTask(TaskTable):
     """A task that a function of the user's makes."""
 
@@ -597,7 +585,7 @@ MazeTask = _domain(GridWorld, "maze", _MazeTask, ends=_ENDS, **_MAP)
 PursuitTask = _domain(
     Pursuit,
     "pursuit",
-    _PursuitTask,
+    functions=("prey",),
     capture=Annotated[
         Literal[_CAPTURES] | int,
         word(

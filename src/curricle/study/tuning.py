@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from itertools import pairwise, product
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, JsonValue, model_validator
@@ -31,10 +31,8 @@ from curricle.text import counted
 # -- What a results folder says about a tuning: every trial, and the best of each arm --------------
 
 TUNING = "tuning.json"
-BEGUN = "begun.json"
-"""The trials of a tuning that has not ended, in their folder."""
-TRIALS = "tuning"
-"""The folder of the trials' units, in that of the results."""
+BEGUN = "begun.json"  # the trials of a tuning that has not ended, in their folder
+TRIALS = "tuning"  # the folder of the trials' units, in that of the results
 
 
 class SpaceRecord(Plain):
@@ -43,8 +41,7 @@ class SpaceRecord(Plain):
     low: float | None = None
     high: float | None = None
     log: bool = False
-    values: tuple[JsonValue, ...] = ()
-    """Where they were listed; a range has none."""
+    values: tuple[JsonValue, ...] = ()  # where they were listed; a range has none
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -65,8 +62,7 @@ class TrialRecord(Plain):
 class TunedArm(Plain):
     """The trials of an arm."""
 
-    arm: str
-    """As the file calls it; "scratch" of learning from scratch."""
+    arm: str  # as the file calls it; "scratch" of learning from scratch
     trials: tuple[TrialRecord, ...] = Field(min_length=1)
 
     @property
@@ -82,13 +78,10 @@ class TuningRecord(Plain):
     of: str
     """A digest of all that it depends on, but Optuna's version; empty where stale trials were
     kept."""
-    of_settings: str
-    """A digest of that but for code and Curricle's version."""
-    optuna: str
-    """The version of Optuna that searched."""
+    of_settings: str  # a digest of that but for code and Curricle's version
+    optuna: str  # the version of Optuna that searched
     seeds: tuple[Count, ...] = Field(min_length=1)
-    total: Annotated[int, Field(ge=1)]
-    """Steps of each trial and seed, sources included."""
+    total: Annotated[int, Field(ge=1)]  # steps of each trial and seed, sources included
     space: dict[str, SpaceRecord]
     arms: dict[str, TunedArm]
 
@@ -108,11 +101,9 @@ class TuningRecord(Plain):
 class BegunTrials(Plain):
     """The trials that a tuning has begun so far."""
 
-    number: Count
-    """Of all its trials."""
+    number: Count  # of all its trials
     seeds: tuple[Count, ...]
-    keys: tuple[str, ...]
-    """The key of each trial's target."""
+    keys: tuple[str, ...]  # the key of each trial's target
 
 
 def read_tuning(store: StudyStore) -> TuningRecord | None:
@@ -142,23 +133,18 @@ def tuning_words(store: StudyStore) -> str:
 # of the study's. What is searched for is what arms are compared by: the mean return over all steps,
 # sources charged.
 
-AT_RANDOM = 10
-"""Trials of an arm that come before those which learn from others; all are trained at once."""
+AT_RANDOM = 10  # trials of an arm, at once, before those which learn from others
 AT_ONCE = 4
 """Further trials of an arm that are trained at once. It is fixed, so that what is found does not
 depend on the number of workers."""
-MOST_BUDGETS = 200
-"""Combinations of listed budgets whose steps are counted beforehand."""
+MOST_BUDGETS = 200  # combinations of listed budgets whose steps are counted beforehand
 DIGEST_BYTES = 8
 
-Settings = Mapping[str, Any]
-"""Values of settings by their keys."""
-Chosen = Mapping[str, tuple[str, Settings]]
-"""Name of a trial -> its arm and settings."""
+Settings = Mapping[str, Any]  # values of settings by their keys
+Chosen = Mapping[str, tuple[str, Settings]]  # name of a trial -> its arm and settings
 Train = Callable[[StudyConfig, Arms, str], StudyStore]
 """Trains the units of a study that are missing, called by some words; returns where they are."""
-Choose = Callable[[Dependencies], str]
-"""Gives what depends on something its key."""
+Choose = Callable[[Dependencies], str]  # gives what depends on something its key
 
 
 def tuning_of(study: StudyConfig) -> Tuning:
@@ -168,15 +154,7 @@ def tuning_of(study: StudyConfig) -> Tuning:
 
 
 def check_tuning(study: StudyConfig) -> int:
-    """Return the steps of each trial and seed, sources included.
-
-    They are the same for all trials: those of the target, and of the sources with the largest
-    budgets in the space.
-
-    ConfigError names each setting whose smallest, largest or listed value makes no sense;
-    SettingError when Optuna is not installed, or Stable-Baselines3 where a network learns; when the
-    target has no budget in steps, or too many combinations of budgets are listed.
-    """
+    """Return the steps of each trial and seed, sources at their largest budgets included."""
     _optuna()
     tune = tuning_of(study)
     extreme_trials(study).check_networks()
@@ -185,15 +163,7 @@ def check_tuning(study: StudyConfig) -> int:
         raise SettingError(
             "arms are tuned at one total of steps: give the budget of the target in steps"
         )
-    largest = enumerate(_largest(tune))
-    most = {f"{n} {arm}": (arm, values) for n, values in largest for arm in study.arms}
-    curricula = trial_study(study, most).curricula.values()
-    steps = arms.budget + max(map(most_source_steps, curricula))
-    return max(arms.total, math.ceil(steps / arms.eval_freq) * arms.eval_freq)
-
-
-def _largest(tune: Tuning) -> Iterator[Settings]:
-    """Yield settings with the largest budgets: every listed one, and the top of each range."""
+    # The largest budgets: every combination of listed ones, with the top of each range.
     of_steps = {
         name: (space.high,) if isinstance(space, RangeTable) else space
         for name, space in tune.space.items()
@@ -203,8 +173,14 @@ def _largest(tune: Tuning) -> Iterator[Settings]:
         raise SettingError(
             f"a space must have at most {MOST_BUDGETS} combinations of listed budgets: got {number}"
         )
-    for values in product(*of_steps.values()):
-        yield dict(zip(of_steps, values, strict=True))
+    most = {
+        f"{n} {arm}": (arm, dict(zip(of_steps, values, strict=True)))
+        for n, values in enumerate(product(*of_steps.values()))
+        for arm in study.arms
+    }
+    curricula = trial_study(study, most).curricula.values()
+    steps = arms.budget + max(map(most_source_steps, curricula))
+    return max(arms.total, math.ceil(steps / arms.eval_freq) * arms.eval_freq)
 
 
 def extreme_trials(study: StudyConfig) -> StudyConfig:
@@ -213,7 +189,8 @@ def extreme_trials(study: StudyConfig) -> StudyConfig:
     ends = dict[str, tuple[str, Settings]]()
     for name in tune.space:
         arm = next(arm for arm in tune.places if tune.places[arm][name])
-        for value in tune.ends(name):
+        space = tune.space[name]
+        for value in (space.low, space.high) if isinstance(space, RangeTable) else space:
             ends[f"{name} = {value_text(value)}"] = arm, {name: value}
     return trial_study(study, ends)
 
@@ -392,16 +369,15 @@ def _optuna() -> Any:
 
 THIRDS = 3
 BY_SWEEP, BY_TUNING = "sweep", "tuning"
+Tried = tuple[str, Mapping[str, Any], Any]  # an arm, values of settings, what came of them
 
 
 @dataclass(frozen=True)
 class Setting:
     """A setting that was varied, and the values that it had."""
 
-    key: str
-    """As in the study's file."""
-    levels: tuple[str, ...]
-    """The values in words, or parts of its range."""
+    key: str  # as in the study's file
+    levels: tuple[str, ...]  # the values in words, or parts of its range
     range: SpaceRecord | None = None
 
     @classmethod
@@ -429,21 +405,12 @@ class Setting:
         return self.levels[min(max(number, 0), len(self.levels) - 1)]
 
 
-class Tried(NamedTuple):
-    """The arm that values of settings were tried for, and what came of it."""
-
-    arm: str
-    values: Mapping[str, Any]
-    result: Any
-
-
 @dataclass(frozen=True)
 class Level:
     """The mean return with one value of a setting, whatever the others are."""
 
     text: str
-    number: int
-    """Of arms or trials."""
+    number: int  # of arms or trials
     mean: float
     low: float
     high: float
@@ -483,7 +450,7 @@ def sweep_effects(
     """Return the mean over all arms with each value, intervals over seeds; None without a sweep."""
     tuned = set() if tuning is None else {*tuning.space}
     tried = [
-        Tried(
+        (
             arm.variant.arm,
             {key: value for key, value in arm.variant.values.items() if key not in tuned},
             comparison.returns[name],
@@ -491,23 +458,33 @@ def sweep_effects(
         for name, arm in record.arms.items()
         if arm.variant is not None and name in comparison.arms
     ]
-    keys = dict.fromkeys(key for arm in tried for key in arm.values)
+    keys = dict.fromkeys(key for _, values, _ in tried for key in values)
     settings = tuple(
-        Setting.listed(key, [arm.values[key] for arm in tried if key in arm.values]) for key in keys
+        Setting.listed(key, [values[key] for _, values, _ in tried if key in values])
+        for key in keys
     )
-    return Effects(BY_SWEEP, settings, _levels(tried, settings, _over_seeds)) if settings else None
+
+    def over_seeds(text: str, returns: Sequence[FloatArray]) -> Level:
+        mean = mean_interval(np.mean(returns, axis=0))
+        return Level(text, len(returns), float(mean.estimate), float(mean.low), float(mean.high))
+
+    return Effects(BY_SWEEP, settings, _levels(tried, settings, over_seeds)) if settings else None
 
 
 def tuning_effects(tuning: TuningRecord) -> Effects:
     """Return the mean of the trials of each level, lowest and highest; trials crowd at the best."""
     tried = [
-        Tried(arm.arm, trial.values, trial.score)
+        (arm.arm, trial.values, trial.score)
         for arm in tuning.arms.values()
         for trial in arm.trials
         if trial.score is not None
     ]
     settings = tuple(Setting.searched(key, space) for key, space in tuning.space.items())
-    return Effects(BY_TUNING, settings, _levels(tried, settings, _over_trials))
+
+    def over_trials(text: str, scores: Sequence[float]) -> Level:
+        return Level(text, len(scores), float(np.mean(scores)), min(scores), max(scores))
+
+    return Effects(BY_TUNING, settings, _levels(tried, settings, over_trials))
 
 
 def _levels(
@@ -515,12 +492,12 @@ def _levels(
 ) -> dict[tuple[str, str], tuple[Level, ...]]:
     """Return the main effect of each setting on each arm; `level_of` sums up what came of it."""
     levels = {}
-    for arm in dict.fromkeys(trial.arm for trial in tried):
+    for arm in dict.fromkeys(arm for arm, _, _ in tried):
         for setting in settings:
             results: dict[str, list[Any]] = {text: [] for text in setting.levels}
-            for trial in tried:
-                if trial.arm == arm and setting.key in trial.values:
-                    results[setting.level(trial.values[setting.key])].append(trial.result)
+            for tried_arm, values, result in tried:
+                if tried_arm == arm and setting.key in values:
+                    results[setting.level(values[setting.key])].append(result)
             if any(results.values()):
                 levels[arm, setting.key] = tuple(
                     level_of(text, some) for text, some in results.items() if some
@@ -531,12 +508,3 @@ def _levels(
 def short(number: float) -> str:
     """Return a number in three significant digits, or as a whole number."""
     return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
-
-
-def _over_seeds(text: str, returns: Sequence[FloatArray]) -> Level:
-    mean = mean_interval(np.mean(returns, axis=0))
-    return Level(text, len(returns), float(mean.estimate), float(mean.low), float(mean.high))
-
-
-def _over_trials(text: str, scores: Sequence[float]) -> Level:
-    return Level(text, len(scores), float(np.mean(scores)), min(scores), max(scores))

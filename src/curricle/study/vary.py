@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from curricle.checks import unfit_name
 from curricle.curriculum.node import OF_TARGETS
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.statistics.curves import SCRATCH
@@ -44,14 +43,12 @@ from curricle.study.schema import (
 from curricle.text import counted
 
 Raw = Mapping[str, Any]
-Messages = Iterator[tuple[KeyPath, str]]
-"""What is wrong, each with its key path."""
+Messages = Iterator[tuple[KeyPath, str]]  # what is wrong, each with its key path
 
 # -- The tables of a file --------------------------------------------------------------------------
 
 MODE, PAIRED = "mode", "paired"
-FIRST_SEED = 1_000_000
-"""Of the seeds for tuning, where the file says how many: studies have other ones."""
+FIRST_SEED = 1_000_000  # for tuning, where the file says how many; studies have other seeds
 MOST_TRIALS = 1_000
 
 
@@ -65,9 +62,8 @@ class SweepTable(Table):
 
 
 def _tuning_seeds(value: Any) -> tuple[int, ...]:
-    if type(value) is int and 0 < value <= MOST_SEEDS:
-        return tuple(range(FIRST_SEED, FIRST_SEED + value))
-    return seeds_of(value)
+    few = type(value) is int and 0 < value <= MOST_SEEDS
+    return tuple(range(FIRST_SEED, FIRST_SEED + value)) if few else seeds_of(value)
 
 
 def _bound(value: Any) -> int | float:
@@ -137,30 +133,20 @@ class Tuning(TuneTable):
         """Return the names of the settings that an arm has."""
         return tuple(name for name, places in self.places[arm].items() if places)
 
-    def ends(self, name: str) -> tuple[Any, ...]:
-        """Return the values of a setting that tell whether all of them are allowed."""
-        space = self.space[name]
-        return (space.low, space.high) if isinstance(space, RangeTable) else space
-
 
 # -- Settings that vary, and where they stand in the curriculum of an arm --------------------------
 
-FREE = ("learner", "storage", *OF_TARGETS)
-"""Settings of the target in which arms may differ."""
-RANGE = {"low", "high"}
-"""Keys that tell a range from a table with further keys."""
+FREE = ("learner", "storage", *OF_TARGETS)  # settings of the target in which arms may differ
+RANGE = {"low", "high"}  # keys that tell a range from a table with further keys
 SWEEP_HOME, TUNE_HOME = ("sweep",), ("tune", "space")
 
 
 class Varied(NamedTuple):
     """A setting that varies."""
 
-    key: tuple[str, ...]
-    """Its key in a study file."""
-    home: KeyPath
-    """Where the file says how it varies."""
-    values: Any
-    """What it says there."""
+    key: tuple[str, ...]  # its key in a study file
+    home: KeyPath  # where the file says how it varies
+    values: Any  # what it says there
 
     @property
     def name(self) -> str:
@@ -168,18 +154,14 @@ class Varied(NamedTuple):
         return path_text(self.key)
 
 
-def varied_in(tables: Any, home: KeyPath) -> Iterator[Varied]:
+def varied_in(tables: Any, home: KeyPath, key: tuple[str, ...] = ()) -> Iterator[Varied]:
     """Yield the settings a table at `home` names, by tables in it or by dotted keys in quotes."""
     for name, value in table(tables).items():
-        yield from _inside((dotted(name) if "." in name else ()) or (name,), (*home, name), value)
-
-
-def _inside(key: tuple[str, ...], home: KeyPath, value: Any) -> Iterator[Varied]:
-    if isinstance(value, dict) and not RANGE & value.keys():
-        for name, inner in value.items():
-            yield from _inside((*key, name), (*home, name), inner)
-    else:
-        yield Varied(key, home, value)
+        inner = (*key, *((dotted(name) if "." in name and not key else ()) or (name,)))
+        if isinstance(value, dict) and not RANGE & value.keys():
+            yield from varied_in(value, (*home, name), inner)
+        else:
+            yield Varied(inner, (*home, name), value)
 
 
 def swept_in(study: Raw) -> list[Varied]:
@@ -264,26 +246,26 @@ def target_alone(curriculum: Raw) -> dict[str, Any]:
 
 # -- The arms that they make -----------------------------------------------------------------------
 
-MOST_ARMS = 100
-"""Arms that a sweep makes at most: with more no difference that matters would be shown."""
+MOST_ARMS = 100  # that a sweep makes: with more no difference that matters would show
 
 
 class Variant(NamedTuple):
     """An arm with values for the settings that vary."""
 
-    arm: str
-    """As the file calls it."""
-    values: dict[str, Any]
-    """By name of the setting."""
+    arm: str  # as the file calls it
+    values: dict[str, Any]  # by name of the setting
     curriculum: dict[str, Any]
 
 
 def varied_arms(study: Raw, complete: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the fields of a configuration that a correct sweep and tuning make of these arms.
-
-    The second dict has arms with the ends of each range that is tuned, to be checked beforehand.
-    """
-    variants, scratches = variants_of(study, complete), scratch_variants(study, complete)
+    """Return a configuration's fields with sweep and tuning, and arms that probe ends of ranges."""
+    variants = dict[str, Variant]()
+    for arm, curriculum in complete.items():
+        patch = table(study.get("arms")).get(arm)
+        places = {setting.name: places_of(study, patch, setting.key) for setting in swept_in(study)}
+        for name, variant in _variants(study, arm, curriculum, places):
+            variants.setdefault(name, variant)  # one for all values that do not apply to the arm
+    scratches = scratch_variants(study, complete)
     every = {**scratches, **variants}
     fields: dict[str, Any] = {
         "arms": {name: variant.curriculum for name, variant in variants.items()},
@@ -294,13 +276,13 @@ def varied_arms(study: Raw, complete: Mapping[str, Any]) -> tuple[dict[str, Any]
     }
     probes = dict[str, Any]()
     if "tune" in study:
-        places = _places_of_tuning(study, variants, scratches)
+        tuned = _places_of_tuning(study, variants, scratches)
         space = {setting.name: setting.values for setting in tuned_in(study)}
         plain = TuneTable.model_validate(study["tune"]).model_dump()
-        fields["tune"] = {**plain, "space": space, "places": places}
+        fields["tune"] = {**plain, "space": space, "places": tuned}
         for setting in tuned_in(study):
-            arm = next(arm for arm in places if places[arm][setting.name])
-            here = places[arm][setting.name]
+            arm = next(arm for arm in tuned if tuned[arm][setting.name])
+            here = tuned[arm][setting.name]
             homes = dict.fromkeys(here, setting.home)
             values = setting.values
             if isinstance(values, dict):
@@ -312,17 +294,6 @@ def varied_arms(study: Raw, complete: Mapping[str, Any]) -> tuple[dict[str, Any]
                 probe = with_values(every[arm].curriculum, dict.fromkeys(here, value), homes)
                 probes[f"{setting.name} = {value_text(value)}"] = probe
     return fields, probes
-
-
-def variants_of(study: Raw, complete: Mapping[str, Any]) -> dict[str, Variant]:
-    """Return the arms of a sweep: one for all values of a setting that does not apply to it."""
-    variants = dict[str, Variant]()
-    for arm, curriculum in complete.items():
-        patch = table(study.get("arms")).get(arm)
-        places = {setting.name: places_of(study, patch, setting.key) for setting in swept_in(study)}
-        for name, variant in _variants(study, arm, curriculum, places):
-            variants.setdefault(name, variant)
-    return variants
 
 
 def _variants(
@@ -469,24 +440,21 @@ def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
             yield setting.home, "is given twice"
         elif setting.name in swept:
             yield setting.home, "is swept already: leave out one of the two"
-        elif messages := [*_wrong_space(setting)]:
-            yield from messages
-        elif why := _wrong_key(study, complete, setting):
-            yield setting.home, why
-
-
-def _wrong_space(setting: Varied) -> Messages:
-    if isinstance(setting.values, dict):
-        try:
-            RangeTable.model_validate(setting.values)
-        except ValidationError as error:
-            for detail in error.errors(include_url=False):
-                yield (*setting.home, *detail["loc"]), detail["msg"]
-        return
-    texts = list(map(value_text, setting.values)) if isinstance(setting.values, list) else []
-    if len(texts) < 2 or len(set(texts)) < len(texts):
-        text = "must be a list of two or more different values, or { low, high }: got "
-        yield setting.home, text + shown(setting.values)
+        else:
+            texts = [*map(value_text, setting.values)] if isinstance(setting.values, list) else []
+            if isinstance(setting.values, dict):
+                try:
+                    RangeTable.model_validate(setting.values)
+                except ValidationError as error:
+                    for detail in error.errors(include_url=False):
+                        yield (*setting.home, *detail["loc"]), detail["msg"]
+                    continue
+            elif len(texts) < 2 or len(set(texts)) < len(texts):
+                text = "must be a list of two or more different values, or { low, high }: got "
+                yield setting.home, text + shown(setting.values)
+                continue
+            if why := _wrong_key(study, complete, setting):
+                yield setting.home, why
 
 
 def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
@@ -516,10 +484,3 @@ def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
                 )
     text = "changes nothing: each task or arm that it could apply to sets it itself"
     return text if nowhere else ""
-
-
-def wrong_made(variants: Raw) -> Messages:
-    """Yield what is wrong with the names of the arms that a sweep makes."""
-    for name in variants:
-        if why := unfit_name(name):
-            yield SWEEP_HOME, f"makes an arm with a name that {why}"

@@ -15,8 +15,7 @@ from curricle.errors import SettingError
 from curricle.tasks.kernel import ALL, STRIDE, splitmix64, uniform
 from curricle.text import brief_repr
 
-SUM_TOLERANCE = 1e-9
-"""Difference of a sum of probabilities from 1, at most; they are divided by their sum."""
+SUM_TOLERANCE = 1e-9  # of a sum of probabilities, by which they are then divided
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,9 +199,8 @@ class Learnability(_BySuccess):
 
     With probability rho it draws one of the `top` tasks whose learnability p_i (1 - p_i) is
     highest (all tasks that equal the last of them), else any. p_i is the share of successes in the
-    last `window` episodes in task i. The paper draws thousands of new levels for an estimate and
-    keeps the best; here there are M tasks, and estimates come from the episodes of learning, so
-    that they cost no further steps.
+    last `window` episodes in task i. The paper draws thousands of new levels for an estimate; here
+    it comes from the episodes of learning.
 
     Parameters
     ----------
@@ -291,7 +289,11 @@ class PrioritizedLevelReplay:
         """Return the memory with the score of this episode."""
         score, drawn, now = memory.score.copy(), memory.drawn.copy(), memory.episodes + 1
         decay = episode.discount * self.gae_lambda
-        score[episode.task], drawn[episode.task] = value_loss(episode.td_errors, decay), now
+        total, advantage = 0.0, 0.0
+        for delta in episode.td_errors[::-1].tolist():
+            advantage = delta + decay * advantage
+            total += abs(advantage)
+        score[episode.task], drawn[episode.task] = total / episode.length, now
         return Scores(score, drawn, now)
 
     def probabilities(self, memory: Scores) -> FloatArray:
@@ -310,15 +312,6 @@ class PrioritizedLevelReplay:
         return np.asarray(share * replay + (1 - share) * new)
 
 
-def value_loss(td_errors: FloatArray, decay: float) -> float:
-    """Return the mean size of generalised advantages with gamma lambda as `decay` (GAE, 2016)."""
-    total, advantage = 0.0, 0.0
-    for delta in td_errors[::-1].tolist():
-        advantage = delta + decay * advantage
-        total += abs(advantage)
-    return total / len(td_errors)
-
-
 @dataclass(frozen=True)
 class ReverseCurriculum(_BySuccess):
     """Reverse curriculum generation for a finite order of starts (Florensa et al. 2017).
@@ -328,8 +321,7 @@ class ReverseCurriculum(_BySuccess):
     r_max, and whose predecessor is good, p_(i-1) >= r_min (that of the first task is the goal).
     Old starts are the tasks with p_i >= r_min. With probability `replay` an old start is drawn,
     else a new start, all equally likely; where there are none of a sort, one of the other. In the
-    paper new starts are reached by Brownian motion from good starts, 200 for 100 old starts; here
-    they are the next task in the order.
+    paper new starts are reached by Brownian motion from good starts.
 
     Parameters
     ----------
@@ -422,23 +414,9 @@ class TaskSampler:
         self.begun_at.append(step)
         return task
 
-    def ended(self, episode: Episode) -> None:
-        """Update the teacher's memory by an episode."""
-        self.memory = self.teacher.update(self.memory, episode)
-
 
 def drawn(probabilities: FloatArray, chance: float) -> int:
     """Return the task that a number in [0, 1) draws; never a task of probability 0."""
     rising = np.cumsum(probabilities)
     place = int(np.searchsorted(rising, chance * rising[-1], side="right"))
     return min(place, int(np.flatnonzero(probabilities)[-1]))
-
-
-def check_teacher(teacher: Any) -> None:
-    """Raise SettingError unless a teacher has the methods of :class:`Teacher`."""
-    for name in ("start", "update", "probabilities"):
-        if not callable(getattr(teacher, name, None)) or isinstance(teacher, type):
-            raise SettingError(
-                "a teacher must have the methods start, update and probabilities, as Uniform() "
-                f"has: got {teacher!r}"
-            )

@@ -3,12 +3,13 @@
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from curricle.arrays import FloatArray, Frozen, IntArray, frozen
+from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray, frozen
 from curricle.checks import text
 from curricle.display import block, table
 from curricle.errors import SettingError, TaskError
@@ -29,13 +30,20 @@ from curricle.learning.training import given_or_default, stopping_kernel, train_
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
 from curricle.statistics.curves import Curve
-from curricle.tasks.kernel import ALL, stream_start, uniform
-from curricle.tasks.live import BROKEN_DOWN, Answer
-from curricle.tasks.mdp import Task, tables
+from curricle.tasks.kernel import ALL, inlined, stream_start, uniform
+from curricle.tasks.live import BROKEN_DOWN, Answer, answer
+from curricle.tasks.mdp import FiniteMDP, Task, tables
+from curricle.tasks.models import (
+    Tables,
+    evaluation_models,
+    failures,
+    first_states,
+    table_model,
+    transitions,
+)
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.start_states import Goal, goal_states
-from curricle.teaching.taught_model import EpisodeRecord, SharedTables, TaughtModel
-from curricle.teaching.teachers import Episode, TaskSampler, Teacher, Uniform, check_teacher
+from curricle.teaching.teachers import Episode, TaskSampler, Teacher, Uniform
 from curricle.text import brief_value, counted
 
 
@@ -46,21 +54,17 @@ class TeachingResult(Frozen):
     Attributes
     ----------
     learning : LearningResult
-        Of the target: greedy returns are those in the target; steps, episodes and training returns
-        are those of all tasks.
+        Greedy returns are those in the target; steps, episodes and training returns of all tasks.
     tasks : tuple of str
         The names of the M tasks, in their order.
     teacher : Teacher
     drawn : tuple of K (E,) int64 arrays
-        The tasks of the episodes that were begun, as places in `tasks`. The budget may have cut off
-        the last episode.
+        The tasks of the episodes that were begun, as places in `tasks`.
     begun_at : tuple of K (E,) int64 arrays
         Steps in all tasks before these episodes.
     probabilities : (K, T, M) float64
-        The probabilities of the tasks when the last episode before a checkpoint was drawn.
-        Checkpoints after a seed's end repeat them.
+        Of the tasks, in the last draw before a checkpoint; repeated after a seed's end.
     steps_per_task : (K, M) int64
-        Steps in a task; they add up to those of the seed.
 
     Examples
     --------
@@ -126,17 +130,14 @@ def teach(
     """Return the result of learning a target by episodes in several tasks of one space.
 
     A teacher draws the task of every episode from a random stream for this alone. A single learner
-    learns all tasks in the same table, with the loops, schedules and random streams of
-    :func:`learn`; steps in any task count alike. With a single task the learning is that of
-    :func:`learn` on its tables, bit for bit.
+    learns all tasks in the same table as :func:`learn` does, and with a single task bit for bit so.
 
     Parameters
     ----------
     tasks : dict from str to Task
         M of them, with tables, the same states and actions, discount and time limit. They may
-        differ in where episodes start (:func:`with_start`), in hazards, slips, rewards and goals.
-        The states need a component that tells different goals apart, as a table has one value for
-        a pair. :class:`ReverseCurriculum` reads the order of the tasks.
+        differ in where episodes start (:func:`with_start`), in hazards, slips, rewards and goals;
+        a component of the states must tell different goals apart.
     teacher : Teacher
         Default :class:`Uniform`.
     learner : Learner
@@ -145,7 +146,7 @@ def teach(
         Steps in all tasks (the last episode may be cut off), episodes, or steps until the greedy
         return in the target is good enough.
     target : str
-        The name of the task in which the greedy policy is evaluated; the teacher may draw it too.
+        The task in which the greedy policy is evaluated; the teacher may draw it too.
     seeds, eval_freq, evaluation, stream, workers, progress
         As in :func:`learn`.
     goal : optional
@@ -171,7 +172,12 @@ def teach(
     """
     check_progress(progress)
     teacher = Uniform() if teacher is None else teacher
-    check_teacher(teacher)
+    for name in ("start", "update", "probabilities"):
+        if not callable(getattr(teacher, name, None)) or isinstance(teacher, type):
+            raise SettingError(
+                "a teacher must have the methods start, update and probabilities, as Uniform() "
+                f"has: got {teacher!r}"
+            )
     text("stream", stream or "-", SettingError)
     learner = given_or_default("learner", learner, Learner, QLearning)
     if isinstance(learner, OptimisticQLearning):
@@ -237,6 +243,141 @@ def teaching_result(
     )
 
 
+# -- The generative model of several tasks, which change from episode to episode -------------------
+#
+# For learning loops it is a model like any other: ``first_state`` asks a Python object for the next
+# task, and transitions are those of its tables. The rewards and errors of an episode are recorded
+# for the teacher, which reads them at its end.
+
+
+class SharedTables(NamedTuple):
+    """The tables of M tasks of a space; tasks that differ only in their start share W worlds."""
+
+    world: IntArray  # (M,) the world of a task
+    outcome_row: npt.NDArray[np.integer[Any]]  # (W, S, A)
+    cumulative: FloatArray  # (Y, O) of all worlds, one after the other
+    next_state: npt.NDArray[np.integer[Any]]  # (Y, O)
+    reward: FloatArray  # (Y, O)
+    terminal: BoolArray  # (W, S)
+    target: Tables
+    discount: float
+
+    @classmethod
+    def of(cls, mdps: Sequence[FiniteMDP], target: int) -> "SharedTables":
+        """Return the tables of tasks; `target` is the place of the target among them."""
+        worlds, world = list[FiniteMDP](), list[int]()
+        for mdp in mdps:
+            place = next((w for w, other in enumerate(worlds) if _same_world(mdp, other)), None)
+            world.append(len(worlds) if place is None else place)
+            worlds += [mdp] if place is None else []
+        n_outcomes = max(mdp.probability.shape[1] for mdp in worlds)
+        rows = np.cumsum([0, *(len(mdp.probability) for mdp in worlds)])
+
+        def stacked(name: str, filling: float) -> Any:
+            arrays = [np.asarray(getattr(mdp, name)) for mdp in worlds]
+            widths = [((0, 0), (0, n_outcomes - array.shape[1])) for array in arrays]
+            padded = map(partial(np.pad, constant_values=filling), arrays, widths)
+            return np.concatenate([*padded])
+
+        return cls(
+            np.array(world),
+            np.stack([mdp.outcome_row + rows[w] for w, mdp in enumerate(worlds)]),
+            stacked("cumulative", 1.0),  # outcomes that no draw exceeds are never taken
+            stacked("next_state", 0),
+            stacked("reward", 0.0),
+            np.stack([mdp.terminal for mdp in worlds]),
+            table_model(mdps[target]),
+            mdps[target].discount,
+        )
+
+
+def _same_world(task: FiniteMDP, other: FiniteMDP) -> bool:
+    """Return whether two tasks differ in nothing but where episodes start."""
+    names = ("outcome_row", "probability", "next_state", "reward", "terminal")
+    return all(np.array_equal(getattr(task, name), getattr(other, name)) for name in names)
+
+
+class EpisodeRecord(NamedTuple):
+    """The episode in progress, step by step; L is the time limit."""
+
+    task: IntArray  # (1,) its task
+    length: IntArray  # (1,) steps so far
+    rewards: FloatArray  # (L,)
+    td_errors: FloatArray  # (L,) r + gamma V(s') - V(s), with V = max_a Q when the step was taken
+    last_state: IntArray  # (1,)
+    terminated: BoolArray  # (1,) whether it ended there
+
+    @classmethod
+    def empty(cls, time_limit: int) -> "EpisodeRecord":
+        """Return the record of an episode that has not begun."""
+        n, last = np.zeros((2, 1), np.int64)
+        task = np.full(1, -1)
+        return cls(task, n, np.zeros(time_limit), np.zeros(time_limit), last, np.zeros(1, np.bool_))
+
+
+class TaughtModel(NamedTuple):
+    """Several tasks, a record of the present episode, and the address of who draws the next."""
+
+    asked: npt.NDArray[np.uint64]  # (1,) the address of the callable of :func:`answer`
+    failed: BoolArray  # (1,) whether the callable has failed
+    tables: SharedTables
+    q: FloatTable  # (n, S, A) the learner's n tables
+    episode: EpisodeRecord
+
+
+@first_states.body(TaughtModel)
+def _taught_start(model, bits):
+    state = answer(model.asked[0], np.int64(bits))[0]
+    model.episode.length[0] = 0  # after a failure too: a loop may take one more step
+    if state < 0:
+        model.failed[0] = True
+        return np.uint64(0)
+    return np.uint64(state)
+
+
+@inlined
+def _highest_mean(q, state):
+    """Return max_a of the mean of the learner's tables."""
+    best = -np.inf
+    for action in range(q.shape[2]):
+        value = 0.0
+        for n in range(q.shape[0]):
+            value += q[n, state, action]
+        best = max(best, value / q.shape[0])
+    return best
+
+
+@transitions.body(TaughtModel)
+def _taught_step(model, state, action, bits):
+    tables, episode = model.tables, model.episode
+    world = tables.world[episode.task[0]]
+    row, outcome = tables.outcome_row[world, state, action], np.uint64(0)
+    last = np.uint64(tables.cumulative.shape[1] - 1)
+    if last > np.uint64(0):
+        chance = uniform(bits)
+        for i in range(last):
+            outcome += np.uint64(chance >= tables.cumulative[row, i])
+    next_state = np.uint64(tables.next_state[row, outcome])
+    reward, terminated = tables.reward[row, outcome], tables.terminal[world, next_state]
+    ahead = 0.0 if terminated else tables.discount * _highest_mean(model.q, next_state)
+    n = episode.length[0]
+    episode.rewards[n] = reward
+    episode.td_errors[n] = reward + ahead - _highest_mean(model.q, state)
+    episode.length[0] = n + 1
+    episode.last_state[0], episode.terminated[0] = next_state, terminated
+    return next_state, reward, terminated
+
+
+@failures.body(TaughtModel)
+def _taught_failure(model):
+    return model.failed[0]
+
+
+@evaluation_models.body(TaughtModel)
+def _target_model(model):
+    return model.tables.target
+
+
 # -- the tasks -----------------------------------------------------------------------------------
 
 
@@ -283,12 +424,6 @@ class _TaskSet:
                 if needs_goal or goal is not None:
                     raise TaskError(f"{error} (task {self.names[i]!r})") from error
         self.shared = SharedTables.of(self.mdps, self.place)
-
-    def start_state(self, task: int, bits: int) -> int:
-        """Return the state in which an episode of a task starts, drawn as compiled loops do."""
-        mdp = self.mdps[task]
-        place = np.searchsorted(mdp.start_cumulative, uniform(bits), side="right")
-        return int(mdp.start_states[place])
 
 
 # -- one seed ------------------------------------------------------------------------------------
@@ -337,25 +472,25 @@ class _TaughtRun(Run):
             self.samplers[seed] = sampler
             while True:
                 if sampler.tasks:
-                    episode = self._episode(record)
+                    n, last = int(record.length[0]), int(record.task[0])
+                    reached = self.task_set.goals[last, record.last_state[0]]
+                    episode = Episode(
+                        last,
+                        frozen(record.rewards[:n].copy()),
+                        frozen(record.td_errors[:n].copy()),
+                        bool(record.terminated[0] and reached),
+                        self.task_set.target.discount,
+                    )
                     step += episode.length
-                    sampler.ended(episode)
+                    sampler.memory = self.teacher.update(sampler.memory, episode)
                 task = sampler.draw(step)
-                record.task[0] = task
-                bits = yield self.task_set.start_state(task, bits & ALL), 0.0, False, False
+                record.task[0], mdp = task, self.task_set.mdps[task]
+                # The start is drawn as compiled loops do.
+                place = np.searchsorted(mdp.start_cumulative, uniform(bits & ALL), side="right")
+                bits = yield int(mdp.start_states[place]), 0.0, False, False
         except GeneratorExit:
             raise
         except BaseException as error:
             raised.append(error)
         while True:
             yield BROKEN_DOWN
-
-    def _episode(self, record: EpisodeRecord) -> Episode:
-        n, task, shared = int(record.length[0]), int(record.task[0]), self.task_set
-        return Episode(
-            task,
-            frozen(record.rewards[:n].copy()),
-            frozen(record.td_errors[:n].copy()),
-            bool(record.terminated[0] and shared.goals[task, record.last_state[0]]),
-            shared.target.discount,
-        )

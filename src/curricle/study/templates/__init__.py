@@ -31,7 +31,16 @@ def new_study(kind: str) -> tuple[str, str]:
         return f"{kind}.toml", template(kind)
     if kind.isalpha() and kind.islower() and (meant := suggestion(kind, KINDS)):
         raise ConfigError(f"there is no study {kind!r} to start from{meant}")
-    return f"{kind.rpartition(':')[2].replace('/', '-')}.toml", environment_study(kind)
+    name = _known(kind)
+    try:
+        env = gym.make(name)
+    except Exception as error:  # of any kind: an environment is somebody's own code
+        why = " ".join(str(error).split())
+        raise ConfigError(f"{name} cannot be made: {type(error).__name__}: {why}") from None
+    with closing(env):
+        form = files(__package__).joinpath("environment.txt").read_text(encoding="utf-8")
+        text = form.format(id=name, **_parts(name, env))
+    return f"{kind.rpartition(':')[2].replace('/', '-')}.toml", text
 
 
 def template(kind: str) -> str:
@@ -43,35 +52,9 @@ def template(kind: str) -> str:
 
 # -- A study of an environment of Gymnasium's registry ---------------------------------------------
 
-SHOWN = 3
-"""Ids that are named where one is unknown."""
+SHOWN = 3  # ids that are named where one is unknown
 STEPS = "# steps, or { episodes = 800 }"
-LIMIT = 500
-"""Steps of an episode in an environment that sets no limit of its own."""
-STUDY = """\
-# {id}, learnt from scratch {how}. Run it with: curricle run FILE
-# Everything commented out shows what else there is.
-{note}
-name = "{id}"
-seeds = {seeds}
-
-{learner}[tasks.target]
-type = "{type}"
-id = "{id}"
-# arguments = {{}}            # passed to gymnasium.make
-{lines}
-# There are two arms, "scratch" and "transfer". Without a source both learn the same. A source is an
-# easier relative, such as the same id with other arguments; its values become a potential.
-# [tasks.source]
-# type = "{type}"
-# id = "{id}"
-# arguments = {{}}
-# budget = {source_budget:_}
-# [[transfers]]
-# source = "source"
-# target = "target"
-# {mapping}
-"""
+LIMIT = 500  # steps of an episode in an environment that sets no limit of its own
 TABLE = """\
 [learner]
 type = "QLearning"          # or SARSA, ExpectedSARSA, DoubleQLearning
@@ -85,24 +68,6 @@ type = "deep"
 algorithm = "{algorithm}"           # of Stable-Baselines3 or sb3_contrib
 policy = "{policy}"
 """
-
-
-def environment_study(name: str) -> str:
-    """Return the text of a study of a registered environment, which runs as it is.
-
-    Environments of numbered states and MiniGrid's levels are learnt in tables; all others are seen
-    through observations, and learnt by networks.
-
-    ConfigError when no environment has this id, or it cannot be made or learnt.
-    """
-    name = _known(name)
-    try:
-        env = gym.make(name)
-    except Exception as error:  # of any kind: an environment is somebody's own code
-        why = " ".join(str(error).split())
-        raise ConfigError(f"{name} cannot be made: {type(error).__name__}: {why}") from None
-    with closing(env):
-        return STUDY.format(id=name, **_parts(name, env))
 
 
 def _known(name: str) -> str:
