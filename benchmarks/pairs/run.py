@@ -28,7 +28,7 @@ import curricle as cr
 from benchmarks.pairs import Pair, family_names, pairs
 from benchmarks.pairs.arms import AGGREGATES, ARMS
 from benchmarks.pairs.playing import play
-from curricle.files import part_in
+from curricle.files import write_whole
 
 ALL_ARMS = (*ARMS, *AGGREGATES)
 DEPENDS = ("pair.py", "worlds.py", "arms.py", "playing.py", "families/*.py")
@@ -89,9 +89,9 @@ def _played(
 
 def _write(table: pa.Table, path: Path) -> None:
     """Write a file that is whole or absent."""
-    part = part_in(path.parent)
-    pq.write_table(table, part)
-    part.replace(path)
+    content = pa.BufferOutputStream()
+    pq.write_table(table, content)
+    write_whole(path, content.getvalue().to_pybytes())
 
 
 def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
