@@ -289,6 +289,7 @@ def run_study(
         if not failures:
             store.remove_checkpoints()
         pack(store, per_file)
+        store.require_there()  # in a folder that was moved nothing is listed, and nothing is wrong
         results = StudyResults(store)
         results.write_tables()
         analyse(results, arms)

@@ -378,13 +378,7 @@ class StudyStore:
         if description is not None:  # it has just been written
             self.description = description
             return
-        with read_errors(self.path):
-            if not (self.path / STUDY).exists():
-                lacks = f"{self.path} has none"
-                if isinstance(self.path, RemotePath) and not self.path.bucket.exists():
-                    lacks = f"there is no {self.path.bucket}"
-                gone = FileNotFoundError(errno.ENOENT, "it is not there", str(self.path / STUDY))
-                raise StoreError(f"a folder of results holds a {STUDY}: {lacks}") from gone
+        self.require_there()
         self.description = self.read_sealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
@@ -393,6 +387,16 @@ class StudyStore:
                 f"{self.path / STUDY} has {there} and this Curricle reads {SCHEMA_VERSION}: run "
                 "the study again into a new folder, or read it with the version that wrote it"
             )
+
+    def require_there(self) -> None:
+        """Raise StoreError unless the folder holds a study."""
+        with read_errors(self.path):
+            if not (self.path / STUDY).exists():
+                lacks = f"{self.path} has none"
+                if isinstance(self.path, RemotePath) and not self.path.bucket.exists():
+                    lacks = f"there is no {self.path.bucket}"
+                gone = FileNotFoundError(errno.ENOENT, "it is not there", str(self.path / STUDY))
+                raise StoreError(f"a folder of results holds a {STUDY}: {lacks}") from gone
 
     def __repr__(self) -> str:
         return f"StudyStore({str(self.path)!r})"
