@@ -140,7 +140,9 @@ def import_cycle(package: Path) -> list[str]:
 
 def test_every_package_has_a_place():
     packages = {package_of(module) for module in all_imports(PACKAGE)[0]} - ROOF
-    assert packages == set(LAYERS), "give a new package its place in LAYERS and in docs/architecture.md"
+    assert packages == set(LAYERS), (
+        "give a new package its place in LAYERS and in docs/architecture.md"
+    )
 
 
 def test_the_house_is_the_one_that_contributors_read():

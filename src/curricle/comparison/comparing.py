@@ -36,8 +36,7 @@ from curricle.statistics.sequential import Looks, add_seeds
 from curricle.statistics.thresholds import fraction_of_optimum, midpoint
 from curricle.transfer.rollouts import ObservationTarget, target_of
 
-FRACTION = 0.9
-"""Of the way from the random policy's return to the optimum: the default threshold."""
+FRACTION = 0.9  # of the way from the random policy's return to the optimum: the default threshold
 STATED, OF_OPTIMUM = "stated", "nine tenths of the way to the optimum"
 MIDPOINT = "midpoint of scratch's curve, without an optimum above random"
 """Where a threshold comes from."""
@@ -219,11 +218,9 @@ def trained_arms(
     workers: int | None,
     bars: Bars,
 ) -> dict[str, Arm]:
-    """Return all arms for these seeds, scratch first.
-
-    An arm in `failed` is left out; one that raises an error is added to it, and left out with its
-    controls. An error of scratch, or of all arms that do not learn from scratch, is raised.
-    """
+    """Return all arms for these seeds, scratch first."""
+    # An arm in `failed` is left out; one that raises an error is added to it, and left out with its
+    # controls. An error of scratch, or of all arms that do not learn from scratch, is raised.
     plan = plan.without(failed)
     failures, arms = Failures(plan.needs), dict[str, Arm]()
     run = InMemory(plan, tuple(sorted(seeds)), memory, workers, bars)
@@ -273,10 +270,7 @@ def _arm(plan: Plan, name: str, run: InMemory, seeds: tuple[int, ...]) -> Arm:
 
 
 def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> tuple[float, str]:
-    """Return nine tenths of the way from the random policy's return to the optimum, and its source.
-
-    If the optimum is unknown or not above that return, return the midpoint of the curve of scratch.
-    """
+    """Return nine tenths of the way to the optimum, or else the midpoint; and which it is."""
     of_optimum = threshold_of_optimum(target)
     if of_optimum is None:
         return midpoint(scratch.curve), MIDPOINT
@@ -284,10 +278,7 @@ def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> tuple
 
 
 def threshold_of_optimum(target: Target | ObservationTarget) -> float | None:
-    """Return nine tenths of the way from the random policy's return to the optimum.
-
-    None if the optimum is unknown or not above that return.
-    """
+    """Return nine tenths of the way from the random policy's return to the optimum."""
     if target.solution is None:
         return None
     best, worst = target.optimum, target.random_return

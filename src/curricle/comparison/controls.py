@@ -56,8 +56,7 @@ CONTROLS: tuple[Control, ...] = get_args(Control)
 PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM = "placebo", "constant mean", "constant maximum"
 KNOW_NOTHING = (PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM)
 """Labels of the controls that know nothing of the task."""
-WITHOUT_TABLES = ("constant", "scaled")
-"""Controls that need no dense tables of the target."""
+WITHOUT_TABLES = ("constant", "scaled")  # controls that need no dense tables of the target
 SOURCE = "control source"
 
 
@@ -70,10 +69,7 @@ def check_controls(controls: Sequence[str]) -> None:
 
 
 def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
-    """Raise CurriculumError unless a curriculum's target can be learnt with these controls.
-
-    TaskError if the target has no tables, which all controls but ``constant`` and ``scaled`` need.
-    """
+    """Raise CurriculumError unless a curriculum's target can be learnt with these controls."""
     if not controls:
         return
     name = curriculum.target
@@ -135,10 +131,7 @@ def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
 
 
 def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum:
-    """Return a curriculum whose only source is its target, trained for `steps`.
-
-    The source starts uniformly for "random start", as the target for "pretraining".
-    """
+    """Return a curriculum whose only source is its target, trained for `steps`."""
     name = curriculum.target
     task = curriculum.tasks[name]
     source = _with_uniform_start(task) if label == "random start" else task
@@ -181,10 +174,7 @@ LABELS: dict[Control, tuple[str, ...]] = {
 def control_arms(
     controls: Sequence[Control], curriculum: Curriculum
 ) -> Iterator[tuple[str, Curriculum]]:
-    """Yield the label of each control arm of a curriculum, and the curriculum that it learns by.
-
-    That is the same but for miniatures, whose answers a placebo shuffles.
-    """
+    """Yield the label of each control arm of a curriculum, and the curriculum that it learns by."""
     for control, labels in LABELS.items():
         for label in labels if control in controls else ():
             shuffled = is_shuffled(label, curriculum)
@@ -205,11 +195,9 @@ def train_control(
     calibrations: Sequence[Calibration] = (),
     **how: Any,
 ) -> tuple[LearningResult, IntArray, "Level | None"]:
-    """Return what seeds learn of the target in a control arm, what they are charged, and its level.
-
-    `sources` are those of the curriculum, the steps of which every control is charged. The
-    potentials and calibrations that its seeds began with follow from them where none are given.
-    """
+    """Return what seeds learn of the target in a control arm, their charges, and its level."""
+    # `sources` are those of the curriculum, the steps of which every control is charged. The
+    # potentials and calibrations that its seeds began with follow from them where none are given.
     name = curriculum.target
     spent = CurriculumResult(curriculum, {}, {}, given=sources).source_steps(name)
     if is_shuffled(label, curriculum):
@@ -234,10 +222,7 @@ def entering(
     seeds: Sequence[int],
     spent: IntArray | None = None,
 ) -> tuple[Sequence[Any], list[Calibration]]:
-    """Return the potentials that seeds begin a task with, and their calibrations if they have any.
-
-    `spent` are the steps that the task's budget pays for its sources.
-    """
+    """Return the potentials that seeds begin a task with, and their calibrations, if any."""
     potentials = curriculum.potentials(name, sources)
     if (settings := curriculum.calibration(name)) is None:
         return potentials, []
@@ -385,10 +370,7 @@ class VisitedPairs:
 
 
 def initial_value_of(curriculum: Curriculum) -> float | None:
-    """Return the initial value of the target's learner, if a constant potential is one more.
-
-    None where a network learns, and where the shaping enters a constant otherwise.
-    """
+    """Return the initial value of the target's learner, if a constant potential is one more."""
     name = curriculum.target
     learner, shaping = (curriculum.setting(which, name) for which in ("learner", "shaping"))
     same = isinstance(shaping, SAME_AS_INITIAL_VALUE)

@@ -288,16 +288,14 @@ AnyTarget = Target | ObservationTarget
 # Thresholds of the verdicts; benchmarks/check_forecast.py compares them with training.
 GAIN, GOOD = 0.1, 0.5
 """Shares of the way from the random policy's return to the optimum: weak start, good start."""
-OPTIMISTIC = 0.5
-"""Share of optimistic pairs above which learning keeps lowering values."""
+OPTIMISTIC = 0.5  # share of optimistic pairs above which learning keeps lowering values
 SLIPS, COLLAPSES = 0.2, 0.25
 """Mean excess, in units of mean abs(V*), above which returns then fall under epsilon-greedy."""
 ESTIMATED = 0.45
 """The same if the excess is over the value of phi's own policy, which is less than V*."""
 UNDERESTIMATE = 20.0
 """Typical rewards by which phi may be too low in states that the optimal policy visits."""
-RAISED = 1.15
-"""Scale above which a calibration is worth its steps."""
+RAISED = 1.15  # scale above which a calibration is worth its steps
 
 
 def start_words(row: ForecastRow, target: AnyTarget) -> str:
@@ -346,13 +344,11 @@ def network_words(row: ForecastRow) -> str:
 
 
 def anti_knowledge(row: ForecastRow, random_return: float) -> str:
-    """Return in what a potential is worse than knowing nothing, in words; empty if in nothing.
-
-    Its greedy policy returns less than the random one by more than the seeds differ (Student's
-    interval of 95 %; for a single seed, or where all agree, at all), or its order of the pairs is
-    against that of Q* in every seed. The words are weak because some such potentials pay all the
-    same: ``docs/trust.md`` says how many.
-    """
+    """Return in what a potential is worse than knowing nothing, in words; empty if in nothing."""
+    # Its greedy policy returns less than the random one by more than the seeds differ (Student's
+    # interval of 95 %; for a single seed, or where all agree, at all), or its order of the pairs is
+    # against that of Q* in every seed. The words are weak because some such potentials pay all the
+    # same: docs/trust.md says how many.
     signs = []
     starts, ranks = (np.array([getattr(k, of) for k in row.seeds]) for of in ("start", "rank"))
     high, mean = float(mean_interval(starts).high), float(starts.mean())
@@ -521,10 +517,7 @@ def forecast_once(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Forecast:
-    """Return a forecast as :func:`forecast`, with what others for the same target have computed.
-
-    With `only_used` it has a row for the potential that the curriculum would use, and no other.
-    """
+    """Return a forecast as :func:`forecast`, with what others for the same target have computed."""
     name, edges = _transfers_into(curriculum, target)
     for function in aggregates:
         if not callable(function):
@@ -734,10 +727,7 @@ def _judgement_of_networks(
 
 
 def _transfers_into(curriculum: Curriculum, target: str | None) -> tuple[str, tuple[Transfer, ...]]:
-    """Return the name of a target, the curriculum's by default, and the transfers into it.
-
-    CurriculumError if there are none.
-    """
+    """Return the name of a target, the curriculum's by default, and the transfers into it."""
     instance("the curriculum of a forecast", curriculum, Curriculum, CurriculumError)
     name = curriculum.target if target is None else target
     edges = curriculum.in_edges(name)

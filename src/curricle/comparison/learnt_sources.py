@@ -30,8 +30,7 @@ from curricle.text import brief_repr, counted
 
 LEARNT = 0.9
 """Share of the way from random to the reference from which a source learnt its own task."""
-OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""
-"""What a source is measured by."""
+OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""  # what a source is measured by
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,10 +197,7 @@ def _returns(target: Target, values: Any) -> tuple[FloatArray, float]:
 
 @dataclass(frozen=True, eq=False)
 class DistilledSource(Frozen):
-    """What networks of K seeds regain of the way from the random policy to the optimum.
-
-    Exact, by the miniatures' tables. Prints as a sentence.
-    """
+    """What networks of K seeds regain of the way from the random policy to the optimum."""
 
     name: str
     members: tuple[str, ...]  # M: the miniatures, then those that are only tested on
@@ -210,10 +206,8 @@ class DistilledSource(Frozen):
 
     @property
     def expected(self) -> float:
-        """The share to expect of the target: that of the last member, which is the nearest to it.
-
-        ``benchmarks/deep_forecast.py`` measures how well it ranks sources.
-        """
+        """The share to expect of the target: that of the last member, the nearest to it."""
+        # benchmarks/deep_forecast.py measures how well it ranks sources.
         return float(self.shares[:, -1].mean())
 
     def __str__(self) -> str:

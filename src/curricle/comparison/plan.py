@@ -106,14 +106,11 @@ class Plan:
 
     arms: Mapping[str, PlannedArm]
     """Those from scratch first; controls follow the arm that they are of."""
-    target: str
-    """The task that all arms end with."""
+    target: str  # the task that all arms end with
     budget: int | None
     """Steps of the target, without those of sources; None where arms are not compared."""
-    total: int | None
-    """Steps that every arm spends, sources included."""
-    eval_freq: int
-    """Steps between checkpoints of the target."""
+    total: int | None  # steps that every arm spends, sources included
+    eval_freq: int  # steps between checkpoints of the target
 
     @classmethod
     def made(
@@ -125,11 +122,9 @@ class Plan:
         controls: Sequence[Control] = (),
         least_total: int = 0,
     ) -> Self:
-        """Return the plan of comparable curricula and of learners from scratch.
-
-        The total is the target's budget and the steps that the most expensive arm spends on its
-        sources at most, rounded up to whole checkpoints, and at least `least_total`.
-        """
+        """Return the plan of comparable curricula and of learners from scratch."""
+        # The total is the target's budget and the steps that the most expensive arm spends on its
+        # sources at most, rounded up to whole checkpoints, and at least `least_total`.
         first = next(iter(curricula.values()))
         target = first.target
         node = first.node(target)
@@ -178,10 +173,8 @@ class Plan:
 
     @cached_property
     def needs(self) -> dict[tuple[str, str], Any]:
-        """The same with the target of its curriculum for a control, which stands or falls with it.
-
-        The second part of its place is no task's name.
-        """
+        """The same, and the target of its curriculum for a control: it stands or falls with it."""
+        # The second part of its place is no task's name.
         controls = {name: arm.of for name, arm in self.arms.items() if arm.control}
         beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
         return self.keys | beside
@@ -199,11 +192,9 @@ class Plan:
 
     @property
     def live(self) -> bool:
-        """Whether a task runs in Python, one thread at a time.
-
-        This includes tasks seen through observations: their learners draw from random generators of
-        the process.
-        """
+        """Whether a task runs in Python, one thread at a time."""
+        # This includes tasks seen through observations: their learners draw from random generators
+        # of the process.
         tasks = [
             task for curriculum in self.curricula.values() for task in curriculum.tasks.values()
         ]
@@ -223,11 +214,10 @@ class Plan:
         snapshots: int = 0,
         first: int | None = None,
     ) -> list[Unit]:
-        """Return the units that are still to be trained, sources first.
-
-        Seed s belongs to group number s // `seeds_per_unit`, all to one without that number. `done`
-        has the seeds that are trained by key. Units whose first seed is `first` have `snapshots`.
-        """
+        """Return the units that are still to be trained, sources first."""
+        # Seed s belongs to group number s // `seeds_per_unit`, all to one without that number.
+        # `done` has the seeds that are trained by key. Units whose first seed is `first` have
+        # `snapshots`.
         units: dict[tuple[Any, tuple[int, ...]], Unit] = {}
         for name, arm in self.arms.items():
             for task in arm.curriculum.order:
@@ -269,11 +259,9 @@ def most_source_steps(curriculum: Curriculum) -> int:
 
 
 def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] | None = ()) -> None:
-    """Raise CurriculumError unless all arms have one target with the same settings.
-
-    An arm may learn the target with another of `learners` than the first arm does, which learn it
-    from scratch too; with any learner where that is None.
-    """
+    """Raise CurriculumError unless all arms have one target with the same settings."""
+    # An arm may learn the target with another of `learners` than the first arm does, which learn it
+    # from scratch too; with any learner where that is None.
     (name, first), *others = arms.items()
     target = first.target
     for other_name, other in others:
@@ -298,15 +286,11 @@ def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] |
 
 # -- Arms that learn from scratch ------------------------------------------------------------------
 
-Learners = Sequence[Any] | Mapping[str, Any]
-"""Further learners from scratch, by name in a dict."""
+Learners = Sequence[Any] | Mapping[str, Any]  # further learners from scratch, by name in a dict
 
 
 def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
-    """Return a curriculum's target without its sources, with another learner if one is given.
-
-    What applies to targets alone, such as the shaping, is left out.
-    """
+    """Return a curriculum's target without its sources, with another learner if one is given."""
     target = curriculum.target
     settings: dict[str, Any] = {
         which: {target: curriculum.setting(which, target)}

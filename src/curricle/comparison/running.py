@@ -50,12 +50,10 @@ def train(
     uncontrolled: Trained | None = None,
     **how: Any,
 ) -> Trained:
-    """Return what a unit of an arm learns from what its sources learnt.
-
-    With `charge` the target's budget pays for the sources too. A control reads the potentials of
-    its curriculum in `uncontrolled`, or computes them again. `how` is handed on to the training:
-    workers, progress and the like.
-    """
+    """Return what a unit of an arm learns from what its sources learnt."""
+    # With `charge` the target's budget pays for the sources too. A control reads the potentials of
+    # its curriculum in `uncontrolled`, or computes them again. `how` is handed on to the training:
+    # workers, progress and the like.
     curriculum, task = arm.curriculum, unit.task
     if arm.control and task == curriculum.target:
         before = uncontrolled
@@ -72,26 +70,22 @@ def train(
 
 # -- The order of units ----------------------------------------------------------------------------
 
-AHEAD = 2
-"""Units submitted for each worker, so that none is idle between two."""
+AHEAD = 2  # units submitted for each worker, so that none is idle between two
 ASKED_AGAIN = 2.0
 """Seconds after which the number of workers is asked again: it may grow, and a cluster's answer
 takes about as long as a small unit."""
 
 
 class Queue:
-    """Units that are still to be sent: the first of those whose sources are trained comes first.
+    """Units that are still to be sent: the first of those whose sources are trained comes first."""
 
-    All of a unit, from waiting to being sent, costs time in the logarithm of their number and in
-    its own sources and seeds alone. `done` has the seeds that are trained, by key.
-    """
+    # All of a unit, from waiting to being sent, costs time in the logarithm of their number and in
+    # its own sources and seeds alone. `done` has the seeds that are trained, by key.
 
     def __init__(self, units: Iterable[Unit], done: Mapping[Any, Collection[int]]):
         self.units = list(units)
-        self.ready = list[int]()
-        """A heap of the numbers of units that can be sent."""
-        self._missing = list[int]()
-        """How many pairs of a source and a seed each unit waits for."""
+        self.ready = list[int]()  # a heap of the numbers of units that can be sent
+        self._missing = list[int]()  # how many pairs of a source and a seed each unit waits for
         self._waiting = dict[tuple[Any, int], list[int]]()
         """Key and seed of a source -> numbers of the units that wait for it."""
         for number, unit in enumerate(self.units):
@@ -122,12 +116,11 @@ class Queue:
 
 @dataclass
 class Scheduler:
-    """Sends units to workers, each after its sources, and has their results stored.
+    """Sends units to workers, each after its sources, and has their results stored."""
 
-    `holder` takes results by ``add`` and stores them by ``write``, which it may put off for some
-    ``seconds`` while it holds any (``bool``); ``done`` has the seeds that are stored, by key.
-    `workers` tell their ``number``, and why a unit is ``lost`` that nobody here cancelled.
-    """
+    # `holder` takes results by add and stores them by write, which it may put off for some seconds
+    # while it holds any (bool); done has the seeds that are stored, by key. `workers` tell their
+    # number, and why a unit is lost that nobody here cancelled.
 
     send: Callable[[Unit], "Future[Any]"]
     """Returns the future result of a unit whose sources are stored."""
@@ -145,10 +138,8 @@ class Scheduler:
         return self._number
 
     def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, Any]]:
-        """Yield each unit with its result when it is stored.
-
-        When one fails, no more are started that only arms with a failure need.
-        """
+        """Yield each unit with its result when it is stored."""
+        # When one fails, no more are started that only arms with a failure need.
         queue, running = Queue(units, self.holder.done), dict[Future[Any], Unit]()
         try:
             while queue.ready or running or self.holder:
@@ -199,12 +190,10 @@ class Scheduler:
 class Failures:
     """The units that failed in a run: the arms that need them are given up, others are trained."""
 
-    needs: Mapping[tuple[str, str], Any]
-    """The keys that arms need (:attr:`Plan.needs`)."""
+    needs: Mapping[tuple[str, str], Any]  # the keys that arms need (`Plan.needs`)
     each: list[tuple[Unit, BaseException]] = field(default_factory=list)
     """In the order in which they failed."""
-    executor_failed: bool = False
-    """Whether one of them was never trained, as the executor failed."""
+    executor_failed: bool = False  # whether one of them was never trained, as the executor failed
     _kept: set[Any] = field(default_factory=set, init=False)
     """The keys that arms without a failure need, once there is one."""
 
@@ -234,8 +223,7 @@ def arms_of(keys: Mapping[tuple[str, str], Any], some: Collection[Any]) -> set[s
 
 # -- A run in memory -------------------------------------------------------------------------------
 
-LARGEST_KEPT = 50_000_000
-"""Bytes of tables up to which a source's values are kept for other plans."""
+LARGEST_KEPT = 50_000_000  # bytes of tables up to which a source's values are kept for other plans
 
 
 class _Learning(NamedTuple):
@@ -286,10 +274,7 @@ class Memory:
 
 @dataclass
 class InMemory:
-    """A run of a plan's units for some seeds, all of a unit together, in this thread.
-
-    `workers` are the threads over seeds, `bars` show how far it is.
-    """
+    """A run of a plan's units for some seeds, all of a unit together, in this thread."""
 
     plan: Plan
     seeds: tuple[int, ...]

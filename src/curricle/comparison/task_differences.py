@@ -26,8 +26,7 @@ from curricle.tasks.mdp import (
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.spaces import Space, state_name
 
-LARGEST = 5_000_000
-"""Pairs (S x A) up to which tables are compared."""
+LARGEST = 5_000_000  # pairs (S x A) up to which tables are compared
 CLOSE = 1e-9
 """Relative difference of moments, and difference of start probabilities, up to which they agree."""
 
@@ -122,10 +121,8 @@ def _of_tables(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
 
 
 def moments(mdp: FiniteMDP, weight: FloatArray, unit: float) -> list[FloatArray]:
-    """Return E r, E w(s') and E cos(r / unit + w(s')) of each pair, (S, A).
-
-    The last separates joint distributions of reward and successor with the same first two.
-    """
+    """Return E r, E w(s') and E cos(r / unit + w(s')) of each pair, (S, A)."""
+    # The last separates joint distributions of reward and successor with the same first two.
     reward, weighed = _rewards(mdp), weight[mdp.next_state]
     each = (reward, weighed, np.cos(reward / unit + weighed))
     return [np.asarray((mdp.probability * x).sum(axis=1)[mdp.outcome_row]) for x in each]
@@ -221,10 +218,7 @@ def summary_differences(one: TaskSummary, other: TaskSummary) -> tuple[str, ...]
 
 
 def plain_text(value: Any) -> str:
-    """Return a value as text that is the same in every process and on every machine.
-
-    Functions are named, with a digest of their source; arrays too long to print have one too.
-    """
+    """Return a value as text that is the same in every process and on every machine."""
     if isinstance(value, np.ndarray):
         text = repr(value)
         return text if "..." not in text else f"array {value.shape} ({_digest(value.tobytes())})"
@@ -240,10 +234,8 @@ def plain_text(value: Any) -> str:
 
 
 def _of_any_process(text: str) -> str:
-    """Return a text without addresses, which differ between processes, and without folders.
-
-    The package of a study's own modules is named after its folder, and code after its file.
-    """
+    """Return a text without addresses, which differ between processes, and without folders."""
+    # The package of a study's own modules is named after its folder, and code after its file.
     parts = r' at 0x[0-9a-f]+|\bcurricle_study_[0-9a-f]+\.|, file "[^"]*", line \d+'
     return re.sub(parts, "", text)
 

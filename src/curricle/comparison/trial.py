@@ -70,11 +70,9 @@ class Candidate:
 def candidates_of(
     curriculum: Curriculum, target: str, aggregates: Sequence[Aggregate] = ()
 ) -> list[Candidate]:
-    """Return the candidates for a target: aggregates first, then each transfer alone.
-
-    The aggregates are the library's four, the curriculum's own and the given ones, each once; those
-    that are not the curriculum's own are not calibrated.
-    """
+    """Return the candidates for a target: aggregates first, then each transfer alone."""
+    # The aggregates are the library's four, the curriculum's own and the given ones, each once;
+    # those that are not the curriculum's own are not calibrated.
     edges = curriculum.in_edges(target)
     usual, settings = curriculum.setting("aggregate", target), curriculum.calibration(target)
     # The minimum, the mean and the maximum of a single potential are the same.
@@ -104,11 +102,9 @@ def part_of(
     transfers: Sequence[Transfer],
     rename: Callable[[str], str] = str,
 ) -> Curriculum:
-    """Return the part of a curriculum that a target is learnt by, its tasks renamed.
-
-    `transfers` are those into the target, in place of the curriculum's own. Random streams are
-    named after tasks, so that a renamed curriculum draws other numbers for the same seeds.
-    """
+    """Return the part of a curriculum that a target is learnt by, its tasks renamed."""
+    # `transfers` are those into the target, in place of the curriculum's own. Random streams are
+    # named after tasks, so that a renamed curriculum draws other numbers for the same seeds.
     before = {edge.source for edge in transfers}
     kept = before.union(*(curriculum.ancestors(name) for name in before), {target})
     edges = [edge for edge in curriculum.transfers if edge.target in kept - {target}]
@@ -134,19 +130,15 @@ def _of_tasks(setting: Any, kept: set[str], rename: Callable[[str], str]) -> Any
 
 # -- A trial -----------------------------------------------------------------------------------
 
-STREAM = "/trial"
-"""What the names of a trial's random streams end with."""
-SEEDS, FEWEST = 20, 8
-"""Seeds of a trial; the fewest that are worth it."""
+STREAM = "/trial"  # what the names of a trial's random streams end with
+SEEDS, FEWEST = 20, 8  # seeds of a trial; the fewest that are worth it
 QUICK = 5.0
 """Seconds on one processor, by the estimate, up to which a forecast makes a trial unasked."""
 STEP, OUTCOME = 50e-9, 8e-9
 """Seconds of a step in a model, and of one outcome in one step of an exact evaluation, about. They
 are constants, so that whether there is a trial does not depend on the machine."""
-SETTLED = 1000
-"""Steps of an exact evaluation after which most values no longer change."""
-WINDOW = 5
-"""Checkpoints over which curves are smoothed, as in a comparison."""
+SETTLED = 1000  # steps of an exact evaluation after which most values no longer change
+WINDOW = 5  # checkpoints over which curves are smoothed, as in a comparison
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,10 +354,7 @@ def _node_seconds(node: Node, steps: int) -> float:
 
 
 def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:
-    """Return the candidates and the seeds of a trial that is made unasked; none if it takes long.
-
-    All candidates, or else the one that the curriculum uses.
-    """
+    """Return the candidates and seeds of a trial that is made unasked; none if it takes long."""
     for some in (list(candidates), [candidate for candidate in candidates if candidate.used]):
         seeds = min(SEEDS, int(QUICK / trial_seconds(some)))
         if seeds >= FEWEST:

@@ -34,10 +34,8 @@ from curricle.statistics.intervals import Interval, mean_interval, vector
 from curricle.statistics.sequential import Looks
 from curricle.text import brief_repr
 
-ONE_LOOK = Looks((1,))
-"""No interim analyses."""
-SIGNIFICANT = 0.05
-"""Adjusted p-values below this count as a difference."""
+ONE_LOOK = Looks((1,))  # no interim analyses
+SIGNIFICANT = 0.05  # adjusted p-values below this count as a difference
 DRAWS, DRAWS_A_TEST = 10_000, 100
 """Sign vectors drawn where there are too many seeds for all of them, at least; and for each test of
 a family, so that the smallest p-value can stay significant when it is adjusted."""
@@ -261,8 +259,7 @@ def _smallest_gain(differences: FloatArray, looks: Looks) -> Interval:
     )
 
 
-SHARE = 0.1
-"""Up to this share of a gain is nothing beside the rest."""
+SHARE = 0.1  # up to this share of a gain is nothing beside the rest
 ASKING = 'cr.compare(..., controls=["constant", "placebo"])'
 """How the question is asked; in a study file by ``controls = ["constant", "placebo"]``."""
 
@@ -282,13 +279,11 @@ class Reason:
 
     @property
     def why(self) -> Why:
-        """The reason; empty unless the curriculum is shown to pay.
-
-        "knowledge": it is shown to gain more than each control that knows nothing. "level": it is
-        shown to gain less than one of them, or at most a tenth of its gain over scratch more;
-        "mostly level": both it gains more and this little. The share is the upper bound of the one
-        gain by the lower bound of the other: it is larger in at most 5 % of comparisons.
-        """
+        """The reason; empty unless the curriculum is shown to pay."""
+        # "knowledge": it is shown to gain more than each control that knows nothing. "level": it is
+        # shown to gain less than one of them, or at most a tenth of its gain over scratch more;
+        # "mostly level": both it gains more and this little. The share is the upper bound of the
+        # one gain by the lower bound of the other: it is larger in at most 5 % of comparisons.
         if self.pays.direction <= 0:
             return ""
         over = self.over_controls

@@ -83,10 +83,7 @@ def noted_end(record, state, terminated):
 
 
 def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> IntArray:
-    """Return up to so many checkpoints for tables of S x A `pairs`; none if two do not fit.
-
-    They lie quadratically: half of them in the first quarter of the run.
-    """
+    """Return up to so many checkpoints for tables of S x A `pairs`; none if two do not fit."""
     allowed = min(snapshots, MAX_SNAPSHOT_BYTES // (4 * pairs))
     if allowed < 2:
         return np.zeros(0, np.int64)

@@ -333,11 +333,7 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
 
 
 def curve_columns(arrays: Arrays, task: str | None = None) -> dict[str, npt.NDArray[Any]]:
-    """Return the columns of a result's curves, each seed up to its own end.
-
-    There is a column ``task`` if its name is given, and ``source_steps`` if they are among the
-    arrays.
-    """
+    """Return the columns of a result's curves, each seed up to its own end."""
     steps = arrays["steps"]
     reached = steps[None, :] <= arrays["steps_used"][:, None]
     seed, checkpoint = np.nonzero(reached)
@@ -353,10 +349,7 @@ def curve_columns(arrays: Arrays, task: str | None = None) -> dict[str, npt.NDAr
 
 
 def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
-    """Return columns as a pandas DataFrame, whose ``attrs["units"]`` are those of each column.
-
-    ImportError where pandas is not installed.
-    """
+    """Return columns as a pandas DataFrame, whose ``attrs["units"]`` are those of each column."""
     try:
         import pandas as pd
     except ModuleNotFoundError:

@@ -45,11 +45,7 @@ def task_record(task: Any) -> dict[str, Any]:
 
 
 def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None:
-    """Return the states and actions of values that were saved, those of the task if it is given.
-
-    None where they are not known, or are observations. SettingError where the task has other spaces
-    than `record`, which :func:`task_record` returned for the one that was learnt.
-    """
+    """Return the states and actions of values that were saved, those of the task if it is given."""
     own_record, recorded = task_record(task), record if isinstance(record, Mapping) else {}
     if own_record and recorded and own_record["spaces"] != recorded.get("spaces"):
         raise SettingError(
@@ -153,19 +149,15 @@ CURVES = tuple(
 )
 """In the order of a table's columns: counts come last."""
 TOTALS = tuple(name for name, field in FIELDS.items() if field.axes == "K")
-FLOATS = "float64", "float32"
-"""Of values that were learnt."""
-MOST_STEPS = 2**53
-"""Steps that a number of double precision counts."""
+FLOATS = "float64", "float32"  # of values that were learnt
+MOST_STEPS = 2**53  # steps that a number of double precision counts
 
 
 def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of a :class:`LearningResult` by name.
-
-    ``values`` are there if they were saved, or for each seed k the ``states_k`` and ``values_k`` of
-    its sparse table, or the parameters of its network, ``values_k/name``;
-    ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
-    """
+    """Return the arrays of a :class:`LearningResult` by name."""
+    # values are there if they were saved, or for each seed k the states_k and values_k of its
+    # sparse table, or the parameters of its network, values_k/name; snapshot_steps and
+    # snapshot_values if there are snapshots.
     arrays = {name: getattr(result, name) for name in FIELDS}
     arrays["seeds"] = np.array(result.seeds, dtype=np.int64)
     arrays |= arrays_of_values(result.values)
@@ -271,11 +263,9 @@ def check_result_arrays(
 
 
 def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | None) -> None:
-    """Raise ValueError unless the values among arrays are those of so many seeds.
-
-    `pairs` are the states and actions of their task, None where that is not known; compiled loops
-    read tables without looking whether a state lies in them.
-    """
+    """Raise ValueError unless the values among arrays are those of so many seeds."""
+    # `pairs` are the states and actions of their task, None where that is not known; compiled loops
+    # read tables without looking whether a state lies in them.
     table = arrays.get("values")
     if table is not None:
         fits = pairs is None or table.shape[-2:] == pairs

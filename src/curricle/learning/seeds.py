@@ -17,8 +17,7 @@ from curricle.progress import interruptible
 from curricle.tasks.live import is_live
 
 Result = TypeVar("Result")
-MOST_SEEDS = 100_000
-"""Seeds of a study or a training."""
+MOST_SEEDS = 100_000  # seeds of a study or a training
 
 
 def seed_tuple(seeds: Any) -> tuple[int, ...]:
@@ -52,11 +51,7 @@ def seed_settings(
     warm_up: Any,
     charged: Any,
 ) -> list[SeedSettings]:
-    """Return what each seed is trained with, or raise SettingError.
-
-    The arguments are those of :func:`learn`; `limits` are the most steps and episodes, and `fitted`
-    returns a shaping as it fits the task.
-    """
+    """Return what each seed is trained with, or raise SettingError."""
     numbers = seed_tuple(seeds)
     checked = partial(_checked_shaping, learner=learner, fitted=fitted)
     # One for all is fitted once, as each fitting may make an array of S x A.
@@ -124,11 +119,9 @@ def _check_limits(limits: tuple[int, int], seed: int, warm_up: WarmUp, charged: 
 
 
 def threads_for(task: Any, workers: int | None, seeds: int) -> int:
-    """Return the number of threads for the seeds of a task: `workers`, by default one a processor.
-
-    It is 0, the caller's thread, for a live task: an interrupt must reach its environment, which
-    Python runs in one thread at a time.
-    """
+    """Return the threads for the seeds of a task: `workers`, by default one a processor."""
+    # It is 0, the caller's thread, for a live task: an interrupt must reach its environment, which
+    # Python runs in one thread at a time.
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
     return 0 if is_live(task) else min(workers or os.cpu_count() or 1, seeds)
@@ -140,10 +133,8 @@ def over_seeds(
     threads: int,
     ended: Callable[[int], Any] = lambda k: None,
 ) -> list[Result]:
-    """Return work(0) .. work(seeds - 1); each number, in order, is handed to `ended` when done.
-
-    The main thread does no work itself but for 0 threads, so that it answers an interrupt.
-    """
+    """Return work(0) .. work(seeds - 1); each number, in order, is handed to `ended` when done."""
+    # The main thread does no work itself but for 0 threads, so that it answers an interrupt.
     results = list[Result]()
     if not threads or (threads == 1 and current_thread() is not main_thread()):
         for k in range(seeds):  # no iterator does the work: an environment may raise StopIteration

@@ -172,8 +172,7 @@ def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
 
 # -- Tables of many units, written in parts: all of one at once may not fit in memory --------------
 
-ROWS = 2**17
-"""Of a group of rows in a Parquet file."""
+ROWS = 2**17  # of a group of rows in a Parquet file
 
 
 def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
@@ -211,10 +210,8 @@ def parquet_of(parts: Iterable[pa.Table]) -> bytes:
 
 RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.parquet"
 ANALYSIS = "analysis.json"
-MOST_CHECKPOINTS = 10_000_000
-"""Of a curve in a comparison: 80 MB a seed."""
-SPENT = ("source_steps", "steps_used")
-"""Arrays of steps."""
+MOST_CHECKPOINTS = 10_000_000  # of a curve in a comparison: 80 MB a seed
+SPENT = ("source_steps", "steps_used")  # arrays of steps
 HEADERS, FLOAT32 = 2**16, 4
 """Bytes of the headers of some arrays, at most, and of a number in a snapshot."""
 

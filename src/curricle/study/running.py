@@ -70,8 +70,7 @@ from curricle.text import counted
 
 # -- What a run finds in its folder: the units that it uses, and why it does not use others --------
 
-Done = dict[str, dict[int, StoredUnit]]
-"""Key -> seed -> unit."""
+Done = dict[str, dict[int, StoredUnit]]  # key -> seed -> unit
 
 
 def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
@@ -90,11 +89,10 @@ def tuned_before(
     *,
     keep_stale: bool,
 ) -> tuple[StudyConfig, Arms]:
-    """Return a study and its arms as a folder says that it was tuned; as they are if it does not.
-
-    A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
-    version aside where stale units are kept. `report` is called with a sentence about a stale one.
-    """
+    """Return a study and its arms as a folder says that it was tuned, if it does."""
+    # A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
+    # version aside where stale units are kept. `report` is called with a sentence about a stale
+    # one.
     place = place_at(path)
     if study.tune is None or not holds_study(place):
         return study, arms
@@ -113,11 +111,9 @@ def tuned_before(
 
 
 def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:
-    """Return the units that are whole, and a sentence about each task with others.
-
-    Damaged units are deleted if asked for; stale ones stay, and are found again if what they depend
-    on is as it was.
-    """
+    """Return the units that are whole, and a sentence about each task with others."""
+    # Damaged units are deleted if asked for; stale ones stay, and are found again if what they
+    # depend on is as it was.
     damaged = store.damaged_units()
     remarks = [f"{file} is damaged: its units are trained again" for file in damaged]
     if remove_damaged:
@@ -160,8 +156,7 @@ def different_versions(runs: Iterable[RunRecord], run: RunRecord) -> Iterator[st
 # -- Running a study: its units on any executor, each stored as soon as it is trained --------------
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
-OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib", "optuna")
-"""Libraries that may be there."""
+OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib", "optuna")  # libraries that may be there
 
 
 def run_study(
@@ -453,10 +448,8 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
 
 
 def _provenance(study: StudyConfig) -> RunRecord:
-    """Return what a run is made with: versions, kind of machine, the study's file and its commit.
-
-    Nothing in it names the machine, its user or a place on its disk: folders are sent to others.
-    """
+    """Return what a run is made with: versions, machine, the study's file and its commit."""
+    # Nothing in it names the machine, its user or a place on its disk: folders are sent to others.
     versions = {name: metadata.version(name) for name in LIBRARIES}
     for name in OPTIONAL:
         with suppress(metadata.PackageNotFoundError):

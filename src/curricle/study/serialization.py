@@ -28,20 +28,17 @@ DECISION_SCHEMA = {
     "reason": "string",
 }
 """Columns of a unit's decisions, and their types."""
-OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")
-"""An array of one seed, by its row."""
+OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")  # an array of one seed, by its row
 OF_UNITS = ("source_steps", "scale", "refusal", "level", "level_base")
 """Arrays by seed that a unit has beside those of its result: two if it was calibrated, two if it is
 a control that knows nothing."""
-LARGEST_TABLE = 2**28
-"""Bytes of a table at most."""
+LARGEST_TABLE = 2**28  # bytes of a table at most
 
 
 class UnitResult(NamedTuple):
     """What training a unit returns."""
 
-    arrays: Arrays
-    """Those of the :class:`LearningResult` (:func:`arrays_of`), and `OF_UNITS`."""
+    arrays: Arrays  # those of the `LearningResult` (`arrays_of`), and `OF_UNITS`
     decisions: pa.Table
     """Why each seed went on or stopped, a row a checkpoint, of `DECISION_SCHEMA`."""
 
@@ -63,11 +60,9 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
 
 
 def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
-    """Return the results of several units of a task as that of one, seeds ascending.
-
-    Shorter curves are held to the longest. Snapshots stay if they are of the first seed of all. How
-    the units were grouped does not change a byte.
-    """
+    """Return the results of several units of a task as that of one, seeds ascending."""
+    # Shorter curves are held to the longest. Snapshots stay if they are of the first seed of all.
+    # How the units were grouped does not change a byte.
     if len(parts) == 1:
         return parts[0]
     parts = sorted(parts, key=lambda part: part.arrays["seeds"][0])
@@ -92,11 +87,9 @@ def group_of(name: str) -> str:
 
 
 def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Table:
-    """Return a Parquet table of `most` rows at most; ValueError if its columns are others.
-
-    A text that rows share is stored once, so a small file may have large columns: they are measured
-    before they are made.
-    """
+    """Return a Parquet table of `most` rows at most; ValueError if its columns are others."""
+    # A text that rows share is stored once, so a small file may have large columns: they are
+    # measured before they are made.
     texts = [name for name, kind in schema.items() if kind == "string"]
     try:
         with pq.ParquetFile(io.BytesIO(content)) as file:

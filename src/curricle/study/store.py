@@ -72,15 +72,12 @@ STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
 UNITS = "units"
 PATIENCE = 0.3
 """Seconds in which a lock is asked for: whoever looks whether it is held has it for a moment."""
-CHECKPOINTS = ".checkpoints"
-"""Where networks in training are saved, to go on from."""
+CHECKPOINTS = ".checkpoints"  # where networks in training are saved, to go on from
 
 
 def check_ours(path: Place, resume: bool) -> None:
-    """Raise StoreError if a path is a file, or a folder that holds other things than results.
-
-    A folder in it that is a link is refused: what is damaged there would be deleted.
-    """
+    """Raise StoreError if a path is a file, or a folder that holds other things than results."""
+    # A folder in it that is a link is refused: what is damaged there would be deleted.
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
     for entry in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
@@ -95,11 +92,9 @@ def check_ours(path: Place, resume: bool) -> None:
 
 @contextmanager
 def locked(path: Place) -> Iterator[None]:
-    """Lock a folder, made if need be, against other processes; StoreError when one holds it.
-
-    The lock ends with the process, also when it is killed. There is none at a URL: two runs that
-    write there store the same units, so that the last of each stays.
-    """
+    """Lock a folder, made if need be, against other processes; StoreError when one holds it."""
+    # The lock ends with the process, also when it is killed. There is none at a URL: two runs that
+    # write there store the same units, so that the last of each stays.
     if not isinstance(path, Path):
         yield
         return
@@ -180,22 +175,15 @@ def lost_errors() -> Iterator[None]:
 
 # -- The file of a unit: a sealed archive of its arrays that says what it is of --------------------
 
-NamedArrays = dict[str, npt.NDArray[Any]]
-"""Arrays by name."""
-ABOUT, DECISIONS = "unit.json", "decisions.parquet"
-"""Members of the archive beside its arrays."""
+NamedArrays = dict[str, npt.NDArray[Any]]  # arrays by name
+ABOUT, DECISIONS = "unit.json", "decisions.parquet"  # members of the archive beside its arrays
 ENDING = ".npz"
-LARGEST_ABOUT = 2**24
-"""Bytes of ``unit.json`` at most: one of 100,000 seeds has a twentieth of that."""
-LONGEST_NAME, KEPT = 200, 40
-"""Characters of a unit's name, and those that are kept of a longer one."""
+LARGEST_ABOUT = 2**24  # bytes of unit.json at most: one of 100,000 seeds has a twentieth of that
+LONGEST_NAME, KEPT = 200, 40  # characters of a unit's name, and those that are kept of a longer one
 
 
 def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
-    """Return the content of a unit's file; equal results have equal bytes.
-
-    Snapshots are compressed, other arrays are not.
-    """
+    """Return the content of a unit's file; equal results have equal bytes."""
     arrays = result.arrays.items()
     ordered = {name: array for group in GROUPS for name, array in arrays if group_of(name) == group}
     others = {
@@ -215,10 +203,7 @@ def about_in(archive: ArrayArchive) -> UnitRecord:
 
 
 def groups_in(archive: ArrayArchive, groups: Collection[str], most: int | None) -> NamedArrays:
-    """Return the arrays of some groups in a unit's file, without pickles.
-
-    Snapshots may unpack to `most` bytes, and nothing else is compressed; ValueError otherwise.
-    """
+    """Return the arrays of some groups in a unit's file, without pickles."""
     names = [name for name in archive.names if group_of(name) in groups]
     return archive.read(*names, compressed=_snapshots_of(names), most=most)
 
@@ -249,8 +234,7 @@ def place_of(key: str, task: str, seeds: str) -> str:
 MOST_KEPT = 2**28
 """Bytes of curves and decisions that are kept of files that were read as a whole: so a run of a
 finished study reads each once."""
-SCHEMA_VERSION = 3
-"""Of the folder's layout; a folder of another version is refused."""
+SCHEMA_VERSION = 3  # of the folder's layout; a folder of another version is refused
 LARGEST_JSON = 2**24
 """Bytes of a JSON file at most: in memory they are up to 25 times as many. A study of 100,000 seeds
 has a twentieth."""
@@ -300,10 +284,7 @@ def read_unit(path: Place, read: Callable[[ArrayArchive], Result]) -> Result:
 
 
 def arrays_in(stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
-    """Return the arrays of some groups, such as ``run``, that a unit has.
-
-    Snapshots may unpack to `most` bytes; StoreError names a file where they have more.
-    """
+    """Return the arrays of some groups, such as ``run``, that a unit has."""
     return read_unit(stored.path, lambda archive: groups_in(archive, groups, most))
 
 
@@ -634,10 +615,8 @@ class StudyStore:
 class StoredSource(NamedTuple):
     """What the seeds of a unit learnt in a source, where it is stored."""
 
-    units: Mapping[int, StoredUnit]
-    """By seed."""
-    read: bool
-    """Whether its values are needed."""
+    units: Mapping[int, StoredUnit]  # by seed
+    read: bool  # whether its values are needed
 
 
 def stored_values(
@@ -647,10 +626,7 @@ def stored_values(
     *,
     read: bool,
 ) -> StoredValues:
-    """Return what seeds learnt in a task, its values only if they are to be `read`.
-
-    `arrays_of` is as :meth:`StudyStore.arrays`, and `done` has the unit that holds each seed.
-    """
+    """Return what seeds learnt in a task, its values only if they are to be `read`."""
     units = {done[seed].path: done[seed] for seed in seeds}
     names = (RUN, VALUES) if read else (RUN,)
     arrays = {path: arrays_of(stored, *names) for path, stored in units.items()}
@@ -670,28 +646,22 @@ def stored_values(
 # second are written together, and a file holds a block of seeds in the end. What the folder holds
 # after a run does not depend on when its units ended: each block is one file then.
 
-FULL = 2**22
-"""Bytes of a file of several units, about: it is read in some milliseconds."""
+FULL = 2**22  # bytes of a file of several units, about: it is read in some milliseconds
 NUMBER, TABLES, CURVES = 8, 2, 5
 """Bytes of a number, and how many a seed has for each pair (S x A) and for each checkpoint."""
 BETWEEN = 1.0
 """Seconds between two writes, while small units end faster: as much as a killed run repeats."""
-MOST_FILES = 32
-"""Of a block of seeds until they are merged during a run."""
+MOST_FILES = 32  # of a block of seeds until they are merged during a run
 REMEMBERED = 8
 """Files of several units whose arrays are kept: more of their seeds are asked for next."""
 
-Block = tuple[str, int]
-"""A unit's key, and the number of its block of seeds."""
+Block = tuple[str, int]  # a unit's key, and the number of its block of seeds
 Taken = tuple[Unit, UnitResult | StoredUnit]
 """A unit, and its result or the file to which its worker has written it."""
 
 
 def seeds_per_file(node: Node) -> int:
-    """Return how many seeds of a task a file holds; 1 for networks and large tables.
-
-    It depends on the study alone: on the pairs (S x A) of the task and its checkpoints.
-    """
+    """Return how many seeds of a task a file holds; 1 for networks and large tables."""
     return 1 if node.deep else max(1, FULL // bytes_a_seed(node))
 
 
@@ -710,10 +680,7 @@ def files_of(record: CurriculaRecord) -> dict[str, int]:
 
 
 class Packing:
-    """The units of a run on their way into files.
-
-    `done`, key -> seed -> unit, gets those that are stored; `per_file` is as :func:`files_of`.
-    """
+    """The units of a run on their way into files."""
 
     def __init__(
         self,
@@ -724,8 +691,7 @@ class Packing:
         self.store, self.done, self.per_file = store, done, per_file
         self._waiting = dict[Block, list[tuple[Unit, UnitResult]]]()
         self._receipts = list[tuple[Unit, StoredUnit]]()
-        self._files = dict[Block, list[StoredUnit]]()
-        """Those that this run has written."""
+        self._files = dict[Block, list[StoredUnit]]()  # those that this run has written
         self._large = False
         self._written = -BETWEEN
         self._remembered = lru_cache(REMEMBERED)(store.arrays)
@@ -796,10 +762,8 @@ def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
 
 
 def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
-    """Write the units of some files of a block as one, delete the others and return it.
-
-    A seed that several have, as after a run that was killed here, is taken once.
-    """
+    """Write the units of some files of a block as one, delete the others and return it."""
+    # A seed that several have, as after a run that was killed here, is taken once.
     parts, taken = list[UnitResult](), set[int]()
     for file in files:
         if new := set(file.seeds) - taken:

@@ -18,19 +18,17 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 from curricle.errors import EngineError
 from curricle.study.engines.engine import Engine, answers
 
-ASKED = 60
-"""Seconds in which each machine must answer; it starts a process first."""
+ASKED = 60  # seconds in which each machine must answer; it starts a process first
 ASKED_AGAIN, PAUSE = 3, 2.0
 """How often a head that turns a client away is asked again, and after how many seconds."""
 
 
 class RayEngine(Engine):
-    """A Ray cluster that this process is connected to, maybe of several machines.
+    """A Ray cluster that this process is connected to, maybe of several machines."""
 
-    A connection to its `head`, (host, port), tells whether it is lost: Ray itself raises nothing
-    and ends this process after a minute, and its client tries for half a minute. A connection that
-    was made here `ends` here.
-    """
+    # A connection to its `head`, (host, port), tells whether it is lost: Ray itself raises nothing
+    # and ends this process after a minute, and its client tries for half a minute. A connection
+    # that was made here `ends` here.
 
     def __init__(self, link: str | None, head: tuple[str, int], ends: bool):
         self.link, self.head, self.ends = link, head, ends
