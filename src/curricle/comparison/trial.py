@@ -108,7 +108,12 @@ def part_of(
     before = {edge.source for edge in transfers}
     kept = before.union(*(curriculum.ancestors(name) for name in before), {target})
     edges = [edge for edge in curriculum.transfers if edge.target in kept - {target}]
-    settings = {which: _of_tasks(getattr(curriculum, which), kept, rename) for which in SETTINGS}
+    settings = dict[str, Any]()
+    for which in SETTINGS:
+        setting = getattr(curriculum, which)
+        if isinstance(setting, Mapping):
+            setting = {rename(name): value for name, value in setting.items() if name in kept}
+        settings[which] = setting
     # A budget that is not stated depends on how many sources there are in the whole.
     settings["budget"] = {rename(name): curriculum.setting("budget", name) for name in kept}
     return Curriculum(
@@ -119,13 +124,6 @@ def part_of(
         ],
         **settings,
     )
-
-
-def _of_tasks(setting: Any, kept: set[str], rename: Callable[[str], str]) -> Any:
-    """Return a setting, one value or a dict from task to value, for the tasks that are kept."""
-    if not isinstance(setting, Mapping):
-        return setting
-    return {rename(name): value for name, value in setting.items() if name in kept}
 
 
 # -- A trial -----------------------------------------------------------------------------------
@@ -197,10 +195,16 @@ class Trial:
         slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
         bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
         spent = comparison[name].curve.source_steps.mean()
+        if saved.estimate >= 0:
+            words = f"saves {bound}{in_brief(saved)}"
+        else:
+            n, low, high = (-float(value) for value in (saved.estimate, saved.high, saved.low))
+            more = in_brief(replace(saved, estimate=n, low=low, high=high))
+            words = f"takes {bound}{more} more"
         return (
             f"expected steps to the threshold {comparison.threshold:.4g}: {self._steps(name)} with "
             f"sources (their {spent:,.0f} steps included), {self._steps(SCRATCH)} from scratch; "
-            f"{_saved(saved, bound)}; {gained}"
+            f"{words}; {gained}"
         )
 
     def _steps(self, name: str) -> str:
@@ -213,14 +217,6 @@ class Trial:
         return f"at least {text} ({missed} of {seeds} never)" if missed else text
 
 
-def _saved(steps: Interval, bound: str) -> str:
-    """Return steps that are saved, or taken more, in words."""
-    if steps.estimate >= 0:
-        return f"saves {bound}{in_brief(steps)}"
-    n, low, high = (-float(value) for value in (steps.estimate, steps.high, steps.low))
-    return f"takes {bound}{in_brief(replace(steps, estimate=n, low=low, high=high))} more"
-
-
 def verdict_words(gain: Interval) -> str:
     """Return what an interval of the gain says."""
     if gain.low > 0:
@@ -230,18 +226,15 @@ def verdict_words(gain: Interval) -> str:
 
 def in_brief(interval: Interval) -> str:
     """Return an interval without its number of seeds, thousands with commas."""
-    bounds = [float(value) for value in (interval.estimate, interval.low, interval.high)]
-    estimate, low, high = map(_three_digits, bounds)
+    bounds = (interval.estimate, interval.low, interval.high)
+    rounded = [float(f"{float(value):.3g}") for value in bounds]
+    estimate, low, high = (f"{x:,.0f}" if abs(x) >= 1000 else f"{x:g}" for x in rounded)
     return estimate if low == "nan" else f"{estimate} [{low}, {high}]"
-
-
-def _three_digits(value: float) -> str:
-    rounded = float(f"{value:.3g}")
-    return f"{rounded:,.0f}" if abs(rounded) >= 1000 else f"{rounded:g}"
 
 
 def run_trial(
     candidates: Sequence[Candidate],
+    relative: Curriculum | None = None,
     *,
     seeds: int = SEEDS,
     threshold: float | None = None,
@@ -249,47 +242,9 @@ def run_trial(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of candidates for one target."""
-    arms = {candidate.name: apart(candidate.curriculum) for candidate in candidates}
-    comparison = _compared(arms, memory, seeds, threshold, workers, progress)
-    assumes = (
-        f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of an "
-        "experiment; assumes the tasks, budgets and settings of the curriculum, its sources "
-        "trained anew"
-    )
-    return Trial(comparison, assumes)
-
-
-def rehearse(
-    relative: Curriculum,
-    candidate: Candidate,
-    *,
-    seeds: int = SEEDS,
-    memory: Memory | None = None,
-    workers: int | None = None,
-    progress: Progress = None,
-) -> Trial:
-    """Return a trial of a smaller relative of a curriculum, which stands for a candidate."""
-    comparison = _compared(
-        {candidate.name: apart(relative)}, memory, seeds, None, workers, progress
-    )
-    assumes = (
-        f"a rehearsal on the smaller relative {relative.target!r}, {counted(seeds, 'seed')}; its "
-        f"steps and returns are the relative's own; assumes that what pays there pays in "
-        f"{candidate.curriculum.target!r}"
-    )
-    return Trial(comparison, assumes, relative.target)
-
-
-def _compared(
-    arms: Mapping[str, Curriculum],
-    memory: Memory | None,
-    seeds: int,
-    threshold: float | None,
-    workers: int | None,
-    progress: Progress,
-) -> Comparison:
-    """Return the comparison of arms; the window is cut where there are fewer checkpoints."""
+    """Return a trial of candidates, or of a smaller relative that stands for the only one."""
+    curricula = {candidate.name: relative or candidate.curriculum for candidate in candidates}
+    arms = {name: apart(curriculum) for name, curriculum in curricula.items()}
     memory = Memory() if memory is None else memory
     plan, failed = comparison_plan(arms, memory), dict[str, Exception]()
     with warnings.catch_warnings(), shown(progress) as bars:
@@ -299,9 +254,22 @@ def _compared(
     level = STATED
     if threshold is None:
         threshold, level = default_threshold(solved_target(plan), trained[SCRATCH])
-    window = min(WINDOW, checkpoints(plan))
+    window = min(WINDOW, checkpoints(plan))  # cut where there are fewer checkpoints
     spans = *plan.steps, threshold, window
-    return Comparison(plan.target, trained, *spans, failed, threshold_from=level)
+    comparison = Comparison(plan.target, trained, *spans, failed, threshold_from=level)
+    if relative is None:
+        assumes = (
+            f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
+            "an experiment; assumes the tasks, budgets and settings of the curriculum, its sources "
+            "trained anew"
+        )
+        return Trial(comparison, assumes)
+    assumes = (
+        f"a rehearsal on the smaller relative {relative.target!r}, {counted(seeds, 'seed')}; its "
+        f"steps and returns are the relative's own; assumes that what pays there pays in "
+        f"{candidates[0].curriculum.target!r}"
+    )
+    return Trial(comparison, assumes, relative.target)
 
 
 def apart(curriculum: Curriculum) -> Curriculum:
