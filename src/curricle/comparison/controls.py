@@ -42,7 +42,7 @@ from curricle.learning.stopping import StoppingRule
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.rollouts import random_rollouts
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import Task, generative_model, has_tables, reachable_states, tables
+from curricle.tasks.mdp import generative_model, has_tables, reachable_states, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr
 from curricle.transfer.by_components import identity
@@ -91,8 +91,10 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
 def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
     name = curriculum.target
     shaping = curriculum.setting("shaping", name)
+    sources = [curriculum.tasks[edge.source] for edge in curriculum.in_edges(name)]
+    all_miniatures = all(isinstance(source, Miniatures) for source in sources)
     for control in controls:
-        if control == "placebo" and _all_miniatures(curriculum):
+        if control == "placebo" and all_miniatures:
             continue
         if control in ("random_start", "placebo"):
             raise CurriculumError(
@@ -104,12 +106,6 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
                 f"a control {control!r} changes the values of a potential: the target of arm "
                 f"{arm!r} has the shaping {shaping.name}, which does not read them"
             )
-
-
-def _all_miniatures(curriculum: Curriculum) -> bool:
-    """Return whether all that is carried over to the target comes from miniatures."""
-    sources = [edge.source for edge in curriculum.in_edges(curriculum.target)]
-    return all(isinstance(curriculum.tasks[name], Miniatures) for name in sources)
 
 
 def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
@@ -134,7 +130,12 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
     """Return a curriculum whose only source is its target, trained for `steps`."""
     name = curriculum.target
     task = curriculum.tasks[name]
-    source = _with_uniform_start(task) if label == "random start" else task
+    source = task
+    if label == "random start" and isinstance(task, GridWorld):
+        source = task.with_start("uniform")
+    elif label == "random start":
+        mdp = tables(task)
+        source = replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
     learner, evaluation = (curriculum.setting(which, name) for which in ("learner", "evaluation"))
     storage = curriculum.setting("storage", name)
     return Curriculum(
@@ -204,7 +205,12 @@ def train_control(
         trained = curriculum.train(seeds, only=name, trained=sources, charge=True, **how)
         return trained[name], spent, None
     if label not in CHANGES:
-        return _train_with_source(label, curriculum, seeds, spent, **how), spent, None
+        parts = []
+        for steps in np.unique(spent):
+            some = [seeds[k] for k in np.flatnonzero(spent == steps).tolist()]
+            changed_source = source_control(curriculum, label, int(steps))
+            parts.append(changed_source.train(some, charge=True, **how)[name])
+        return joined_results(parts), spent, None
     node = curriculum.node(name)
     if not potentials:
         potentials, calibrations = entering(curriculum, name, sources, seeds, spent)
@@ -212,7 +218,15 @@ def train_control(
     changed = [CHANGES[label](phi, k, pairs) for phi, k in zip(potentials, seeds, strict=True)]
     warm_ups = [calibration.warm_up for calibration in calibrations]
     result = node.train(seeds, changed, warm_ups=warm_ups, charged=spent, **how)
-    return result, spent, level_of(label, changed, pairs, curriculum)
+    if label not in KNOW_NOTHING:
+        return result, spent, None
+    means = np.array([pairs.values(phi).mean() for phi in changed])
+    # A constant potential is another initial value where a table learns and the shaping allows it.
+    learner, shaping = node.learner, node.shaping
+    same = isinstance(shaping, SAME_AS_INITIAL_VALUE) and isinstance(learner, Learner)
+    constant = label != PLACEBO
+    base = learner.initial_value if constant and same else None
+    return result, spent, Level(means, base, constant)
 
 
 def entering(
@@ -230,29 +244,6 @@ def entering(
     return [calibration.potential for calibration in calibrations], calibrations
 
 
-def _train_with_source(
-    label: str, curriculum: Curriculum, seeds: Sequence[int], spent: IntArray, **how: Any
-) -> LearningResult:
-    """Return the target learnt after a source that each seed learns for `spent` steps."""
-    parts = []
-    for steps in np.unique(spent):
-        some = [seeds[k] for k in np.flatnonzero(spent == steps).tolist()]
-        changed = source_control(curriculum, label, int(steps))
-        parts.append(changed.train(some, charge=True, **how)[curriculum.target])
-    return joined_results(parts)
-
-
-def level_of(
-    label: str, changed: Sequence[AnyPotential], pairs: "VisitedPairs", curriculum: Curriculum
-) -> "Level | None":
-    """Return the level of a control that knows nothing, from its potentials; else None."""
-    if label not in KNOW_NOTHING:
-        return None
-    means = np.array([pairs.values(phi).mean() for phi in changed])
-    constant = label != PLACEBO
-    return Level(means, initial_value_of(curriculum) if constant else None, constant)
-
-
 def _negated(phi: Any) -> AnyPotential:
     if isinstance(phi, ObservationPotential):
         return phi.rescaled(-1.0)
@@ -265,13 +256,6 @@ def _shuffled(phi: PairPotential, seed: int) -> AnyPotential:
     alive = values[~ends]
     values[~ends] = np.random.default_rng([seed, 1]).permutation(alive.ravel()).reshape(alive.shape)
     return StateActionPotential(phi.task, values)
-
-
-def _with_uniform_start(task: Task) -> Task:
-    if isinstance(task, GridWorld):
-        return task.with_start("uniform")
-    mdp = tables(task)
-    return replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
 
 
 # -- How optimistic a potential is -----------------------------------------------------------------
@@ -367,11 +351,3 @@ class VisitedPairs:
             return np.asarray(phi.pairs(self.states))
         seen = ObservationTarget(self.task, GreedyEvaluation()).observations(phi)
         return np.asarray(phi.pairs(seen) if phi.of_actions else phi.v(seen))
-
-
-def initial_value_of(curriculum: Curriculum) -> float | None:
-    """Return the initial value of the target's learner, if a constant potential is one more."""
-    name = curriculum.target
-    learner, shaping = (curriculum.setting(which, name) for which in ("learner", "shaping"))
-    same = isinstance(shaping, SAME_AS_INITIAL_VALUE)
-    return learner.initial_value if same and isinstance(learner, Learner) else None

@@ -94,16 +94,14 @@ class SourceLearning(Frozen):
                 f"{self.reference:.4g}; its values may mislead"
             )
         only = "" if self.learnt else "only "
-        words = f"{self.name} learnt {only}{_percent(self.share)} of the way to {by}"
+        # 100 % only where no more than a thousandth is missing
+        per_cent = round(100 * self.share)
+        per_cent = per_cent if self.share >= 0.999 else min(99, per_cent)
+        words = f"{self.name} learnt {only}{per_cent:d} % of the way to {by}"
         if self.shares.min() < NOT_LEARNT:
             failed = int((self.shares < NOT_LEARNT).sum())
             words += f", but {failed} of {counted(len(self.seeds), 'seed')} did NOT learn it"
         return words
-
-
-def _percent(share: float) -> str:
-    """Return a share in per cent; 100 % only where no more than a thousandth is missing."""
-    return f"{100 * share:.0f} %" if share >= 0.999 else f"{min(99, round(100 * share)):d} %"
 
 
 def source_learning(
@@ -133,20 +131,16 @@ def source_learning(
     """
     learnings, read = {}, {edge.source for edge in curriculum.transfers}
     with shown(progress) as bars:
-        for name in sources:
-            if name in read and _judgeable(curriculum.tasks[name], sources[name]):
+        for name, learnt in sources.items():
+            dense = name in read and isinstance(learnt.values, np.ndarray)
+            if not dense or is_observation_task(curriculum.tasks[name]):
+                continue
+            generative = generative_model(curriculum.tasks[name])
+            if generative.time_limit is not None or generative.discount < 1:  # episodes are bounded
                 node = curriculum.node(name)
-                learnings[name] = _learning(node, sources[name], fresh, workers, bars.within())
+                learnings[name] = _learning(node, learnt, fresh, workers, bars.within())
                 bars.tell(name)
     return learnings
-
-
-def _judgeable(task: Any, learnt: SourceValues) -> bool:
-    """Return whether values are in a dense table, and their greedy policy's episodes bounded."""
-    if is_observation_task(task) or not isinstance(learnt.values, np.ndarray):
-        return False
-    generative = generative_model(task)
-    return generative.time_limit is not None or generative.discount < 1
 
 
 def _learning(
@@ -165,27 +159,17 @@ def _learning(
         by = OPTIMUM
     elif fresh and not is_live(node.task):
         steps = 2 * int(learnt.steps_used.max())
-        fresh_values = _fresh_values(node, learnt.seeds, steps, workers, bars)
-        of_fresh, reference_noise = _returns(target, fresh_values)
+        # Without sources, on random streams of its own.
+        off = GreedyEvaluation(method="off")
+        name = f"{node.name}/fresh"
+        alone = replace(node, name=name, budget=steps, eval_freq=steps, evaluation=off)
+        trained = alone.train(learnt.seeds, workers=workers, progress=bars)
+        of_fresh, reference_noise = _returns(target, trained.values)
         reference, by = float(of_fresh.mean()), FRESH
     total = float(np.sqrt(noise**2 + random_noise**2 + reference_noise**2))
     return SourceLearning(
         node.name, learnt.seeds, frozen(returns), random, reference, by, total, fresh_steps=steps
     )
-
-
-def _fresh_values(
-    node: Node, seeds: tuple[int, ...], steps: int, workers: int | None, bars: Bars
-) -> Any:
-    """Return the values, (K, S, A), of a learner without sources, on random streams of its own."""
-    alone = replace(
-        node,
-        name=f"{node.name}/fresh",
-        budget=steps,
-        eval_freq=steps,
-        evaluation=GreedyEvaluation(method="off"),
-    )
-    return alone.train(seeds, workers=workers, progress=bars).values
 
 
 def _returns(target: Target, values: Any) -> tuple[FloatArray, float]:

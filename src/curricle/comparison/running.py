@@ -143,7 +143,12 @@ class Scheduler:
         queue, running = Queue(units, self.holder.done), dict[Future[Any], Unit]()
         try:
             while queue.ready or running or self.holder:
-                self._submit(queue, running)
+                # at least for one worker: some clusters start workers when there is work
+                ahead = self.ahead * max(1, self.number())
+                while queue.ready and len(running) < ahead:
+                    unit = queue.pop()
+                    if self.failures.keeps(unit):
+                        running[self.send(unit)] = unit
                 idle = not queue.ready  # others may wait for what was trained
                 limit = self.holder.seconds if self.holder else ASKED_AGAIN
                 ended, _ = wait(running, min(limit, ASKED_AGAIN), FIRST_COMPLETED)
@@ -159,31 +164,19 @@ class Scheduler:
                 future.cancel()
             self.holder.write()
 
-    def _submit(self, queue: Queue, running: dict["Future[Any]", Unit]) -> None:
-        # one at least: some clusters start workers when there is work
-        ahead = self.ahead * max(1, self.number())
-        while queue.ready and len(running) < ahead:
-            unit = queue.pop()
-            if self.failures.keeps(unit):
-                running[self.send(unit)] = unit
-
     def _end(self, future: "Future[Any]", running: dict["Future[Any]", Unit]) -> None:
         """Take the result of a unit that has ended, or cancel what needs it."""
         unit = running.pop(future)
-        if (error := self._error_of(future)) is None:
+        error = self.workers.lost() if future.cancelled() else future.exception()
+        if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
+            raise error  # a lost store, or an interrupt
+        if error is None:
             self.holder.add(unit, future.result())
             return
         self.failures.add(unit, error)
         for other, waiting in [*running.items()]:
             if not self.failures.keeps(waiting) and other.cancel():
                 del running[other]
-
-    def _error_of(self, future: "Future[Any]") -> Exception | None:
-        """Return why a unit failed, if it did; an interrupt and a lost store are raised."""
-        error = self.workers.lost() if future.cancelled() else future.exception()
-        if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
-            raise error
-        return error
 
 
 @dataclass

@@ -28,8 +28,7 @@ from curricle.learning.storage import Storage
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config import StudyConfig
 from curricle.study.dependencies import dependencies_of, key_of
-from curricle.study.serialization import DECISION_SCHEMA, UnitResult
-from curricle.study.store import StoredSource
+from curricle.study.store import DECISION_SCHEMA, StoredSource, UnitResult
 from curricle.study.vary import target_alone
 
 

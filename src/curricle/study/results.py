@@ -37,9 +37,11 @@ from curricle.learning.stopping import UNLEARNT
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.thresholds import midpoint
 from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record
-from curricle.study.serialization import RUN, SNAPSHOTS, VALUES
 from curricle.study.store import (
+    RUN,
+    SNAPSHOTS,
     STUDY,
+    VALUES,
     StoredUnit,
     StudyStore,
     stored_values,

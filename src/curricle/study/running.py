@@ -39,14 +39,15 @@ from curricle.study.results import (
     read_failures,
     write_failures,
 )
-from curricle.study.serialization import SNAPSHOTS, group_of
 from curricle.study.store import (
+    SNAPSHOTS,
     Packing,
     StoredSource,
     StoredUnit,
     StudyStore,
     Taken,
     files_of,
+    group_of,
     holds_study,
     lost_errors,
     pack,

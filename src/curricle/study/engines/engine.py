@@ -24,9 +24,9 @@ from curricle.errors import CurricleError, EngineError, ForeignError, SettingErr
 from curricle.files import Place, RemotePath, remove_folder
 from curricle.study.arms import Arms, UnitInput, train_unit
 from curricle.study.own_code import PACKAGES, own_files
-from curricle.study.serialization import UnitResult
 from curricle.study.store import (
     StoredUnit,
+    UnitResult,
     arrays_in,
     lost_errors,
     stored_values,
