@@ -23,10 +23,11 @@ from curricle.learning.saved_result import (
     FIELDS,
     TOTALS,
     Arrays,
+    all_values_of,
     arrays_of,
     as_saved,
-    check_saved_arrays,
-    fields_of,
+    check_result_arrays,
+    check_value_arrays,
     learner_of,
     learner_record,
     pairs_of,
@@ -216,7 +217,14 @@ class LearningResult(Frozen):
     def of_file(cls, saved: SavedFile, arrays: Arrays, about: Any, task: Any) -> Self:
         """Return the result whose arrays and words, of all or of a part of it, a file holds."""
         with as_saved(saved):
-            check_saved_arrays(arrays, pairs_of(saved, about.get("task"), task))
+            pairs = pairs_of(saved, about.get("task"), task)
+            if not (seeds := arrays["seeds"].tolist() if "seeds" in arrays else []):
+                raise ValueError("it has no seeds")
+            shown: Any = pairs or (0, 0)
+            if pairs is None and "snapshot_values" in arrays:
+                shown = arrays["snapshot_values"].shape[1:]
+            check_result_arrays(arrays, seeds, shown)
+            check_value_arrays(arrays, len(seeds), pairs)
             result = cls.of_arrays(arrays, task, learner_of(about.get("learner")))
             if result.snapshots is None:
                 return result
@@ -226,7 +234,15 @@ class LearningResult(Frozen):
     @classmethod
     def of_arrays(cls, arrays: Arrays, task: Any = None, learner: Any = None) -> Self:
         """Return the result with these arrays, as files hold them; values as they are there."""
-        return cls(task=task, learner=learner, **fields_of(arrays))
+        seeds, snapshots = tuple(arrays["seeds"].tolist()), None
+        if "snapshot_steps" in arrays:
+            steps, tables = (frozen(arrays[f"snapshot_{name}"]) for name in ("steps", "values"))
+            snapshots = Snapshots(seeds[0], steps, tables)
+        values = all_values_of(arrays, len(seeds))
+        fields: dict[str, Any] = {name: frozen(arrays[name]) for name in FIELDS}
+        return cls(
+            task=task, learner=learner, seeds=seeds, values=values, snapshots=snapshots, **fields
+        )
 
     def __repr__(self) -> str:
         learner = "" if self.learner is None else f"{type(self.learner).__name__}, "

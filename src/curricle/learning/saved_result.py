@@ -19,7 +19,6 @@ from curricle.learning.learners import (
     QLearning,
 )
 from curricle.learning.optimistic_learning import OptimisticQLearning
-from curricle.learning.record import Snapshots
 from curricle.learning.schedules import Schedule
 from curricle.learning.storage import SparseValues
 from curricle.tasks.mdp import generative_model
@@ -54,18 +53,6 @@ def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None
         )
     pairs = (own_record or recorded).get("pairs")
     return None if pairs is None else (int(pairs[0]), int(pairs[1]))
-
-
-def check_saved_arrays(arrays: Arrays, pairs: tuple[int, int] | None) -> None:
-    """Raise ValueError unless arrays are those of a result with so many states and actions."""
-    if not (seeds := arrays["seeds"].tolist() if "seeds" in arrays else []):
-        raise ValueError("it has no seeds")
-    if pairs is None and "snapshot_values" in arrays:
-        shown: Any = arrays["snapshot_values"].shape[1:]
-        check_result_arrays(arrays, seeds, shown)
-    else:
-        check_result_arrays(arrays, seeds, pairs or (0, 0))
-    check_value_arrays(arrays, len(seeds), pairs)
 
 
 @contextmanager
@@ -104,16 +91,15 @@ def learner_of(record: Any) -> Learner | None:
     if kind is None or not isinstance(record["settings"], Mapping):
         raise ValueError(f"a learner must be one of {', '.join(LEARNERS)}: got {record}")
     try:
-        return kind(**{name: _setting(value) for name, value in record["settings"].items()})
+        settings = dict[str, Any]()
+        for name, value in record["settings"].items():
+            if isinstance(value, Mapping):
+                shape, *numbers = value.get("schedule", ())
+                value = Schedule(int(shape), *map(float, numbers))
+            settings[name] = tuple(value) if isinstance(value, list) else value
+        return kind(**settings)
     except (TypeError, CurricleError) as error:
         raise ValueError(f"a learner must have its own settings: {error}") from None
-
-
-def _setting(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        shape, *numbers = value.get("schedule", ())
-        return Schedule(int(shape), *map(float, numbers))
-    return tuple(value) if isinstance(value, list) else value
 
 
 # -- arrays ----------------------------------------------------------------------------------------
@@ -181,21 +167,6 @@ def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
             named = table if isinstance(table, Mapping) else table.parameters()
             arrays |= {f"values_{k}/{name}": array for name, array in named.items()}
     return arrays
-
-
-def fields_of(arrays: Arrays) -> dict[str, Any]:
-    """Return the fields of the result that :func:`arrays_of` was called on, without its objects."""
-    seeds = tuple(arrays["seeds"].tolist())
-    snapshots = None
-    if "snapshot_steps" in arrays:
-        steps, tables = (frozen(arrays[f"snapshot_{name}"]) for name in ("steps", "values"))
-        snapshots = Snapshots(seeds[0], steps, tables)
-    return {
-        "seeds": seeds,
-        "values": all_values_of(arrays, len(seeds)),
-        "snapshots": snapshots,
-        **{name: frozen(arrays[name]) for name in FIELDS},
-    }
 
 
 def all_values_of(arrays: Arrays, n_seeds: int) -> Any:

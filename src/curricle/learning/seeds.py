@@ -60,7 +60,7 @@ def seed_settings(
         shapings = map(checked, _one_a_seed("shaping", shaping, len(numbers), None))
     else:
         shapings = repeat(checked(shaping), len(numbers))
-    settings = list[SeedSettings]()
+    settings, (steps, episodes) = list[SeedSettings](), limits
     for seed, seed_shaping, acted, cost in zip(
         numbers,
         shapings,
@@ -70,7 +70,15 @@ def seed_settings(
     ):
         instance("each warm-up", acted, WarmUp, SettingError)
         cost = whole_number("each of charged", cost, 0, SettingError)
-        _check_limits(limits, seed, acted, cost)
+        if cost >= steps:
+            raise SettingError(
+                f"a budget must exceed what is charged on it: got {steps:,} and {cost:,} steps"
+            )
+        if acted.steps >= steps - cost or len(acted.lengths) >= episodes:
+            raise SettingError(
+                "a budget must exceed what was used before learning: the warm-up of seed "
+                f"{seed} took {acted.steps:,} steps in {len(acted.lengths):,} episodes"
+            )
         settings.append(SeedSettings(seed, seed_shaping, acted, cost))
     return settings
 
@@ -103,19 +111,6 @@ def _checked_shaping(
         raise SettingError("a guard needs a potential: got a shaping without one")
     shaping = fitted(shaping)
     return None if shaping.potential is None else shaping  # nothing added is no shaping
-
-
-def _check_limits(limits: tuple[int, int], seed: int, warm_up: WarmUp, charged: int) -> None:
-    steps, episodes = limits
-    if charged >= steps:
-        raise SettingError(
-            f"a budget must exceed what is charged on it: got {steps:,} and {charged:,} steps"
-        )
-    if warm_up.steps >= steps - charged or len(warm_up.lengths) >= episodes:
-        raise SettingError(
-            f"a budget must exceed what was used before learning: the warm-up of seed {seed} took "
-            f"{warm_up.steps:,} steps in {len(warm_up.lengths):,} episodes"
-        )
 
 
 def threads_for(task: Any, workers: int | None, seeds: int) -> int:

@@ -141,11 +141,16 @@ class UnitInput(NamedTuple):
 
 
 def train_unit(sent: UnitInput) -> UnitResult:
-    """Return what a unit's seeds learn; it depends on `given` only, not on its `checkpoints`."""
+    """Return what a unit's seeds learn; it depends on `sent` only, not on its `checkpoints`."""
     arms = arms_from_json(sent.config, sent.folder, sent.code)
     unit = sent.unit
     arm = arms.arms[unit.arm]
-    arm = replace(arm, curriculum=_with_memory_for_all(arm.curriculum, unit))
+    storage: Storage = arm.curriculum.setting("storage", unit.task)
+    if storage.memory_limit is not None:
+        # A study's limit is for one seed: so what is learnt does not depend on how many seeds are
+        # trained together.
+        for_all = replace(storage, memory_limit=len(unit.seeds) * storage.limit)
+        arm = replace(arm, curriculum=arm.curriculum.replace(unit.task, storage=for_all))
     sources = source_values(arm.curriculum, unit.seeds, sent.sources)
     charge = arms.total is not None
     trained = train(arm, unit, sources, charge=charge, workers=1, saves=sent.checkpoints)
@@ -158,16 +163,6 @@ def train_unit(sent: UnitInput) -> UnitResult:
         arrays |= trained.level.arrays
     rows = _decisions(trained, arm.curriculum, unit)
     return UnitResult(arrays, pa.Table.from_pylist(rows, pa.schema(DECISION_SCHEMA.items())))
-
-
-def _with_memory_for_all(curriculum: Curriculum, unit: Unit) -> Curriculum:
-    """Return the curriculum with memory for all seeds of a unit: a study's limit is of one seed."""
-    # So what is learnt does not depend on how many seeds are trained together.
-    storage: Storage = curriculum.setting("storage", unit.task)
-    if storage.memory_limit is None:
-        return curriculum
-    for_all = replace(storage, memory_limit=len(unit.seeds) * storage.limit)
-    return curriculum.replace(unit.task, storage=for_all)
 
 
 def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[dict[str, Any]]:

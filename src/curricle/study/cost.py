@@ -17,7 +17,7 @@ from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import generative_model, has_tables, tables
-from curricle.tasks.observation_task import ObservationTask, is_observation_task
+from curricle.tasks.observation_task import is_observation_task
 from curricle.text import counted
 
 ROLLOUTS, LENGTH = 100, 200  # random rollouts that a task's speed is measured by
@@ -71,7 +71,18 @@ def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
 def pace(task: Any) -> float:
     """Return the seconds that a random step of a task takes."""
     if is_observation_task(task):
-        return _observed_pace(task)
+        environment = task.environment()
+        environment.action_space.seed(0)
+        environment.reset(seed=0)
+        for n in range(STEPS + 1):
+            if n == 1:  # the first step compiles
+                started = time.perf_counter()
+            *_, terminated, truncated, _ = environment.step(environment.action_space.sample())
+            if terminated or truncated:
+                environment.reset()
+        taken = (time.perf_counter() - started) / STEPS
+        environment.close()
+        return taken
     generative = generative_model(task)
     shape = generative.states.size, generative.actions.size
     stream = np.zeros(1, np.uint64)
@@ -86,21 +97,6 @@ def pace(task: Any) -> float:
         started = time.perf_counter()
         steps, _ = simulate(model, policy, stream, episodes=ROLLOUTS, limit=LENGTH)
         return (time.perf_counter() - started) / max(1, len(steps.states))
-
-
-def _observed_pace(task: ObservationTask) -> float:
-    environment = task.environment()
-    environment.action_space.seed(0)
-    environment.reset(seed=0)
-    for n in range(STEPS + 1):
-        if n == 1:  # the first step compiles
-            started = time.perf_counter()
-        *_, terminated, truncated, _ = environment.step(environment.action_space.sample())
-        if terminated or truncated:
-            environment.reset()
-    taken = (time.perf_counter() - started) / STEPS
-    environment.close()
-    return taken
 
 
 def _exact_seconds(node: Node) -> float:

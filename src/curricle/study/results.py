@@ -1,7 +1,7 @@
 """The results of a study, read from its folder."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -101,7 +101,7 @@ FAILURES = "failures.json"
 
 
 def failure_rows(failures: Failures) -> list[dict[str, Any]]:
-    """Return what :func:`failed_arms` reads; it is no arm's fault that an executor failed."""
+    """Return what tells which arms failed; it is no arm's fault that an executor failed."""
     if failures.executor_failed:
         return []
     return [
@@ -147,20 +147,6 @@ def read_failures(store: StudyStore) -> list[dict[str, Any]]:
             f"{store.path / FAILURES} must list units that failed, each with key, seeds and error: "
             "delete it, and show leaves out no arm"
         ) from None
-
-
-def failed_arms(
-    rows: Iterable[Mapping[str, Any]],
-    keys: Mapping[tuple[str, str], str],
-    stored: Mapping[str, Mapping[int, Any]],
-) -> dict[str, str]:
-    """Return the first error of each arm that needs a unit that failed and is not stored since."""
-    errors: dict[str, str] = {}
-    for row in rows:
-        if not set(row["seeds"]) <= set(stored.get(row["key"], ())):
-            for arm in sorted(arms_of(keys, [row["key"]])):
-                errors.setdefault(arm, row["error"])
-    return errors
 
 
 def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
@@ -281,7 +267,12 @@ class StudyResults:
             for name, arm in self.record.arms.items()
             if arm.control_of
         }
-        return failed_arms(read_failures(self.store), needs, self.stored)
+        errors = dict[str, str]()
+        for row in read_failures(self.store):
+            if not set(row["seeds"]) <= set(self.stored.get(row["key"], ())):
+                for arm in sorted(arms_of(needs, [row["key"]])):
+                    errors.setdefault(arm, row["error"])
+        return errors
 
     @cached_property
     def seeds(self) -> tuple[int, ...]:
@@ -493,15 +484,16 @@ class StudyResults:
         """Yield a table in parts: of each task of each arm, by seed and step."""
         for arm, task in self.record.keys:
             for units in apart(self._units(arm, task)):
-                part = pa.concat_tables([self._table(name, arm, task, unit) for unit in units])
+                tables = [
+                    pa.table(curve_columns(self._arrays(arm, task, unit, RUN), task))
+                    if name == CURVES
+                    else self.store.decisions(unit)
+                    for unit in units
+                ]
+                part = pa.concat_tables(tables)
                 if len(units) > 1:
                     part = part.sort_by([("seed", "ascending"), ("steps", "ascending")])
                 yield part.add_column(0, "arm", pa.array([arm] * len(part)))
-
-    def _table(self, name: str, arm: str, task: str, unit: StoredUnit) -> pa.Table:
-        if name == CURVES:
-            return pa.table(curve_columns(self._arrays(arm, task, unit, RUN), task))
-        return self.store.decisions(unit)
 
     def write_tables(self) -> None:
         """Write ``results.parquet`` and ``decisions.parquet`` of all units."""
