@@ -285,6 +285,7 @@ def run_study(
         if not failures:
             store.remove_checkpoints()
         pack(store, per_file)
+        StudyStore(store.path)  # raises where the folder was moved meanwhile
         results = StudyResults(store)
         results.write_tables()
         analyse(results, arms)
