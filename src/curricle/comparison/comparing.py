@@ -13,17 +13,20 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray
 from curricle.checks import number, whole_number
-from curricle.comparison.comparison import Arm, Comparison, best_from_scratch, concatenated
+from curricle.comparison.comparison import Arm, Comparison, best_from_scratch, joined_arms
 from curricle.comparison.controls import Control, check_controls, check_fit
 from curricle.comparison.plan import (
+    Failures,
+    InMemory,
     Learners,
+    Memory,
     Plan,
+    Trained,
     check_comparable,
     curricula_by_name,
     from_scratch,
     scratch_curricula,
 )
-from curricle.comparison.running import Failures, InMemory, Memory, Trained
 from curricle.comparison.verdicts import ONE_LOOK
 from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import CurriculumError, SettingError
@@ -158,7 +161,7 @@ def compare(
                 goal: Any = {"precision": precision, "difference": difference}
                 stopped = add_seeds(gain, first=first, most=most_seeds, **goal).stopped
             names = [name for name in batches[0] if all(name in batch for batch in batches)]
-            trained = {name: concatenated([batch[name] for batch in batches]) for name in names}
+            trained = {name: joined_arms([batch[name] for batch in batches]) for name in names}
             looks = Looks.doubling(first, most_seeds)
     level = STATED
     if threshold is None:

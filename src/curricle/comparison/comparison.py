@@ -1,7 +1,7 @@
 """The result of a comparison: arms on one axis, their gains, and how certain these are."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import one_of
-from curricle.comparison.controls import Level, concatenated_levels
+from curricle.comparison.controls import Level
 from curricle.comparison.verdicts import (
     ONE_LOOK,
     Reason,
@@ -128,11 +128,7 @@ class Arm:
 
     def take(self, seeds: IntArray) -> "Arm":
         """Return the arm with the seeds in these rows, in this order."""
-        curve = Curve(self.curve.steps, self.curve.values[seeds], self.curve.source_steps[seeds])
-        level = None if self.level is None else self.level.take(seeds)
-        training, guard_share = self.training_return[seeds], self.guard_share[seeds]
-        unlearnt = {source: each[seeds] for source, each in self.unlearnt.items()}
-        return Arm(curve, training, guard_share, self.control, self.scratch, level, unlearnt)
+        return joined_arms([self], lambda arrays: arrays[0][seeds])
 
     def strong_gain(self, scratch: "Arm") -> FloatArray:
         """Return the area under the charged curve minus that of scratch, (K,), in return.
@@ -142,22 +138,26 @@ class Arm:
         return difference(mean_return(self.charged(scratch)), mean_return(scratch.curve))
 
 
-def concatenated(arms: Sequence[Arm]) -> Arm:
-    """Return the arms of several batches of seeds as one arm of all seeds."""
+def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate) -> Arm:
+    """Return the arms of several batches of seeds as one arm, `join` called with their arrays."""
+    first, levels = arms[0], [arm.level for arm in arms if arm.level is not None]
     curve = Curve(
-        arms[0].curve.steps,
-        np.concatenate([arm.curve.values for arm in arms]),
-        np.concatenate([arm.curve.source_steps for arm in arms]),
+        first.curve.steps,
+        join([arm.curve.values for arm in arms]),
+        join([arm.curve.source_steps for arm in arms]),
     )
-    training = np.concatenate([arm.training_return for arm in arms])
-    guard_share = np.concatenate([arm.guard_share for arm in arms])
-    levels = [arm.level for arm in arms if arm.level is not None]
-    level = concatenated_levels(levels) if levels else None
-    unlearnt = {
-        source: np.concatenate([arm.unlearnt[source] for arm in arms])
-        for source in arms[0].unlearnt
-    }
-    return Arm(curve, training, guard_share, arms[0].control, arms[0].scratch, level, unlearnt)
+    return replace(
+        first,
+        curve=curve,
+        training_return=join([arm.training_return for arm in arms]),
+        guard_share=join([arm.guard_share for arm in arms]),
+        level=replace(levels[0], values=join([level.values for level in levels]))
+        if levels
+        else None,
+        unlearnt={
+            source: join([arm.unlearnt[source] for arm in arms]) for source in first.unlearnt
+        },
+    )
 
 
 def best_from_scratch(arms: Mapping[str, Arm], failed: Collection[str] = ()) -> str:

@@ -316,11 +316,6 @@ class Level:
         return replace(self, values=self.values[seeds])
 
 
-def concatenated_levels(levels: Sequence[Level]) -> Level:
-    """Return the levels of several batches of seeds as one of all seeds."""
-    return replace(levels[0], values=np.concatenate([level.values for level in levels]))
-
-
 @dataclass(frozen=True, eq=False)
 class VisitedPairs:
     """The pairs of a task that learning can visit."""

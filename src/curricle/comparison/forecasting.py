@@ -22,7 +22,7 @@ from curricle.comparison.learnt_sources import (
     distilled_sources,
     source_learning,
 )
-from curricle.comparison.running import Memory
+from curricle.comparison.plan import Memory
 from curricle.comparison.trial import (
     Candidate,
     Trial,

@@ -22,8 +22,7 @@ from curricle.comparison.comparing import (
 )
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import entering
-from curricle.comparison.plan import most_source_steps
-from curricle.comparison.running import Memory
+from curricle.comparison.plan import Memory, most_source_steps
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import SETTINGS, Node
 from curricle.curriculum.sources import Learnt

@@ -382,19 +382,18 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
 
 def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
     """Return a row for each task's LearningResult, and in words what ended its learning."""
-    rows = [(name, *_row(result), ended.get(name, "")) for name, result in results.items()]
+    rows = []
+    for name, result in results.items():
+        learner = "" if result.learner is None else type(result.learner).__name__
+        steps, episodes = f"{result.steps_used.mean():,.0f}", f"{result.episodes_used.mean():,.0f}"
+        curve = result.greedy_return
+        first, last = (str(mean_interval(curve[:, i])).rsplit(",", 1)[0] for i in (0, -1))
+        seeds = len(result.seeds)
+        rows.append((name, learner, seeds, steps, episodes, first, last, ended.get(name, "")))
     words = ["ended by"] * any(ended.values())
     shown = [row if words else row[:-1] for row in rows]
     head = ["task", "learner", "seeds", "steps a seed", "episodes a seed"]
     return table([*head, "first return", "last return", *words], shown, wide=words)
-
-
-def _row(result: Any) -> tuple[Any, ...]:
-    learner = "" if result.learner is None else type(result.learner).__name__
-    steps, episodes = result.steps_used.mean(), result.episodes_used.mean()
-    first, last = (str(mean_interval(result.greedy_return[:, i])) for i in (0, -1))
-    returns = [text.rsplit(",", 1)[0] for text in (first, last)]
-    return (learner, len(result.seeds), f"{steps:,.0f}", f"{episodes:,.0f}", *returns)
 
 
 def shown_returns(result: Any) -> tuple[str, FloatArray]:

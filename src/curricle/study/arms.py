@@ -14,10 +14,11 @@ from curricle.comparison.controls import check_fit, is_shuffled
 from curricle.comparison.plan import (
     Dependencies,
     Plan,
+    Trained,
     Unit as Unit,
     check_comparable,
+    train,
 )
-from curricle.comparison.running import Trained, train
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import StoredValues, source_values
 from curricle.errors import ConfigError, SettingError
@@ -168,29 +169,17 @@ def train_unit(sent: UnitInput) -> UnitResult:
 def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[dict[str, Any]]:
     """Return a row for each decision of the stopping rule, or one for the end of each seed."""
     result, budget = trained.result, curriculum.setting("budget", unit.task)
-    rows = list[dict[str, Any]]()
+    rows = list[tuple[Any, ...]]()
     for k, decisions in enumerate(curriculum.node(unit.task).decisions(result)):
-        row = {"task": unit.task, "seed": unit.seeds[k]}
-        rows += [
-            {
-                **row,
-                "steps": decision.step,
-                "ends": decision.spent or decision.ends,
-                "criterion": decision.criterion,
-                "lowest": decision.lowest,
-                "level": decision.kernel.level,
-                "rise": decision.rise,
-                "plateau": decision.kernel.plateau,
-                "reason": str(decision),
-            }
-            for decision in decisions
-        ]
+        place = unit.task, unit.seeds[k]
+        for decision in decisions:
+            ends, kernel = decision.spent or decision.ends, decision.kernel
+            numbers = decision.lowest, kernel.level, decision.rise, kernel.plateau
+            why = decision.criterion
+            rows.append((*place, decision.step, ends, why, *numbers, str(decision)))
         if not decisions:
-            used, nan = int(result.steps_used[k]), float("nan")
+            used = int(result.steps_used[k])
             why = ended_by(budget, bool(result.out_of_memory[k]))
             reason = f"ends; {why}: {used:,} steps, {int(result.episodes_used[k]):,} episodes"
-            numbers = dict.fromkeys(("lowest", "level", "rise", "plateau"), nan)
-            rows.append(
-                {**row, "steps": used, "ends": True, "criterion": why, **numbers, "reason": reason}
-            )
-    return rows
+            rows.append((*place, used, True, why, *[float("nan")] * 4, reason))
+    return [dict(zip(DECISION_SCHEMA, row, strict=True)) for row in rows]

@@ -14,8 +14,8 @@ from curricle.arrays import IntArray
 from curricle.checks import one_of
 from curricle.comparison.comparing import MIDPOINT
 from curricle.comparison.comparison import Arm, Comparison
-from curricle.comparison.controls import PLACEBO, Level, concatenated_levels
-from curricle.comparison.running import Failures, arms_of
+from curricle.comparison.controls import PLACEBO, Level
+from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.sources import SourceValues, source_values, sources_read
@@ -459,7 +459,10 @@ class StudyResults:
                 read = partial(Level.of_arrays, arrays, not arm.endswith(f", {PLACEBO}"))
                 levels.append(self.store.checked(unit.path, read))
                 seeds += unit.seeds
-        return concatenated_levels(levels).take(np.argsort(seeds)) if levels else None
+        if not levels:
+            return None
+        values = np.concatenate([level.values for level in levels])
+        return replace(levels[0], values=values[np.argsort(seeds)])
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps each seed of an arm spent before a task, (K,), seeds ascending.

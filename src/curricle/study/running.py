@@ -5,7 +5,7 @@ import os
 import platform
 import subprocess
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from curricle.checks import BEYOND_64_BITS, whole_number
-from curricle.comparison.plan import Unit, numbered_seeds
-from curricle.comparison.running import Failures, Scheduler
+from curricle.comparison.plan import Failures, Scheduler, Unit, numbered_seeds
 from curricle.curriculum.sources import StoredValues, sources_read
 from curricle.errors import SettingError, StoreError
 from curricle.files import Place, place_at
@@ -139,19 +138,6 @@ def _stale(arms: Arms, done: Done) -> Iterator[str]:
             why = "; ".join(changes_of(units, depends[key]))
             label = f"{': '.join(place)}, {numbered_seeds(sorted(units))}"
             yield f"{label}, is stale and {fate}: {why}"
-
-
-def different_versions(runs: Iterable[RunRecord], run: RunRecord) -> Iterator[str]:
-    """Yield a sentence for each library that had another version in earlier runs into a folder."""
-    for library, version in run.versions.items():
-        others = {earlier.versions[library] for earlier in runs if library in earlier.versions} - {
-            version
-        }
-        if others and library != "curricle":
-            yield (
-                f"{library} was {' and '.join(sorted(others))} in earlier runs and is {version}: "
-                "their units are used, and may differ from today's in the last bits"
-            )
 
 
 # -- Running a study: its units on any executor, each stored as soon as it is trained --------------
@@ -443,7 +429,15 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
     done, remarks = usable_units(store, arms, remove_damaged=True)
     run = _provenance(study)
     runs = store.runs()
-    for sentence in (*remarks, *different_versions(runs, run)):
+    for library, version in run.versions.items():
+        there = {earlier.versions[library] for earlier in runs if library in earlier.versions}
+        others = sorted(there - {version})
+        if others and library != "curricle":
+            remarks.append(
+                f"{library} was {' and '.join(others)} in earlier runs and is {version}: "
+                "their units are used, and may differ from today's in the last bits"
+            )
+    for sentence in remarks:
         report(sentence)
     store.write_runs([*runs, run])
     return done

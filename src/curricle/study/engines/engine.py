@@ -56,7 +56,14 @@ def _sendable(error: Exception) -> Exception:
     """Return an error, or one in the same words that can be sent, without the errors before it."""
     text = "".join(traceback.format_exception(error))
     error.__cause__ = error.__context__ = error.__traceback__ = None
-    if not _survives(error):
+    try:  # whether a process without the study's own modules reads the error as it is
+        content = pickle.dumps(error)
+        again = pickle.loads(content)
+        same = type(again) is type(error) and str(again) == str(error)
+        survives = same and PACKAGES.encode() not in content
+    except Exception:  # whatever a class's own methods raise
+        survives = False
+    if not survives:
         kind: type[Exception] = ForeignError
         if isinstance(error, CurricleError):  # its class is the user's own, below one of ours
             ours = CurricleError.__module__
@@ -64,17 +71,6 @@ def _sendable(error: Exception) -> Exception:
         error = kind(in_words(error))
     error.add_note(text)
     return error
-
-
-def _survives(error: Exception) -> bool:
-    """Return whether a process without the study's own modules reads an error as it is."""
-    try:
-        content = pickle.dumps(error)
-        again = pickle.loads(content)
-    except Exception:  # whatever a class's own methods raise
-        return False
-    same = type(again) is type(error) and str(again) == str(error)
-    return same and PACKAGES.encode() not in content
 
 
 def train_apart(sent: UnitInput) -> UnitResult:

@@ -94,7 +94,12 @@ class RayEngine(Engine):
             at = NodeAffinitySchedulingStrategy(node, soft=False)
             call = ray.remote(function).options(num_cpus=0, scheduling_strategy=at)
             asked[name] = call.remote()
-        found = {name: _answer(reference) for name, reference in asked.items()}
+        found = dict[str, Any]()
+        for name, reference in asked.items():
+            try:
+                found[name] = ray.get(reference, timeout=ASKED)
+            except Exception as error:
+                found[name] = getattr(error, "cause", None) or error
         there = _alive()
         return {name: answer for name, answer in found.items() if name in there}
 
@@ -123,14 +128,6 @@ def _alive() -> dict[str, str]:
         for node in ray.nodes()
         if node["Alive"]
     }
-
-
-def _answer(reference: Any) -> Any:
-    """Return what a call returned, or its exception."""
-    try:
-        return ray.get(reference, timeout=ASKED)
-    except Exception as error:
-        return getattr(error, "cause", None) or error
 
 
 def _connected(where: Mapping[str, Any]) -> Any:
