@@ -65,27 +65,22 @@ def compare(
     sources (or can spend at most, if a source's budget is in episodes). The learner from scratch
     spends all of it in the target, every other arm the rest after its sources, seed by seed.
 
-    Whether a curriculum pays is asked against learning from scratch, against the best of them where
-    there are several. Why it pays, by what it knows or by its optimism alone, is asked against the
-    controls that know nothing: ``placebo`` and ``constant``.
-
-    An arm that raises an error is listed in :attr:`Comparison.failed`, and the others stand. An
-    error of scratch, or of all arms, is raised.
+    Whether a curriculum pays is asked against the best arm from scratch; why it pays (by what it
+    knows, or by its optimism alone) against the controls that know nothing. An arm that raises an
+    error is listed in :attr:`Comparison.failed`; an error of scratch, or of all arms, is raised.
 
     Parameters
     ----------
     arms : Curriculum or dict of str to Curriculum
-        All with the same target; the name "scratch" is reserved. ``curricle.compare`` also takes a
-        study or the path of its file: its arms, seeds, threshold, window, controls and learners
-        from scratch, where others are not given.
+        All with the same target, none named "scratch". ``curricle.compare`` also takes a study or
+        its path: its arms and settings, where others are not given.
     seeds : int or sequence of int
         With `precision` or `difference`, the number of seeds to begin with.
     controls : sequence of str
         Of ``random_start``, ``pretraining``, ``placebo``, ``constant``, ``scaled`` and ``negated``,
         run for each curriculum (``curricle.comparison.controls`` explains them).
     scratch : sequence of learners, or dict of str to learner
-        Learners that learn the target from scratch too, beside its own, each an arm with the same
-        total. A dict names them, else their settings do.
+        Learners that learn the target from scratch too, beside its own.
     threshold : float, optional
         Return that counts as learnt. By default nine tenths of the way from the random policy's
         return to the optimum; midway up the curve of scratch if there is no such optimum.
@@ -105,10 +100,8 @@ def compare(
 
     Raises
     ------
-    CurriculumError
-        If arms are not comparable; the message names the differences of their targets.
-    SettingError
-        If a setting is out of range, before any training.
+    CurriculumError, SettingError
+        If arms are not comparable, or a setting is out of range, before any training.
 
     Examples
     --------

@@ -109,8 +109,7 @@ class Forecast:
     ----------
     target : str
     coverage : dict of str to Coverage or ObservationCoverage
-        Of each transfer's mapping. In an observation task: over the observations that the greedy
-        policy of the first seed's potential meets.
+        Of each transfer's mapping; of observations that the first seed's greedy policy meets.
     rows : tuple of ForecastRow
         Aggregates, then each transfer alone; both with the highest score first.
     optimum, random_return : float
@@ -121,12 +120,11 @@ class Forecast:
     exact : bool
         Whether returns are exact too.
     trained : dict of str to SourceValues
-        The sources, to be passed to :meth:`Curriculum.train`; with `perfect` their optimal values.
+        The sources, as :meth:`Curriculum.train` takes them; with `perfect` their optimal values.
     perfect : bool
         Whether the sources were solved instead of trained.
     sources : dict of str to SourceLearning or DistilledSource
-        How much of its own task each source learnt; of tables that were trained, and of networks
-        distilled from miniatures.
+        How much of its own task each source learnt, where that is known.
     trial : Trial or None
         The comparison with learning from scratch, in the model or on a smaller relative.
     no_trial : str
@@ -380,16 +378,14 @@ def forecast(
 ) -> Forecast:
     """Return a forecast: whether the transfers into a target pay, and where learning starts.
 
-    Whether they pay is answered by a trial: the comparison with learning from scratch, sources
-    charged, played in the tasks' models. Its random streams have names of their own, so that it
-    shares no draw with any seed of :func:`compare` or :meth:`Curriculum.train`. It never counts as
-    the experiment. A target without a model is not learnt: potentials are rolled out in it.
+    Whether they pay is answered by a trial: the comparison with learning from scratch, played in
+    the tasks' models. It shares no random draw with :func:`compare` or :meth:`Curriculum.train`. In
+    a target without a model potentials are rolled out alone.
 
     Parameters
     ----------
     curriculum : Curriculum
-        ``curricle.forecast`` also takes a study of one arm or the path of its file: its arm, its
-        first seeds and its threshold, where others are not given.
+        ``curricle.forecast`` also takes a study of one arm or its path.
     target : str, optional
         By default the task that all others lead to.
     seeds : int or sequence of int
@@ -399,16 +395,14 @@ def forecast(
     trained : dict of str to SourceValues or LearningResult, optional
         Sources trained before, for the same seeds. A trial trains its own.
     perfect : bool
-        Whether to train no source and take the optimal values of each instead: the start if
-        the sources were learnt perfectly, of one seed, and no trial.
+        Whether to take the optimal values of each source instead of training it; without a trial.
     episodes : int, optional
         Rollouts of each potential if the target is live or too large to evaluate exactly: by
         default 1000, or 50 for an observation task.
     trial : bool or Curriculum, optional
-        True for a trial of 20 seeds, whatever it takes; False for none; by default one where the
-        tasks have models and it takes 5 s or less on one processor by an estimate, with as many
-        seeds from 8 to 20 as fit. A curriculum is a smaller relative, in which the trial is made
-        where the tasks have no models: its verdict is carried over, and says so.
+        True for a trial of 20 seeds, whatever it takes; False for none; by default one of 8 to 20
+        seeds, where the tasks have models and it takes 5 s or less on one processor, about. A
+        curriculum is a smaller relative, the verdict on which is carried over, and says so.
     threshold : float, optional
         Return that counts as learnt in the trial, as in :func:`compare`.
     workers : int, optional
@@ -424,9 +418,8 @@ def forecast(
     Raises
     ------
     CurriculumError
-        If the target is unknown, not unique or has no transfer into it; with `perfect` also if a
-        source cannot be solved; with ``trial=True`` if a task has no model, or the target's budget
-        is not in steps.
+        If the target is not unique or has no transfer into it, a source cannot be solved as
+        `perfect` needs, or ``trial=True`` lacks a model or a budget in steps.
 
     Examples
     --------

@@ -118,16 +118,14 @@ def source_learning(
     ----------
     curriculum : Curriculum
     sources : dict of str to SourceValues
-        What was learnt, such as ``CurriculumResult.sources``. Left out are tasks that no other
-        builds on, and those whose values were not kept in dense tables, such as networks.
+        Such as ``CurriculumResult.sources``. Only those in dense tables that others build on count.
     fresh : bool
-        Whether a source that cannot be solved is measured by a fresh learner of twice its steps,
-        which takes twice as long as the source did. Tasks that are played live never are.
+        Whether a source that cannot be solved, and is not live, is measured by a fresh learner of
+        twice its steps.
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
-        True shows a bar for each fresh learner; a function is called with the name of each source
-        when it has been judged.
+        True shows a bar for each fresh learner; a function is called with each source's name.
     """
     learnings, read = {}, {edge.source for edge in curriculum.transfers}
     with shown(progress) as bars:

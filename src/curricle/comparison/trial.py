@@ -174,11 +174,7 @@ class Trial:
         return f"{words}, as on a smaller relative" if self.relative else words
 
     def numbers(self, name: str) -> str:
-        """Return steps to the threshold, with a candidate's sources and from scratch, and the gain.
-
-        They are means over seeds, in which a seed that never reaches the threshold counts with all
-        steps of the total budget.
-        """
+        """Return steps to the threshold with a candidate's sources and without, and the gain."""
         comparison, gain = self.comparison, self.gain(name)
         if gain is None:
             return in_words(comparison.failed[name])

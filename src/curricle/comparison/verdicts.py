@@ -48,14 +48,13 @@ class Verdict:
     Attributes
     ----------
     gain : Interval
-        Mean difference of the returns of the arm and of its strongest rival. With several rivals
-        it is an interval for the smallest of all true differences.
+        Of the smallest of all true differences in return between the arm and its rivals.
     rival : str
         The strongest: the one with the highest mean return.
     rivals : int
         Number of rivals, n.
     p : float
-        Two-sided, of no difference; for the number of rivals see :func:`verdicts_of`.
+        Two-sided, of no difference (:func:`verdicts_of`).
     adjusted_p : float
         The same, corrected for the number of questions in the family (Holm).
     seeds, needed : int
@@ -128,14 +127,11 @@ def verdicts_of(
     returns : dict of str to (K,) float64
         One return for each arm and seed; seed k of all arms is paired.
     rivals : dict of str to sequence of str
-        The questions: an arm and those that it is compared with, at least one. Holm's correction is
-        for the number of questions.
+        The questions, for whose number Holm corrects: an arm and at least one other.
     looks : Looks
-        Interim analyses planned, where seeds were added; p-values and intervals are adjusted for
-        them.
+        Interim analyses planned, for which p-values and intervals are adjusted.
     interim : str
-        That seeds are to come, in words: then there is no verdict, and p-values are NaN. Whoever
-        looks after every batch and stops at the first p below 5 % sees one far too often.
+        That seeds are to come, in words: then there is no verdict, and p-values are NaN.
 
     Returns
     -------
@@ -145,8 +141,7 @@ def verdicts_of(
     Raises
     ------
     SettingError
-        If an arm is unknown, has no rival, or has another number of seeds than its rivals, or a
-        return is not finite.
+        If an arm is unknown, has no rival or other seeds, or a return is not finite.
 
     Examples
     --------

@@ -51,11 +51,10 @@ class LearningResult(Frozen):
     seeds : tuple of int
         K of them.
     values : (K, S, A) float64 or float32
-        What each seed learnt in the end, in the task's own rewards: Q, plus what shaping had taken
-        off it (phi, or Phi(s)). A transfer hands these on, and each policy acts on them (under
-        :class:`DecayingAdvice` with what is left of the advice). They are 0 in the ends that the
-        task knows, or that were reached where only its steps tell. From sparse tables K
-        :class:`SparseValues`; None if the :class:`Storage` saves none.
+        What each seed learnt, in the task's own rewards: Q, plus what shaping took off it (phi,
+        or Phi(s)). Transfers hand these on, and policies act on them (plus what is left of a
+        :class:`DecayingAdvice`). They are 0 in the ends that the task knows, or that were reached.
+        From sparse tables K :class:`SparseValues`; None if the :class:`Storage` saves none.
     steps : (T,) int64
         Steps taken at each checkpoint, from 0.
     training_return : (K, T) float64
@@ -71,15 +70,12 @@ class LearningResult(Frozen):
     steps_used, episodes_used : (K,) int64
         Totals of each seed.
     evaluation_steps : (K,) int64
-        Steps of the rollouts by which the greedy policy was evaluated, 0 where that is exact. No
-        budget is charged for them.
+        Steps of rollouts of the greedy policy, charged to no budget; 0 where evaluation is exact.
     out_of_memory : (K,) bool
-        Whether a sparse table was full before the budget was used up. The run then ended at the
-        step that needed another row.
+        Whether a run ended early, at the step for which a sparse table had no row left.
     own_rewards : (K,) bool
-        Whether the values are in the task's own rewards. Where they are not, after
-        :class:`LookBackAdvice`, :class:`RewardBonus` and a :class:`StateShaping` that changes with
-        time, no transfer takes them.
+        Whether the values are in the task's own rewards. No transfer takes others: those after
+        :class:`LookBackAdvice`, :class:`RewardBonus` and a changing :class:`StateShaping`.
     snapshots : Snapshots or None
         Values of the first seed on the way, if asked for.
 
@@ -110,10 +106,7 @@ class LearningResult(Frozen):
 
     @cached_property
     def policies(self) -> tuple[Any, ...]:
-        """The policy of each seed, K of them: a :class:`TabularPolicy`.
-
-        They act, are saved, and play episodes to look at. SettingError where values were not saved.
-        """
+        """The :class:`TabularPolicy` of each seed, K; SettingError where values were not saved."""
         if self.values is None:
             raise SettingError(
                 "a policy to take away needs the values that were learnt: these were not saved, "
@@ -123,10 +116,9 @@ class LearningResult(Frozen):
 
     @property
     def policy(self) -> Any:
-        """The policy of the seed whose last greedy return is best, the first of equals.
+        """The policy of the seed whose last greedy return is best; of the first, without any.
 
-        That return says too much of it, as it was chosen by it. Without evaluation it is the policy
-        of the first seed.
+        That return says too much of it, as it was chosen by it.
         """
         last = self.greedy_return[:, -1]
         return self.policies[0 if np.isnan(last).all() else int(np.nanargmax(last))]
@@ -151,9 +143,8 @@ class LearningResult(Frozen):
     def frame(self) -> Any:
         """Return the curves as a pandas DataFrame, a row for each seed and checkpoint.
 
-        Its columns are seed, checkpoint, steps (in the task), training_return (mean undiscounted
-        return of an episode), greedy_return (return), guard_share (share of steps) and episodes
-        (ended so far), each seed up to its own end; ``frame().attrs["units"]`` says the same.
+        Its columns are seed, checkpoint, steps, training_return, greedy_return, guard_share and
+        episodes, each seed up to its own end; ``frame().attrs["units"]`` has their units.
         ImportError where pandas is not installed.
 
         Examples
@@ -169,7 +160,7 @@ class LearningResult(Frozen):
         """Write the result into a file, without pickles, and return its path, an ``.npz``.
 
         Equal results give equal bytes. The task is not in it: :meth:`load` takes it again.
-        StoreError when it cannot be written; what was there before stays.
+        StoreError when it cannot be written.
         """
         return write_saved(path, type(self).__name__, *self.parts_of_file())
 
@@ -190,8 +181,8 @@ class LearningResult(Frozen):
         ----------
         path : path
         task : Task, optional
-            The one that was learnt, which the file does not hold. Without it the result has curves
-            and values; its policy plays no episodes, and no transfer takes it.
+            The one that was learnt. Without it the policy plays no episodes, and no transfer takes
+            the result.
 
         Raises
         ------

@@ -28,7 +28,7 @@ class Progress:
     stored : Unit or None
         The unit that has just been stored; None at the beginning.
     workers : int
-        How many there are now: those of a cluster come and go.
+        How many there are now.
     repeated : int
         Units that a cluster has begun again so far, as a worker died.
     link : str or None

@@ -224,7 +224,7 @@ class StudyResults:
     store : StudyStore
         The folder.
     record : StudyRecord
-        The study: its name, seeds, target, budgets, and the tasks and transfers of its arms.
+        The study.
     lacks_arms : bool
         Whether it is compared without arms that are still to be trained.
     """
@@ -292,8 +292,8 @@ class StudyResults:
         ----------
         arm, task : str
         values : bool
-            Whether to read the learnt values too, which may be large. Those of a network are its
-            parameters, a dict of arrays for each seed; :meth:`trained` makes networks of them.
+            Whether to read the learnt values too, which may be large; those of a network are a dict
+            of arrays for each seed, of which :meth:`trained` makes networks.
         seeds : collection of int, optional
             Those that are needed; others of their files come too.
 
@@ -320,10 +320,8 @@ class StudyResults:
 
     @property
     def most_bytes(self) -> int:
-        """The size of the snapshots of the largest task that is shown, at most.
-
-        A record may state any size, so the most that a run writes counts too.
-        """
+        """The size of the snapshots of the largest task that is shown, at most."""
+        # A record may state any size, so the most that a run writes counts too.
         pairs = [task.states * task.actions for task in self.record.tasks if task.view is not None]
         stated = HEADERS + FLOAT32 * (self.record.snapshots + 2) * max(pairs, default=0)
         return min(stated, HEADERS + MAX_SNAPSHOT_BYTES)
@@ -338,7 +336,6 @@ class StudyResults:
         arm : str
         curriculum : Curriculum
             That of the arm, such as ``read_study(file).curriculum(arm)``: the folder holds none.
-            Rebuilding its networks needs Stable-Baselines3.
         seeds : sequence of int, optional
             Those that every arm has finished by default.
 
@@ -465,10 +462,7 @@ class StudyResults:
         return replace(levels[0], values=values[np.argsort(seeds)])
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
-        """Return the steps each seed of an arm spent before a task, (K,), seeds ascending.
-
-        By default before its target.
-        """
+        """Return the steps each seed of an arm spent before a task or its target, (K,)."""
         name = self.record.target if task is None else task
         runs = [self._arrays(arm, name, unit, RUN) for unit in self._units(arm, name)]
         seeds, steps = (np.concatenate([r[key] for r in runs]) for key in ("seeds", "source_steps"))
@@ -526,9 +520,8 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Compare the arms of all studies with learning from scratch in the first.
 
     Seeds are those that every arm has finished; arms that failed are left out. While seeds of the
-    plan are missing there is no verdict and no p-value. Where studies gave their arms different
-    totals, all are compared at the smallest, if what was learnt by then does not depend on what
-    came after.
+    plan are missing there is no verdict and no p-value. Different totals are compared at the
+    smallest, if what was learnt by then does not depend on what came after.
 
     Parameters
     ----------
@@ -540,9 +533,8 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     StoreError
         When a study has no scratch baseline, or there is no seed that all have finished.
     CurriculumError
-        When the targets differ as tasks or in how they are learnt; the message names what differs.
-        When an arm had a larger total on which what it learnt depends (a schedule over the budget,
-        a calibration), or took more than the smallest total in its sources.
+        When the targets differ as tasks or in how they are learnt, or an arm had a larger total on
+        which what it learnt depends, or took more than the smallest total in its sources.
     """
     for study in studies:
         if not study.has_baseline:

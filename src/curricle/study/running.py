@@ -167,52 +167,43 @@ def run_study(
     study : StudyConfig or path
         Or the path of its file.
     path : path or str, optional
-        The folder; made if need be. Or a URL, such as "s3://bucket/study". By default the file's
-        name with "-results", here, as with ``curricle run``.
+        The folder, made if need be, or a URL. By default the file's name with "-results", here.
     resume : bool
-        Whether to go on with what the folder holds. A unit is trained if it is not there, if a file
-        of it is damaged, or if it is stale: there is one of its task, but that depended on other
-        settings, sources or code of the user's own, or on another version of Curricle.
+        Whether to go on with what the folder holds. A unit is trained if it is missing, damaged or
+        stale: it depended on other settings, sources, own code, or another version of Curricle.
     workers : int, optional
-        Threads; as many as there are processors by default, one where a task runs in Python or is
-        learnt by a network (use :class:`WorkerProcesses` for those). Results do not depend on it.
+        Threads; by default one a processor, or one alone where a task runs in Python or is learnt
+        by a network (use :class:`WorkerProcesses` for those). Results do not depend on it.
     executor : concurrent.futures.Executor, optional
-        Trains the units instead; it is not shut down. A unit is a picklable function of picklable
-        data (:func:`train_unit`), so processes and other machines can be used.
+        Trains the units instead, also on other machines; it is not shut down.
     on : str, optional
-        A cluster that trains the units instead: "dask" or "ray", or one that is there, as in
-        "dask://host:8786" or "ray://host:10001". The study's own modules are sent along.
+        A cluster that trains the units instead: "dask", "ray", or one that is there, as in
+        "dask://host:8786". The study's own modules are sent along.
     shard : (int, int)
-        (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` puts the folders
-        together.
+        (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` joins the folders.
     keep_stale : bool
         Whether to use units that are stale because of code or Curricle's version alone.
     trackers : sequence of str or Tracker
-        They get each unit's curves too: "tensorboard", or one's own. One that
-        fails is reported and switched off; it never stops the run.
+        They get each unit's curves too: "tensorboard", or one's own. One that fails is reported.
     report : callable, optional
-        Called with a sentence for each failure of a tracker, and for each task with units that are
-        damaged or stale; printed to stderr by default.
+        Called with a sentence for each failed tracker, and each task with units that are damaged
+        or stale; by default it is printed to stderr.
     progress : bool or callable, optional
-        By default bars for the tasks of each arm, and below them how fast the run goes; a function
-        is called with a :class:`Progress` at the beginning and whenever a unit is stored.
+        By default bars; a function is called with a :class:`Progress` at the beginning and whenever
+        a unit is stored.
 
     Raises
     ------
     ConfigError
-        With all that is wrong in the study's file.
+        With all that is wrong in the study's file, also by Stable-Baselines3.
     StoreError
         When the folder holds something else, is in use, is damaged or cannot be written to;
         LostStoreError where that happens later, and `resume` goes on.
     SettingError
-        When the arms cannot be compared, workers or shard make no sense, a network is to learn
-        and Stable-Baselines3 is not installed, or `on` names no cluster that can be used.
-    ConfigError
-        When Stable-Baselines3 does not accept a learner's settings.
+        When the arms cannot be compared, a setting makes no sense, or a package is missing.
     StudyError
-        When units failed. An arm with one that failed is given up; the others are trained and
-        stored before the error is raised, and :class:`StudyResults` reads them. Without scratch or
-        an executor nothing more is trained.
+        When units failed, after all others are stored but those of arms with one that failed.
+        Without scratch or an executor nothing more is trained.
 
     Examples
     --------
@@ -495,8 +486,7 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     Raises
     ------
     StoreError
-        When folders hold different studies, or one is damaged or in use; what was merged before is
-        whole then.
+        When folders hold different studies, or one is damaged or in use.
     """
     if isinstance(parts, str | Place):
         raise StoreError(f"folders to merge must be a list: got {str(parts)!r} alone")

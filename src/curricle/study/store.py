@@ -438,9 +438,8 @@ def damage(file: Place) -> StoreError:
 class StudyStore:
     """A folder of results and their description.
 
-    Every file is written beside its place and moved there when it is complete and on disk, so that
-    a run killed at any moment leaves whole files and whole units only. At a URL nothing is moved:
-    checksums tell what is whole.
+    Every file is moved to its place when it is complete and on disk, so that a killed run leaves
+    whole files only. At a URL nothing is moved: checksums tell what is whole.
 
     Parameters
     ----------
@@ -503,8 +502,6 @@ class StudyStore:
     ) -> Iterator["StudyStore"]:
         """Open a folder for results, made if need be, and lock it against other processes.
 
-        The lock is released when the process ends, also when it is killed.
-
         Parameters
         ----------
         path : path
@@ -514,7 +511,7 @@ class StudyStore:
             Whether the folder may hold units already.
         check : bool
             Whether to refuse results of another description. A study needs no such check, since
-            each unit says what it depends on: its description replaces that of an earlier one.
+            each unit says what it depends on.
 
         Raises
         ------
@@ -656,10 +653,8 @@ class StudyStore:
         return [stored.path for stored in self.units() if not self.is_whole(stored)]
 
     def is_whole(self, stored: StoredUnit) -> bool:
-        """Return whether a unit is as it was stored; StoreError where it cannot be read.
-
-        A file system that does not answer damages nothing: what is damaged is deleted.
-        """
+        """Return whether a unit is as it was stored; StoreError where it cannot be read."""
+        # A file system that does not answer damages nothing: what is damaged is deleted.
         try:
             with read_errors(stored.path), opened_archive(stored.path, whole=True) as archive:
                 if not stored.is_place_of(about_in(archive)):
@@ -707,10 +702,7 @@ class StudyStore:
     def result(
         self, stored: StoredUnit, seeds: Collection[int], most: int | None = None
     ) -> UnitResult:
-        """Return the result of some of a unit's seeds; StoreError if any of it is damaged.
-
-        `most` is as in :meth:`arrays`.
-        """
+        """Return the result of some of a unit's seeds; StoreError if any of it is damaged."""
         if not self.is_whole(stored):
             raise damage(stored.path)
 
