@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray
-from curricle.checks import number, whole_number
+from curricle.checks import fit_name, instance, number, one_of, whole_number
 from curricle.comparison.comparison import Arm, Comparison, best_from_scratch, joined_arms
-from curricle.comparison.controls import Control, check_controls, check_fit
+from curricle.comparison.controls import CONTROLS, Control, check_fit
 from curricle.comparison.plan import (
     Failures,
     InMemory,
@@ -23,7 +23,6 @@ from curricle.comparison.plan import (
     Plan,
     Trained,
     check_comparable,
-    curricula_by_name,
     from_scratch,
     scratch_curricula,
 )
@@ -41,8 +40,7 @@ from curricle.transfer.rollouts import ObservationTarget, target_of
 
 FRACTION = 0.9  # of the way from the random policy's return to the optimum: the default threshold
 STATED, OF_OPTIMUM = "stated", "nine tenths of the way to the optimum"
-MIDPOINT = "midpoint of scratch's curve, without an optimum above random"
-"""Where a threshold comes from."""
+MIDPOINT = "midpoint of scratch's curve, without an optimum above random"  # sources of a threshold
 
 
 def compare(
@@ -174,8 +172,20 @@ def comparison_plan(
     scratch: Learners = (),
 ) -> Plan:
     """Return the plan of :func:`compare` for arms; CurriculumError if they differ too much."""
-    arms = curricula_by_name(arms)
-    check_controls(controls)
+    if isinstance(arms, Curriculum):
+        arms = {"transfer": arms}
+    instance("arms, unless they are one curriculum,", arms, Mapping, CurriculumError)
+    if not arms:
+        raise CurriculumError("a comparison needs at least one curriculum: got none")
+    for name, arm in arms.items():
+        fit_name("an arm", name, CurriculumError)
+        instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
+        if name == SCRATCH:
+            raise CurriculumError(f"the name {SCRATCH!r} is taken by the baseline: rename this arm")
+    if isinstance(controls, str):
+        raise SettingError(f"controls must be a list of names: got {controls!r}")
+    for control in controls:
+        one_of("a control", control, CONTROLS, SettingError)
     check_comparable(arms)
     first = next(iter(arms.values()))
     target = first.target

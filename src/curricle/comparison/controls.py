@@ -1,23 +1,18 @@
 """Controls: arms that equal a curriculum except for what is supposed to help.
 
-- ``random_start``: the source is the target itself with a uniform start, for as many steps. If it
-  helps as much, visiting many states helped, not the easier task.
+- ``random_start``: the source is the target with a uniform start, for as many steps. If it helps as
+  much, visiting many states helped, not the easier task.
 - ``pretraining``: the source is the target itself, for as many steps. If it helps as much, the
   longer training helped.
-- ``placebo``: phi's values shuffled over the pairs of the target. If it helps as much, any values
-  of that size do.
-- ``constant``: the same value everywhere, once the mean of phi and once its maximum over the pairs
-  that learning can visit. If one of them helps as much, phi's optimism did it: a higher
-  ``initial_value`` does so without any source.
+- ``placebo``: phi's values shuffled over the target's pairs. If it helps as much, any values do.
+- ``constant``: the mean of phi everywhere, and its maximum, over the pairs that learning can visit.
+  If one helps as much, phi's optimism did it: a higher ``initial_value`` needs no source.
 - ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
 
-``placebo`` and ``constant`` know nothing of the task. A curriculum that pays, and gains more than
-they do, pays by what it knows.
-
-An observation task has no numbered states, so ``random_start`` is refused there, and ``placebo``
-unless its sources are miniatures: then each observation has the answer of another.
-``scaled`` and ``constant`` need no dense tables.
+``placebo`` and ``constant`` know nothing of the task. In an observation task, which has no numbered
+states, there is no ``random_start``, and a ``placebo`` only of miniatures: each observation has the
+answer of another. ``scaled`` and ``constant`` need no dense tables.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,12 +23,11 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 
 from curricle.arrays import FloatArray, IntArray
-from curricle.checks import one_of
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.curriculum.sources import Learnt, SourceValues, calibrated
 from curricle.deep.miniature import Miniatures
-from curricle.errors import CurriculumError, SettingError
+from curricle.errors import CurriculumError
 from curricle.learning.learners import Learner
 from curricle.learning.potential import PairPotential, StateActionPotential
 from curricle.learning.result import LearningResult, joined_results
@@ -54,18 +48,9 @@ from curricle.transfer.transfer import Transfer
 Control = Literal["random_start", "pretraining", "placebo", "constant", "scaled", "negated"]
 CONTROLS: tuple[Control, ...] = get_args(Control)
 PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM = "placebo", "constant mean", "constant maximum"
-KNOW_NOTHING = (PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM)
-"""Labels of the controls that know nothing of the task."""
+KNOW_NOTHING = (PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM)  # labels of controls that know nothing
 WITHOUT_TABLES = ("constant", "scaled")  # controls that need no dense tables of the target
 SOURCE = "control source"
-
-
-def check_controls(controls: Sequence[str]) -> None:
-    """Raise SettingError unless all names are controls."""
-    if isinstance(controls, str):
-        raise SettingError(f"controls must be a list of names: got {controls!r}")
-    for name in controls:
-        one_of("a control", name, CONTROLS, SettingError)
 
 
 def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
@@ -150,8 +135,7 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
     )
 
 
-Change = Callable[[Any, int, "VisitedPairs"], AnyPotential]
-"""phi, a seed and the pairs of the target that learning can visit -> another phi."""
+Change = Callable[[Any, int, "VisitedPairs"], AnyPotential]  # phi, seed, visited pairs -> another
 CHANGES: dict[str, Change] = {
     PLACEBO: lambda phi, seed, _: _shuffled(phi, seed),
     CONSTANT_MEAN: lambda phi, _, pairs: phi.rescaled(0.0, float(pairs.values(phi).mean())),
@@ -267,10 +251,8 @@ def _shuffled(phi: PairPotential, seed: int) -> AnyPotential:
 # observations, those of the policy that the potential gives, as a forecast reads it. No learner is
 # charged for them.
 
-EPISODES, LENGTH = 100, 1000
-"""Random rollouts where there are no dense tables, and the longest of them in steps."""
-SAME_AS_INITIAL_VALUE = (QInitialisation, LookAheadAdvice, StateShaping)
-"""Shapings by which a constant potential does what a higher initial value does (Wiewiora 2003)."""
+EPISODES, LENGTH = 100, 1000  # random rollouts without dense tables, and their most steps
+SAME_AS_INITIAL_VALUE = (QInitialisation, LookAheadAdvice, StateShaping)  # (Wiewiora 2003)
 
 
 @dataclass(frozen=True, eq=False)

@@ -280,15 +280,11 @@ def _values_are_read(forecast: Forecast) -> bool:
 AnyTarget = Target | ObservationTarget
 
 # Thresholds of the verdicts; benchmarks/check_forecast.py compares them with training.
-GAIN, GOOD = 0.1, 0.5
-"""Shares of the way from the random policy's return to the optimum: weak start, good start."""
+GAIN, GOOD = 0.1, 0.5  # shares of the way from random to the optimum: weak, good
 OPTIMISTIC = 0.5  # share of optimistic pairs above which learning keeps lowering values
-SLIPS, COLLAPSES = 0.2, 0.25
-"""Mean excess, in units of mean abs(V*), above which returns then fall under epsilon-greedy."""
-ESTIMATED = 0.45
-"""The same if the excess is over the value of phi's own policy, which is less than V*."""
-UNDERESTIMATE = 20.0
-"""Typical rewards by which phi may be too low in states that the optimal policy visits."""
+SLIPS, COLLAPSES = 0.2, 0.25  # mean excess / mean abs(V*) above which returns then fall
+ESTIMATED = 0.45  # the same if the excess is over the value of phi's own policy, less than V*
+UNDERESTIMATE = 20.0  # typical rewards by which phi may be too low where the optimal policy goes
 RAISED = 1.15  # scale above which a calibration is worth its steps
 
 
@@ -510,8 +506,7 @@ def forecast(
     )
 
 
-Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]
-"""How good the potential of each of K seeds is, and the scales that calibrations find."""
+Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]  # of K seeds
 
 
 @dataclass(frozen=True)

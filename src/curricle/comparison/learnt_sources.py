@@ -1,10 +1,8 @@
 """Did a source learn its own task? Its greedy return, against its optimum or a fresh learner's.
 
-A source that never learnt its own task hands on values of what it did not reach, and these can be
-worse than none. No step of an environment is charged for finding out: where the source can be
-solved its optimum is known from its model; elsewhere a fresh learner takes twice the steps, in
-simulation, and is said to have done so. Networks distilled from miniatures are examined on held-out
-levels.
+Values of a source that did not learn can be worse than none. No step is charged to find out: the
+optimum follows from a model, and a fresh learner's steps, twice as many, are simulated. Networks
+distilled from miniatures are examined on held-out levels.
 """
 
 from collections.abc import Mapping
@@ -28,8 +26,7 @@ from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task, made_by
 from curricle.text import brief_repr, counted
 
-LEARNT = 0.9
-"""Share of the way from random to the reference from which a source learnt its own task."""
+LEARNT = 0.9  # share of the way from random to the reference from which a source learnt its task
 OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""  # what a source is measured by
 
 

@@ -35,8 +35,7 @@ from curricle.text import brief_repr
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.transfer import Transfer, same_transfer
 
-Dependencies = Mapping[str, Any]
-"""Plain data: all that the result of one task of one arm depends on, but the seed."""
+Dependencies = Mapping[str, Any]  # all that a task's result depends on, but the seed
 
 
 @dataclass(frozen=True)
@@ -118,11 +117,9 @@ of its tasks."""
 class Plan:
     """What is trained."""
 
-    arms: Mapping[str, PlannedArm]
-    """Those from scratch first; controls follow the arm that they are of."""
+    arms: Mapping[str, PlannedArm]  # from scratch first; controls follow their arm
     target: str  # the task that all arms end with
-    budget: int | None
-    """Steps of the target, without those of sources; None where arms are not compared."""
+    budget: int | None  # the target's steps without sources'; None without comparison
     total: int | None  # steps that every arm spends, sources included
     eval_freq: int  # steps between checkpoints of the target
 
@@ -250,21 +247,6 @@ class Plan:
 
 
 # -- Which arms can be compared --------------------------------------------------------------------
-
-
-def curricula_by_name(arms: Curriculum | Mapping[str, Curriculum]) -> Mapping[str, Curriculum]:
-    """Return arms by name, or raise CurriculumError unless they are curricula."""
-    if isinstance(arms, Curriculum):
-        return {"transfer": arms}
-    instance("arms, unless they are one curriculum,", arms, Mapping, CurriculumError)
-    if not arms:
-        raise CurriculumError("a comparison needs at least one curriculum: got none")
-    for name, arm in arms.items():
-        fit_name("an arm", name, CurriculumError)
-        instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
-        if name == SCRATCH:
-            raise CurriculumError(f"the name {SCRATCH!r} is taken by the baseline: rename this arm")
-    return arms
 
 
 def most_source_steps(curriculum: Curriculum) -> int:
@@ -413,8 +395,7 @@ class Queue:
         self.units = list(units)
         self.ready = list[int]()  # a heap of the numbers of units that can be sent
         self._missing = list[int]()  # how many pairs of a source and a seed each unit waits for
-        self._waiting = dict[tuple[Any, int], list[int]]()
-        """Key and seed of a source -> numbers of the units that wait for it."""
+        self._waiting = dict[tuple[Any, int], list[int]]()  # source -> units that wait
         for number, unit in enumerate(self.units):
             missing = {
                 (key, seed)
@@ -449,8 +430,7 @@ class Scheduler:
     # while it holds any (bool); done has the seeds that are stored, by key. `workers` tell their
     # number, and why a unit is lost that nobody here cancelled.
 
-    send: Callable[[Unit], "Future[Any]"]
-    """Returns the future result of a unit whose sources are stored."""
+    send: Callable[[Unit], "Future[Any]"]  # its sources must be stored
     holder: Any
     workers: Any
     failures: "Failures"
@@ -511,11 +491,9 @@ class Failures:
     """The units that failed in a run: the arms that need them are given up, others are trained."""
 
     needs: Mapping[tuple[str, str], Any]  # the keys that arms need (`Plan.needs`)
-    each: list[tuple[Unit, BaseException]] = field(default_factory=list)
-    """In the order in which they failed."""
+    each: list[tuple[Unit, BaseException]] = field(default_factory=list)  # in their order
     executor_failed: bool = False  # whether one of them was never trained, as the executor failed
-    _kept: set[Any] = field(default_factory=set, init=False)
-    """The keys that arms without a failure need, once there is one."""
+    _kept: set[Any] = field(default_factory=set, init=False)  # what arms without a failure need
 
     def __bool__(self) -> bool:
         return bool(self.each)
@@ -573,8 +551,7 @@ class Memory:
 
     def __init__(self) -> None:
         self._learnings = list[_Learning]()
-        self.trained = dict[tuple[int, tuple[int, ...]], Trained]()
-        """Key and seeds -> what they learnt; the values of targets and large sources are gone."""
+        self.trained = dict[tuple[int, tuple[int, ...]], Trained]()  # without the values of targets
 
     def keys_of(
         self, name: str, curriculum: Curriculum, control: str

@@ -26,8 +26,7 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.spaces import state_name
 
 LARGEST = 5_000_000  # pairs (S x A) up to which tables are compared
-CLOSE = 1e-9
-"""Relative difference of moments, and difference of start probabilities, up to which they agree."""
+CLOSE = 1e-9  # relative difference of moments, or difference of start probabilities, that is none
 
 
 def differences(one: Task, other: Task) -> tuple[str, ...]:
@@ -146,8 +145,7 @@ def _equal(mine: Any, yours: Any) -> bool:
     return bool(mine == yours)
 
 
-AGREE = 1e-11
-"""Relative difference up to which two projections are equal: 10^5 times the rounding of a sum."""
+AGREE = 1e-11  # relative difference of equal projections: 10^5 times the rounding of a sum
 DIGEST_BYTES = 8
 
 

@@ -1,10 +1,8 @@
 """A trial: the comparison with learning from scratch, played in the tasks' models beforehand.
 
-Where the tasks have models (tables, or compiled functions), learning in them costs milliseconds,
-and none of the steps that are to be saved. A trial is :func:`compare` with the budgets and the
+It costs milliseconds, and none of the steps that are to be saved. It has the budgets and the
 accounting of the experiment. Its tasks are renamed, and random streams are named after tasks: none
-of its seeds draws what a seed of the experiment draws. It is a forecast, and never counts as the
-experiment.
+of its seeds draws what a seed of the experiment draws. It never counts as the experiment.
 """
 
 import warnings
@@ -129,8 +127,7 @@ def part_of(
 
 STREAM = "/trial"  # what the names of a trial's random streams end with
 SEEDS, FEWEST = 20, 8  # seeds of a trial; the fewest that are worth it
-QUICK = 5.0
-"""Seconds on one processor, by the estimate, up to which a forecast makes a trial unasked."""
+QUICK = 5.0  # estimated seconds on one processor up to which a forecast makes a trial unasked
 STEP, OUTCOME = 50e-9, 8e-9
 """Seconds of a step in a model, and of one outcome in one step of an exact evaluation, about. They
 are constants, so that whether there is a trial does not depend on the machine."""

@@ -4,12 +4,11 @@ Each question is a family of tests of its own, so that no answer depends on what
 
 - Does a curriculum pay? Each against scratch, corrected for the number of curricula (Holm).
 - Does it gain more than its controls? Each against all of its own controls at once.
-- Why does it pay: by what it knows, or by its optimism alone? Each against those of its controls
-  that know nothing of the task (``constant``, and ``placebo`` beside it).
+- Why does it pay: by what it knows, or by optimism alone? Each against controls that know nothing.
 - Arm against arm, where asked.
 
-All rest on sign-flip tests of paired differences (:func:`sign_flip_test`). K seeds cannot have a
-p-value below 2^(1 - K), so that with too few seeds there is no verdict, whatever they show.
+All rest on sign-flip tests of paired differences. K seeds cannot have a p-value below 2^(1 - K), so
+that with too few seeds there is no verdict.
 
 Sources: Holm 1979; Berger, "Multiparameter hypothesis testing and acceptance sampling",
 Technometrics 24, 1982 (intersection-union tests).
@@ -155,7 +154,16 @@ def verdicts_of(
         return {}
     arrays = {name: vector(f"returns of {name!r}", values) for name, values in returns.items()}
     for name, others in rivals.items():
-        _check(name, others, arrays)
+        if not others:
+            raise SettingError(f"an arm to be compared needs a rival: {name!r} has none")
+        for arm in (name, *others):
+            if arm not in arrays:
+                raise SettingError(f"an arm to be compared needs returns: {arm!r} has none")
+            if arrays[arm].shape != arrays[name].shape:
+                raise SettingError(
+                    f"returns must be of the same seeds: {name!r} has {arrays[name].size}, {arm!r} "
+                    f"{arrays[arm].size}"
+                )
     apart = {
         name: np.stack([difference(arrays[name], arrays[rival]) for rival in others])
         for name, others in rivals.items()
@@ -200,20 +208,6 @@ def difference(mine: FloatArray, yours: FloatArray) -> FloatArray:
     noise = ROUNDING * np.maximum(np.abs(mine), np.abs(yours))
     apart = np.subtract(mine, yours)
     return np.where(np.abs(apart) < noise, 0.0, apart)
-
-
-def _check(name: str, rivals: Sequence[str], returns: Mapping[str, FloatArray]) -> None:
-    """Raise SettingError unless an arm and its rivals, at least one, have as many returns."""
-    if not rivals:
-        raise SettingError(f"an arm to be compared needs a rival: {name!r} has none")
-    for arm in (name, *rivals):
-        if arm not in returns:
-            raise SettingError(f"an arm to be compared needs returns: {arm!r} has none")
-        if returns[arm].shape != returns[name].shape:
-            raise SettingError(
-                f"returns must be of the same seeds: {name!r} has {returns[name].size}, {arm!r} "
-                f"{returns[arm].size}"
-            )
 
 
 def _draws(looks: Looks, tests: int) -> int:

@@ -13,8 +13,7 @@ from curricle.progress import HALTED
 from curricle.tasks.kernel import inlined
 from curricle.text import brief_repr
 
-MAX_SNAPSHOT_BYTES = 128_000_000
-"""Bytes that the snapshots of a run may take; a large task has fewer than asked for, or none."""
+MAX_SNAPSHOT_BYTES = 128_000_000  # of a run: a large task has fewer than asked for, or none
 
 
 @dataclass(frozen=True, eq=False)

@@ -266,7 +266,16 @@ def learning_result(
         end = outcome.steps // eval_freq
         for name in (name for name in CURVES if FIELDS[name].held):
             curves[name][k, end + 1 :] = curves[name][k, end]
-    last = None if values is None else values[0]
+    first, snapshots = outcomes[0], None
+    if len(first.record.snapshot_at):
+        taken = first.record.snapshot_at * eval_freq <= first.steps
+        steps, tables = first.record.snapshot_at[taken] * eval_freq, first.record.snapshots[taken]
+        last = None if values is None else values[0]
+        if isinstance(last, np.ndarray) and steps[-1] < first.steps:  # the last values too
+            steps = np.append(steps, first.steps)
+            acting = (last + first.advice).astype(np.float32)
+            tables = np.concatenate([tables, acting[None]])
+        snapshots = Snapshots(seeds[0], frozen(steps), frozen(tables))
     return LearningResult(
         task=task,
         learner=learner,
@@ -278,23 +287,9 @@ def learning_result(
         evaluation_steps=frozen(np.array([outcome.evaluation_steps for outcome in outcomes])),
         out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in outcomes])),
         own_rewards=frozen(np.array([outcome.own_rewards for outcome in outcomes])),
-        snapshots=_snapshots(seeds[0], outcomes[0], last, eval_freq),
+        snapshots=snapshots,
         **{name: frozen(curve) for name, curve in curves.items()},
     )
-
-
-def _snapshots(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapshots | None:
-    """Return the snapshots of a seed, the last values included; None if there are none."""
-    record = outcome.record
-    if not len(record.snapshot_at):
-        return None
-    taken = record.snapshot_at * eval_freq <= outcome.steps
-    steps, values = record.snapshot_at[taken] * eval_freq, record.snapshots[taken]
-    if isinstance(last, np.ndarray) and steps[-1] < outcome.steps:
-        steps = np.append(steps, outcome.steps)
-        acting = (last + outcome.advice).astype(np.float32)
-        values = np.concatenate([values, acting[None]])
-    return Snapshots(seed, frozen(steps), frozen(values))
 
 
 def joined_results(parts: Sequence[LearningResult]) -> LearningResult:

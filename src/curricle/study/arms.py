@@ -130,14 +130,11 @@ class UnitInput(NamedTuple):
     code: str  # JSON of Arms.code: the modules must be as they were when the run began
     unit: Unit
     sources: Mapping[str, StoredValues]
-    checkpoints: Place | None = None
-    """Where checkpoints are, from which a killed unit goes on, to the same result."""
+    checkpoints: Place | None = None  # from which a killed unit goes on, to the same result
     stored: Mapping[str, StoredSource] = {}  # the sources that the worker reads itself
     place: Place | None = None  # the study's folder, where the worker writes the result itself
-    files: Mapping[str, bytes] = {}
-    """The study's own modules, by path in its folder, for a worker that has no such folder."""
-    versions: Mapping[str, str] = {}
-    """Of the run: a worker that came later is compared with them too."""
+    files: Mapping[str, bytes] = {}  # the own modules by path, where there is no such folder
+    versions: Mapping[str, str] = {}  # of the run: later workers are compared too
     live: bool = False  # whether units must not run side by side in one process
 
 

@@ -62,8 +62,7 @@ class Pace:
         self.stored = 0
         self._units: int | None = None
         self._last: Progress | None = None
-        self._marks = deque[tuple[float, int]]()
-        """When so many had been stored, at the beginning of what the rate is measured over."""
+        self._marks = deque[tuple[float, int]]()  # (time, units stored)
 
     def note(self, progress: Progress) -> None:
         """Note the beginning, or that a unit is stored."""

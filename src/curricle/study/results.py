@@ -96,8 +96,7 @@ def check_total(study: "StudyResults", total: int) -> None:
 
 # -- Units that failed: the arms that need them are left out, the others are compared --------------
 
-FAILURES = "failures.json"
-"""The units that failed in the last run, in its folder; there is no such file if none did."""
+FAILURES = "failures.json"  # the units that failed in the last run; not there if none did
 
 
 def failure_rows(failures: Failures) -> list[dict[str, Any]]:
@@ -200,8 +199,7 @@ RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.par
 ANALYSIS = "analysis.json"
 MOST_CHECKPOINTS = 10_000_000  # of a curve in a comparison: 80 MB a seed
 SPENT = ("source_steps", "steps_used")  # arrays of steps
-HEADERS, FLOAT32 = 2**16, 4
-"""Bytes of the headers of some arrays, at most, and of a number in a snapshot."""
+HEADERS, FLOAT32 = 2**16, 4  # bytes of some headers, at most, and of a number in a snapshot
 
 
 class StudyResults:

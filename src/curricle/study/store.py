@@ -60,8 +60,7 @@ from curricle.text import counted
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
 UNITS = "units"
-PATIENCE = 0.3
-"""Seconds in which a lock is asked for: whoever looks whether it is held has it for a moment."""
+PATIENCE = 0.3  # seconds for a lock: whoever looks whether it is held has it for a moment
 CHECKPOINTS = ".checkpoints"  # where networks in training are saved, to go on from
 
 
@@ -165,8 +164,7 @@ def lost_errors() -> Iterator[None]:
 
 # -- The arrays of a unit: by group, of some seeds, of several units as one; and its tables --------
 
-RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"
-"""Groups of a unit's arrays: curves and counts, what was learnt, values on the way."""
+RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"  # groups of arrays
 
 DECISION_SCHEMA = {
     "task": "string",
@@ -752,17 +750,13 @@ def stored_values(
 # after a run does not depend on when its units ended: each block is one file then.
 
 FULL = 2**22  # bytes of a file of several units, about: it is read in some milliseconds
-NUMBER, TABLES, CURVES = 8, 2, 5
-"""Bytes of a number, and how many a seed has for each pair (S x A) and for each checkpoint."""
-BETWEEN = 1.0
-"""Seconds between two writes, while small units end faster: as much as a killed run repeats."""
+NUMBER, TABLES, CURVES = 8, 2, 5  # bytes of a number; numbers a pair (S x A) and a checkpoint
+BETWEEN = 1.0  # seconds between two writes of small units: as much as a killed run repeats
 MOST_FILES = 32  # of a block of seeds until they are merged during a run
-REMEMBERED = 8
-"""Files of several units whose arrays are kept: more of their seeds are asked for next."""
+REMEMBERED = 8  # files of several units whose arrays are kept: more seeds are asked for next
 
 Block = tuple[str, int]  # a unit's key, and the number of its block of seeds
-Taken = tuple[Unit, UnitResult | StoredUnit]
-"""A unit, and its result or the file to which its worker has written it."""
+Taken = tuple[Unit, UnitResult | StoredUnit]  # or its worker's file
 
 
 def seeds_per_file(node: Node) -> int:

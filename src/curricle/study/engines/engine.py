@@ -35,8 +35,7 @@ from curricle.study.store import (
 
 # -- What a worker on another machine does: take the study's own modules, and train a unit ---------
 
-FOLDERS = dict[str, Path]()
-"""The folders of modules that this process has written, by a digest of their files."""
+FOLDERS = dict[str, Path]()  # of modules that this process has written, by their digest
 WRITING, LIVE = Lock(), Lock()
 Result = TypeVar("Result")
 
@@ -178,10 +177,8 @@ class Engine(ABC):
     on = ""  # the word for it
     link: str | None = None  # of its own page, if there is one
     repeated = 0  # how many calls were begun again so far, as a worker died
-    share_folders = False
-    """Whether it was started here, so that its workers see the folders of this machine."""
-    files: Mapping[str, bytes]
-    """The study's own modules; they are small, so that each unit carries them."""
+    share_folders = False  # whether it was started here and sees our folders
+    files: Mapping[str, bytes]  # the own modules; each unit carries them
     versions: Mapping[str, str]  # those that each worker must have
     live: bool  # whether a unit needs its process for itself (`Arms.live`)
     _number = 1

@@ -19,8 +19,7 @@ from curricle.errors import EngineError
 from curricle.study.engines.engine import Engine, answers
 
 ASKED = 60  # seconds in which each machine must answer; it starts a process first
-ASKED_AGAIN, PAUSE = 3, 2.0
-"""How often a head that turns a client away is asked again, and after how many seconds."""
+ASKED_AGAIN, PAUSE = 3, 2.0  # how often a head that turns us away is asked, and seconds between
 
 
 class RayEngine(Engine):
