@@ -262,7 +262,8 @@ def run_study(
         if not failures:
             store.remove_checkpoints()
         pack(store, per_file)
-        StudyStore(store.path)  # raises where the folder was moved meanwhile
+        if not holds_study(store.path):  # the folder was moved meanwhile
+            StudyStore(store.path)  # raises that it is gone
         results = StudyResults(store)
         results.write_tables()
         analyse(results, arms)
