@@ -225,8 +225,7 @@ def trained_arms(
     bars: Bars,
 ) -> dict[str, Arm]:
     """Return all arms for these seeds, scratch first."""
-    # An arm in `failed` is left out; one that raises an error is added to it, and left out with its
-    # controls. An error of scratch, or of all arms that do not learn from scratch, is raised.
+    # An arm that raises an error is added to `failed`, and left out with its controls.
     plan = plan.without(failed)
     failures, arms = Failures(plan.needs), dict[str, Arm]()
     run = InMemory(plan, tuple(sorted(seeds)), memory, workers, bars)

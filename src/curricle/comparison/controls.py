@@ -181,8 +181,7 @@ def train_control(
     **how: Any,
 ) -> tuple[LearningResult, IntArray, "Level | None"]:
     """Return what seeds learn of the target in a control arm, their charges, and its level."""
-    # `sources` are those of the curriculum, the steps of which every control is charged. The
-    # potentials and calibrations that its seeds began with follow from them where none are given.
+    # Every control is charged the steps of the curriculum's `sources`.
     name = curriculum.target
     spent = CurriculumResult(curriculum, {}, {}, given=sources).source_steps(name)
     if is_shuffled(label, curriculum):

@@ -134,8 +134,6 @@ class Plan:
         least_total: int = 0,
     ) -> Self:
         """Return the plan of comparable curricula and of learners from scratch."""
-        # The total is the target's budget and the steps that the most expensive arm spends on its
-        # sources at most, rounded up to whole checkpoints, and at least `least_total`.
         first = next(iter(curricula.values()))
         target = first.target
         node = first.node(target)
@@ -185,7 +183,6 @@ class Plan:
     @cached_property
     def needs(self) -> dict[tuple[str, str], Any]:
         """The same, and the target of its curriculum for a control: it stands or falls with it."""
-        # The second part of its place is no task's name.
         controls = {name: arm.of for name, arm in self.arms.items() if arm.control}
         beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
         return self.keys | beside
@@ -226,9 +223,7 @@ class Plan:
         first: int | None = None,
     ) -> list[Unit]:
         """Return the units that are still to be trained, sources first."""
-        # Seed s belongs to group number s // `seeds_per_unit`, all to one without that number.
-        # `done` has the seeds that are trained by key. Units whose first seed is `first` have
-        # `snapshots`.
+        # `done` has the seeds that are trained by key; units whose first seed is `first` snapshots.
         units: dict[tuple[Any, tuple[int, ...]], Unit] = {}
         for name, arm in self.arms.items():
             for task in arm.curriculum.order:
@@ -361,8 +356,7 @@ def train(
 ) -> Trained:
     """Return what a unit of an arm learns from what its sources learnt."""
     # With `charge` the target's budget pays for the sources too. A control reads the potentials of
-    # its curriculum in `uncontrolled`, or computes them again. `how` is handed on to the training:
-    # workers, progress and the like.
+    # its curriculum in `uncontrolled`, or computes them again.
     curriculum, task = arm.curriculum, unit.task
     if arm.control and task == curriculum.target:
         before = uncontrolled

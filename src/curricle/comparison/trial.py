@@ -68,8 +68,6 @@ def candidates_of(
     curriculum: Curriculum, target: str, aggregates: Sequence[Aggregate] = ()
 ) -> list[Candidate]:
     """Return the candidates for a target: aggregates first, then each transfer alone."""
-    # The aggregates are the library's four, the curriculum's own and the given ones, each once;
-    # those that are not the curriculum's own are not calibrated.
     edges = curriculum.in_edges(target)
     usual, settings = curriculum.setting("aggregate", target), curriculum.calibration(target)
     # The minimum, the mean and the maximum of a single potential are the same.

@@ -141,9 +141,8 @@ MOST_STEPS = 2**53  # steps that a number of double precision counts
 
 def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of a :class:`LearningResult` by name."""
-    # values are there if they were saved, or for each seed k the states_k and values_k of its
-    # sparse table, or the parameters of its network, values_k/name; snapshot_steps and
-    # snapshot_values if there are snapshots.
+    # With values, or of each seed k a sparse table (states_k, values_k) or a network's
+    # (values_k/name), where they were saved.
     arrays = {name: getattr(result, name) for name in FIELDS}
     arrays["seeds"] = np.array(result.seeds, dtype=np.int64)
     arrays |= arrays_of_values(result.values)

@@ -133,8 +133,7 @@ def shown_units(
     line: Callable[[], str] | None = None,
 ) -> Iterator[Callable[[Progress], None]]:
     """Yield what takes each :class:`Progress` of a run and shows it as ``progress`` asks for."""
-    # Bars are of all seeds of a task in an arm, or of all trials of a tuning that are made at once;
-    # below them stands a `line`, by default how fast the whole run goes, its `pace`.
+    # Below the bars stands a `line`, by default how fast the whole run goes, its `pace`.
     pace = pace or Pace()
     grow: dict[str, Callable[[], None]] = {}
     with shown(progress, line or pace.line) as bars:

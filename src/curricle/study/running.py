@@ -91,8 +91,7 @@ def tuned_before(
 ) -> tuple[StudyConfig, Arms]:
     """Return a study and its arms as a folder says that it was tuned, if it does."""
     # A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
-    # version aside where stale units are kept. `report` is called with a sentence about a stale
-    # one.
+    # version aside where stale units are kept.
     place = place_at(path)
     if study.tune is None or not holds_study(place):
         return study, arms

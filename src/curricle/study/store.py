@@ -209,7 +209,6 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
 
 def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
     """Return the results of several units of a task as that of one, seeds ascending."""
-    # Shorter curves are held to the longest. Snapshots stay if they are of the first seed of all.
     # How the units were grouped does not change a byte.
     if len(parts) == 1:
         return parts[0]

@@ -273,8 +273,6 @@ def parsed(on: str) -> tuple[str, str | None]:
 @contextmanager
 def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
     """Give the engine that a word names, its workers compared with this machine; close it then."""
-    # One that is started here has so many `workers`. SettingError when the word names none, its
-    # package is not installed, nothing answers at the address, or a worker has other versions.
     name, address = parsed(on)
     if address is not None and workers is not None:
         raise SettingError(f"{on} has workers of its own: workers={workers} is for dask or ray")
