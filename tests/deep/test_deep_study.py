@@ -21,7 +21,7 @@ from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.analysis import curricula_record
 from curricle.study.arms import Arms
-from curricle.study.serialization import RUN
+from curricle.study.store import RUN
 from tests.hunters import observed, transfers
 from tests.studies import OBSERVED_HUNT
 

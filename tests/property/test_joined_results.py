@@ -12,8 +12,7 @@ from curricle import Episodes, GreedyEvaluation, GridWorld, StoppingRule, Storag
 from curricle.learning.result import joined_results
 from curricle.learning.saved_result import arrays_of
 from curricle.study.record import UnitRecord
-from curricle.study.serialization import UnitResult, joined_units
-from curricle.study.store import unit_content
+from curricle.study.store import UnitResult, joined_units, unit_content
 
 MAZE = GridWorld(["S...", "..P.", "...T"], time_limit=30)
 SEEDS = (0, 1, 3, 7, 8)

@@ -5,9 +5,8 @@ from concurrent.futures import Future
 import pytest
 from hypothesis import given, strategies as st
 
-from curricle.comparison import running
-from curricle.comparison.plan import Unit
-from curricle.comparison.running import AHEAD, Failures, Scheduler
+from curricle.comparison import plan as running
+from curricle.comparison.plan import AHEAD, Failures, Scheduler, Unit
 
 SEEDS = range(5)
 

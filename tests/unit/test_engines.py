@@ -7,7 +7,7 @@ import pytest
 
 from curricle.cli import progress_bars
 from curricle.cli.progress_bars import run_with_bars
-from curricle.comparison import running as scheduling
+from curricle.comparison import plan as scheduling
 from curricle.errors import (
     ConfigError,
     EngineError,

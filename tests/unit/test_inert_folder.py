@@ -19,7 +19,7 @@ from curricle.errors import StoreError
 from curricle.files import SEAL, sealed_archive
 from curricle.show.report import write_report
 from curricle.study import StudyResults, StudyStore, merge
-from curricle.study.serialization import DECISION_SCHEMA, as_parquet
+from curricle.study.store import DECISION_SCHEMA, as_parquet
 from tests.sent_folders import a_unit, change, npy, put, refuses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

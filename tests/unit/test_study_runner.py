@@ -16,7 +16,7 @@ from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.arms import Arms, UnitInput, train_unit, units_of
 from curricle.study.results import DECISIONS, RESULTS
-from curricle.study.serialization import RUN
+from curricle.study.store import RUN
 from tests.refusals import check_values
 from tests.studies import NUMBERED_HUNT, reader
 

@@ -9,14 +9,13 @@ import pytest
 import curricle as cr
 from curricle.comparison import trial as trials
 from curricle.comparison.comparison import Arm, Comparison
-from curricle.comparison.forecasting import JudgedPotentials, forecast_once
+from curricle.comparison.forecasting import JudgedPotentials, forecast
 from curricle.comparison.trial import (
     Trial,
     affordable,
     apart,
     candidates_of,
     hindrance,
-    rehearse,
     run_trial,
 )
 from curricle.errors import CurriculumError, SettingError
@@ -218,7 +217,7 @@ def test_a_smaller_relative_carries_its_verdict_and_its_assumption():
     small = copied(LINE, target="small", budget={"near": 40, "small": 2000})
     found = cr.forecast(live_plan(), seeds=1, trial=small)
     assert found.trial.relative == "small"
-    alone = rehearse(small, candidates_of(live_plan(), "far")[0])
+    alone = run_trial(candidates_of(live_plan(), "far")[:1], small)
     assert found.answer == f"{trials.verdict_words(alone.gain('mean'))}, as on a smaller relative"
     assert "assumes that what pays there pays in 'far'" in found.basis
     assert found.used.gain is None  # returns of another task order nothing here
@@ -266,7 +265,7 @@ def test_trials_share_what_is_learnt_without_sources(calls):  # noqa: F811
         JudgedPotentials(),
         [corner(target=300), corner(target=300, aggregate=cr.maximum)],
     )
-    first, second = (forecast_once(judged, one, seeds=1).trial.comparison for one in arms)
+    first, second = (forecast(one, seeds=1, judged=judged).trial.comparison for one in arms)
     streams = [one["stream"] for one in calls]
     assert [streams.count(name) for name in ("maze/trial", "corner/trial")] == [3, 1]
     assert_same(first.arms["scratch"], second.arms["scratch"])

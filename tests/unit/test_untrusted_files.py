@@ -14,8 +14,17 @@ from curricle.files import RemotePath, opened_archive, read_npy
 from curricle.study import StudyConfig, read_study, run_study
 from curricle.study.file import parsed
 from curricle.study.own_code import ALLOW, load
-from curricle.study.serialization import DECISION_SCHEMA, read_parquet
-from curricle.study.store import CHECKPOINTS, LOCK, STUDY, UNITS, StudyStore, in_use, locked
+from curricle.study.store import (
+    CHECKPOINTS,
+    DECISION_SCHEMA,
+    LOCK,
+    STUDY,
+    UNITS,
+    StudyStore,
+    in_use,
+    locked,
+    read_parquet,
+)
 from curricle.study.tuning import TRIALS
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from curricle.cli.tables import line_width, print_table, print_text, wrapped
-from curricle.comparison.forecasting import Forecast, JudgedPotentials, forecast_once
+from curricle.comparison.forecasting import Forecast, JudgedPotentials, forecast
 from curricle.comparison.plan import numbered_seeds
 from curricle.comparison.trial import AGGREGATES, affordable, candidates_of, hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
@@ -318,6 +318,6 @@ def _print(arm: str, forecast: Forecast | str) -> None:
 def _forecast(judged: JudgedPotentials, curriculum: Curriculum, **settings: Any) -> Forecast | str:
     """Return a forecast, or why there is none."""
     try:
-        return forecast_once(judged, curriculum, **settings)
+        return forecast(curriculum, judged=judged, **settings)
     except (CurricleError, ImportError) as error:
         return f"no forecast: {error}"

@@ -12,18 +12,20 @@ from typing import Any
 import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray
-from curricle.checks import number, whole_number
-from curricle.comparison.comparison import Arm, Comparison, best_from_scratch, concatenated
-from curricle.comparison.controls import Control, check_controls, check_fit
+from curricle.checks import fit_name, instance, number, one_of, whole_number
+from curricle.comparison.comparison import Arm, Comparison, best_from_scratch, joined_arms
+from curricle.comparison.controls import CONTROLS, Control, check_fit
 from curricle.comparison.plan import (
+    Failures,
+    InMemory,
     Learners,
+    Memory,
     Plan,
+    Trained,
     check_comparable,
-    curricula_by_name,
     from_scratch,
     scratch_curricula,
 )
-from curricle.comparison.running import Failures, InMemory, Memory, Trained
 from curricle.comparison.verdicts import ONE_LOOK
 from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import CurriculumError, SettingError
@@ -35,11 +37,9 @@ from curricle.statistics.curves import SCRATCH, fraction_of_optimum, midpoint
 from curricle.statistics.hypothesis_tests import Looks, add_seeds
 from curricle.transfer.rollouts import ObservationTarget, target_of
 
-FRACTION = 0.9
-"""Of the way from the random policy's return to the optimum: the default threshold."""
+FRACTION = 0.9  # of the way from the random policy's return to the optimum: the default threshold
 STATED, OF_OPTIMUM = "stated", "nine tenths of the way to the optimum"
-MIDPOINT = "midpoint of scratch's curve, without an optimum above random"
-"""Where a threshold comes from."""
+MIDPOINT = "midpoint of scratch's curve, without an optimum above random"  # sources of a threshold
 
 
 def compare(
@@ -62,27 +62,22 @@ def compare(
     sources (or can spend at most, if a source's budget is in episodes). The learner from scratch
     spends all of it in the target, every other arm the rest after its sources, seed by seed.
 
-    Whether a curriculum pays is asked against learning from scratch, against the best of them where
-    there are several. Why it pays, by what it knows or by its optimism alone, is asked against the
-    controls that know nothing: ``placebo`` and ``constant``.
-
-    An arm that raises an error is listed in :attr:`Comparison.failed`, and the others stand. An
-    error of scratch, or of all arms, is raised.
+    Whether a curriculum pays is asked against the best arm from scratch; why it pays (by what it
+    knows, or by its optimism alone) against the controls that know nothing. An arm that raises an
+    error is listed in :attr:`Comparison.failed`; an error of scratch, or of all arms, is raised.
 
     Parameters
     ----------
     arms : Curriculum or dict of str to Curriculum
-        All with the same target; the name "scratch" is reserved. ``curricle.compare`` also takes a
-        study or the path of its file: its arms, seeds, threshold, window, controls and learners
-        from scratch, where others are not given.
+        All with the same target, none named "scratch". ``curricle.compare`` also takes a study or
+        its path: its arms and settings, where others are not given.
     seeds : int or sequence of int
         With `precision` or `difference`, the number of seeds to begin with.
     controls : sequence of str
         Of ``random_start``, ``pretraining``, ``placebo``, ``constant``, ``scaled`` and ``negated``,
         run for each curriculum (``curricle.comparison.controls`` explains them).
     scratch : sequence of learners, or dict of str to learner
-        Learners that learn the target from scratch too, beside its own, each an arm with the same
-        total. A dict names them, else their settings do.
+        Learners that learn the target from scratch too, beside its own.
     threshold : float, optional
         Return that counts as learnt. By default nine tenths of the way from the random policy's
         return to the optimum; midway up the curve of scratch if there is no such optimum.
@@ -102,10 +97,8 @@ def compare(
 
     Raises
     ------
-    CurriculumError
-        If arms are not comparable; the message names the differences of their targets.
-    SettingError
-        If a setting is out of range, before any training.
+    CurriculumError, SettingError
+        If arms are not comparable, or a setting is out of range, before any training.
 
     Examples
     --------
@@ -158,7 +151,7 @@ def compare(
                 goal: Any = {"precision": precision, "difference": difference}
                 stopped = add_seeds(gain, first=first, most=most_seeds, **goal).stopped
             names = [name for name in batches[0] if all(name in batch for batch in batches)]
-            trained = {name: concatenated([batch[name] for batch in batches]) for name in names}
+            trained = {name: joined_arms([batch[name] for batch in batches]) for name in names}
             looks = Looks.doubling(first, most_seeds)
     level = STATED
     if threshold is None:
@@ -178,8 +171,20 @@ def comparison_plan(
     scratch: Learners = (),
 ) -> Plan:
     """Return the plan of :func:`compare` for arms; CurriculumError if they differ too much."""
-    arms = curricula_by_name(arms)
-    check_controls(controls)
+    if isinstance(arms, Curriculum):
+        arms = {"transfer": arms}
+    instance("arms, unless they are one curriculum,", arms, Mapping, CurriculumError)
+    if not arms:
+        raise CurriculumError("a comparison needs at least one curriculum: got none")
+    for name, arm in arms.items():
+        fit_name("an arm", name, CurriculumError)
+        instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
+        if name == SCRATCH:
+            raise CurriculumError(f"the name {SCRATCH!r} is taken by the baseline: rename this arm")
+    if isinstance(controls, str):
+        raise SettingError(f"controls must be a list of names: got {controls!r}")
+    for control in controls:
+        one_of("a control", control, CONTROLS, SettingError)
     check_comparable(arms)
     first = next(iter(arms.values()))
     target = first.target
@@ -218,11 +223,8 @@ def trained_arms(
     workers: int | None,
     bars: Bars,
 ) -> dict[str, Arm]:
-    """Return all arms for these seeds, scratch first.
-
-    An arm in `failed` is left out; one that raises an error is added to it, and left out with its
-    controls. An error of scratch, or of all arms that do not learn from scratch, is raised.
-    """
+    """Return all arms for these seeds, scratch first."""
+    # An arm that raises an error is added to `failed`, and left out with its controls.
     plan = plan.without(failed)
     failures, arms = Failures(plan.needs), dict[str, Arm]()
     run = InMemory(plan, tuple(sorted(seeds)), memory, workers, bars)
@@ -272,10 +274,7 @@ def _arm(plan: Plan, name: str, run: InMemory, seeds: tuple[int, ...]) -> Arm:
 
 
 def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> tuple[float, str]:
-    """Return nine tenths of the way from the random policy's return to the optimum, and its source.
-
-    If the optimum is unknown or not above that return, return the midpoint of the curve of scratch.
-    """
+    """Return nine tenths of the way to the optimum, or else the midpoint; and which it is."""
     of_optimum = threshold_of_optimum(target)
     if of_optimum is None:
         return midpoint(scratch.curve), MIDPOINT
@@ -283,10 +282,7 @@ def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> tuple
 
 
 def threshold_of_optimum(target: Target | ObservationTarget) -> float | None:
-    """Return nine tenths of the way from the random policy's return to the optimum.
-
-    None if the optimum is unknown or not above that return.
-    """
+    """Return nine tenths of the way from the random policy's return to the optimum."""
     if target.solution is None:
         return None
     best, worst = target.optimum, target.random_return

@@ -1,7 +1,7 @@
 """The result of a comparison: arms on one axis, their gains, and how certain these are."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import one_of
-from curricle.comparison.controls import Level, concatenated_levels
+from curricle.comparison.controls import Level
 from curricle.comparison.verdicts import (
     ONE_LOOK,
     Reason,
@@ -62,7 +62,7 @@ class Arm:
     level : Level or None
         What a control that knows nothing of the task adds to every value.
     unlearnt : dict of str to (K,) bool
-        For each source, which seeds did not learn it, by its stopping rule.
+        Which seeds did not learn each source, by its stopping rule.
 
     Examples
     --------
@@ -100,9 +100,7 @@ class Arm:
     ) -> Self:
         """Return an arm from the target's learning result.
 
-        Seed k learns for total - spent_k steps, after which its last value is repeated. `total` are
-        the steps of every arm, sources included, `spent` (K,) the source steps, at most as many,
-        `eval_freq` the steps between checkpoints.
+        Seed k learns for total - spent_k steps, after which its last value is repeated.
         """
         if spent.max() > total:
             raise CurriculumError(
@@ -129,11 +127,7 @@ class Arm:
 
     def take(self, seeds: IntArray) -> "Arm":
         """Return the arm with the seeds in these rows, in this order."""
-        curve = Curve(self.curve.steps, self.curve.values[seeds], self.curve.source_steps[seeds])
-        level = None if self.level is None else self.level.take(seeds)
-        training, guard_share = self.training_return[seeds], self.guard_share[seeds]
-        unlearnt = {source: each[seeds] for source, each in self.unlearnt.items()}
-        return Arm(curve, training, guard_share, self.control, self.scratch, level, unlearnt)
+        return joined_arms([self], lambda arrays: arrays[0][seeds])
 
     def strong_gain(self, scratch: "Arm") -> FloatArray:
         """Return the area under the charged curve minus that of scratch, (K,), in return.
@@ -143,22 +137,26 @@ class Arm:
         return difference(mean_return(self.charged(scratch)), mean_return(scratch.curve))
 
 
-def concatenated(arms: Sequence[Arm]) -> Arm:
-    """Return the arms of several batches of seeds as one arm of all seeds."""
+def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate) -> Arm:
+    """Return the arms of several batches of seeds as one arm, `join` called with their arrays."""
+    first, levels = arms[0], [arm.level for arm in arms if arm.level is not None]
     curve = Curve(
-        arms[0].curve.steps,
-        np.concatenate([arm.curve.values for arm in arms]),
-        np.concatenate([arm.curve.source_steps for arm in arms]),
+        first.curve.steps,
+        join([arm.curve.values for arm in arms]),
+        join([arm.curve.source_steps for arm in arms]),
     )
-    training = np.concatenate([arm.training_return for arm in arms])
-    guard_share = np.concatenate([arm.guard_share for arm in arms])
-    levels = [arm.level for arm in arms if arm.level is not None]
-    level = concatenated_levels(levels) if levels else None
-    unlearnt = {
-        source: np.concatenate([arm.unlearnt[source] for arm in arms])
-        for source in arms[0].unlearnt
-    }
-    return Arm(curve, training, guard_share, arms[0].control, arms[0].scratch, level, unlearnt)
+    return replace(
+        first,
+        curve=curve,
+        training_return=join([arm.training_return for arm in arms]),
+        guard_share=join([arm.guard_share for arm in arms]),
+        level=replace(levels[0], values=join([level.values for level in levels]))
+        if levels
+        else None,
+        unlearnt={
+            source: join([arm.unlearnt[source] for arm in arms]) for source in first.unlearnt
+        },
+    )
 
 
 def best_from_scratch(arms: Mapping[str, Arm], failed: Collection[str] = ()) -> str:
@@ -180,19 +178,16 @@ UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
 class Contrast:
     """One arm against learning from scratch, over K seeds.
 
-    Of several arms that learn from scratch it is the best (:attr:`Comparison.best_scratch`); the
-    strong gain is an interval for the smallest of the true gains over each (:class:`Verdict`).
-
-    Weak transfer ignores the source steps and is measured over the target's own budget. Strong
-    transfer charges them and is measured over the total budget. Gains are returns.
+    Of several arms that learn from scratch it is the best; the strong gain is an interval for the
+    smallest of the true gains over each. Weak transfer ignores the source steps, over the target's
+    own budget. Strong transfer charges them, over the total budget. Gains are returns.
 
     Attributes
     ----------
     jumpstart : Interval
         Gain at the first target step (weak).
     weak_steps_saved, strong_steps_saved : Interval
-        Steps to the threshold saved within the budget: a seed that never reaches it counts with all
-        steps.
+        Steps to the threshold saved; a seed that never reaches it counts with the whole budget.
     weak_gain, strong_gain : Interval
         Difference of the normalised areas under the curves.
     asymptotic_gain : Interval
@@ -204,11 +199,10 @@ class Contrast:
     adjusted_p : float
         The same, corrected for the number of curricula (Holm); NaN for a control.
     verdict : str
-        "pays", "costs more than it brings", "no difference shown", or that there are too few seeds
-        for any verdict; empty for a control, which only its curriculum is compared with.
+        "pays", "costs more than it brings", "no difference shown", or that there are too few
+        seeds; empty for a control.
     reason : str
-        Why it pays: "by what it knows", "by optimism alone" and the like (``Reason``); empty
-        where that was not asked.
+        Why it pays, such as "by what it knows"; empty where that was not asked.
     """
 
     jumpstart: Interval
@@ -258,8 +252,7 @@ class Comparison:
     failed : dict of str to Exception
         Arms that could not be trained, and why.
     looks : Looks
-        Interim analyses planned, where seeds were added; all verdicts and intervals are adjusted
-        for them, and so hold at whichever look it stopped.
+        Interim analyses planned, where seeds were added; verdicts and intervals are adjusted.
     stopped : str
         What ended the adding of seeds, in words; empty where their number was given.
     interim : str
@@ -325,8 +318,7 @@ class Comparison:
     def know_nothing(self) -> dict[str, tuple[str, ...]]:
         """Those of the controls of each curriculum that know nothing of the task.
 
-        None without a constant one: a placebo alone does not tell knowledge from optimism, since
-        learning from values at random is slower than from one value for all.
+        None without a constant one: learning from a placebo's values at random is slower.
         """
         asked_of: dict[str, tuple[str, ...]] = {}
         for name, controls in self.controls.items():
@@ -343,10 +335,7 @@ class Comparison:
         return {name: mean_return(arm.charged(self.scratch)) for name, arm in self.arms.items()}
 
     def against(self, rival: str) -> dict[str, Verdict]:
-        """Return whether each curriculum gains more than another arm.
-
-        The question is corrected for the number of curricula (Holm), and for nothing else.
-        """
+        """Return whether each curriculum gains more than another arm (Holm over curricula)."""
         one_of("an arm", rival, self.arms, CurriculumError)
         return self._verdicts({name: (rival,) for name in self.controls if name != rival})
 
@@ -356,10 +345,7 @@ class Comparison:
 
     @cached_property
     def verdicts(self) -> dict[str, Verdict]:
-        """Whether each curriculum pays: whether it gains more than learning from scratch.
-
-        Where several learners do that, more than each of them.
-        """
+        """Whether each curriculum pays: gains more than each learner from scratch."""
         return self._verdicts(dict.fromkeys(self.controls, self.scratches))
 
     @property
@@ -447,8 +433,7 @@ class Comparison:
     def rows(self) -> list[dict[str, Any]]:
         """Return the table as data: a dict for each arm, intervals as name, name_low, name_high.
 
-        All have the same keys; those of a :class:`Contrast` are NaN for scratch, and those of the
-        contrast with the strongest control where there is none.
+        All have the same keys; numbers that an arm does not have are NaN.
         """
         return [{"arm": name, **self._row(name)} for name in self.arms]
 
@@ -563,11 +548,7 @@ class Comparison:
         return [*lines, open_] if open_ else lines
 
     def cheaper_way(self, name: str) -> str:
-        """Return how to have what a curriculum gains without its sources; empty if not known.
-
-        That is a higher initial value, where the curriculum is not shown to pay by what it knows
-        and a constant control gains more than learning from scratch.
-        """
+        """Return the initial value that gains as much without any source; empty if not known."""
         ways = [
             control
             for control in self.know_nothing[name]

@@ -1,23 +1,18 @@
 """Controls: arms that equal a curriculum except for what is supposed to help.
 
-- ``random_start``: the source is the target itself with a uniform start, for as many steps. If it
-  helps as much, visiting many states helped, not the easier task.
+- ``random_start``: the source is the target with a uniform start, for as many steps. If it helps as
+  much, visiting many states helped, not the easier task.
 - ``pretraining``: the source is the target itself, for as many steps. If it helps as much, the
   longer training helped.
-- ``placebo``: phi's values shuffled over the pairs of the target. If it helps as much, any values
-  of that size do.
-- ``constant``: the same value everywhere, once the mean of phi and once its maximum over the pairs
-  that learning can visit. If one of them helps as much, phi's optimism did it: a higher
-  ``initial_value`` does so without any source.
+- ``placebo``: phi's values shuffled over the target's pairs. If it helps as much, any values do.
+- ``constant``: the mean of phi everywhere, and its maximum, over the pairs that learning can visit.
+  If one helps as much, phi's optimism did it: a higher ``initial_value`` needs no source.
 - ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
 
-``placebo`` and ``constant`` know nothing of the task. A curriculum that pays, and gains more than
-they do, pays by what it knows.
-
-An observation task has no numbered states, so ``random_start`` is refused there, and ``placebo``
-unless its sources are miniatures: then each observation has the answer of another.
-``scaled`` and ``constant`` need no dense tables.
+``placebo`` and ``constant`` know nothing of the task. In an observation task, which has no numbered
+states, there is no ``random_start``, and a ``placebo`` only of miniatures: each observation has the
+answer of another. ``scaled`` and ``constant`` need no dense tables.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,12 +23,11 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 
 from curricle.arrays import FloatArray, IntArray
-from curricle.checks import one_of
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import calibrated
 from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.miniature import Miniatures
-from curricle.errors import CurriculumError, SettingError
+from curricle.errors import CurriculumError
 from curricle.learning.learners import Learner
 from curricle.learning.potential import PairPotential, StateActionPotential
 from curricle.learning.result import LearningResult, joined_results
@@ -42,7 +36,7 @@ from curricle.learning.stopping import StoppingRule
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.rollouts import random_rollouts
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import Task, generative_model, has_tables, reachable_states, tables
+from curricle.tasks.mdp import generative_model, has_tables, reachable_states, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr
 from curricle.transfer.by_components import identity
@@ -54,26 +48,13 @@ from curricle.transfer.transfer import Transfer
 Control = Literal["random_start", "pretraining", "placebo", "constant", "scaled", "negated"]
 CONTROLS: tuple[Control, ...] = get_args(Control)
 PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM = "placebo", "constant mean", "constant maximum"
-KNOW_NOTHING = (PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM)
-"""Labels of the controls that know nothing of the task."""
-WITHOUT_TABLES = ("constant", "scaled")
-"""Controls that need no dense tables of the target."""
+KNOW_NOTHING = (PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM)  # labels of controls that know nothing
+WITHOUT_TABLES = ("constant", "scaled")  # controls that need no dense tables of the target
 SOURCE = "control source"
 
 
-def check_controls(controls: Sequence[str]) -> None:
-    """Raise SettingError unless all names are controls."""
-    if isinstance(controls, str):
-        raise SettingError(f"controls must be a list of names: got {controls!r}")
-    for name in controls:
-        one_of("a control", name, CONTROLS, SettingError)
-
-
 def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
-    """Raise CurriculumError unless a curriculum's target can be learnt with these controls.
-
-    TaskError if the target has no tables, which all controls but ``constant`` and ``scaled`` need.
-    """
+    """Raise CurriculumError unless a curriculum's target can be learnt with these controls."""
     if not controls:
         return
     name = curriculum.target
@@ -95,8 +76,10 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
 def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
     name = curriculum.target
     shaping = curriculum.setting("shaping", name)
+    sources = [curriculum.tasks[edge.source] for edge in curriculum.in_edges(name)]
+    all_miniatures = all(isinstance(source, Miniatures) for source in sources)
     for control in controls:
-        if control == "placebo" and _all_miniatures(curriculum):
+        if control == "placebo" and all_miniatures:
             continue
         if control in ("random_start", "placebo"):
             raise CurriculumError(
@@ -108,12 +91,6 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
                 f"a control {control!r} changes the values of a potential: the target of arm "
                 f"{arm!r} has the shaping {shaping.name}, which does not read them"
             )
-
-
-def _all_miniatures(curriculum: Curriculum) -> bool:
-    """Return whether all that is carried over to the target comes from miniatures."""
-    sources = [edge.source for edge in curriculum.in_edges(curriculum.target)]
-    return all(isinstance(curriculum.tasks[name], Miniatures) for name in sources)
 
 
 def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
@@ -135,13 +112,15 @@ def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
 
 
 def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum:
-    """Return a curriculum whose only source is its target, trained for `steps`.
-
-    The source starts uniformly for "random start", as the target for "pretraining".
-    """
+    """Return a curriculum whose only source is its target, trained for `steps`."""
     name = curriculum.target
     task = curriculum.tasks[name]
-    source = _with_uniform_start(task) if label == "random start" else task
+    source = task
+    if label == "random start" and isinstance(task, GridWorld):
+        source = task.with_start("uniform")
+    elif label == "random start":
+        mdp = tables(task)
+        source = replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
     learner, evaluation = (curriculum.setting(which, name) for which in ("learner", "evaluation"))
     storage = curriculum.setting("storage", name)
     return Curriculum(
@@ -156,8 +135,7 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
     )
 
 
-Change = Callable[[Any, int, "VisitedPairs"], AnyPotential]
-"""phi, a seed and the pairs of the target that learning can visit -> another phi."""
+Change = Callable[[Any, int, "VisitedPairs"], AnyPotential]  # phi, seed, visited pairs -> another
 CHANGES: dict[str, Change] = {
     PLACEBO: lambda phi, seed, _: _shuffled(phi, seed),
     CONSTANT_MEAN: lambda phi, _, pairs: phi.rescaled(0.0, float(pairs.values(phi).mean())),
@@ -181,10 +159,7 @@ LABELS: dict[Control, tuple[str, ...]] = {
 def control_arms(
     controls: Sequence[Control], curriculum: Curriculum
 ) -> Iterator[tuple[str, Curriculum]]:
-    """Yield the label of each control arm of a curriculum, and the curriculum that it learns by.
-
-    That is the same but for miniatures, whose answers a placebo shuffles.
-    """
+    """Yield the label of each control arm of a curriculum, and the curriculum that it learns by."""
     for control, labels in LABELS.items():
         for label in labels if control in controls else ():
             shuffled = is_shuffled(label, curriculum)
@@ -205,18 +180,20 @@ def train_control(
     calibrations: Sequence[Calibration] = (),
     **how: Any,
 ) -> tuple[LearningResult, IntArray, "Level | None"]:
-    """Return what seeds learn of the target in a control arm, what they are charged, and its level.
-
-    `sources` are those of the curriculum, the steps of which every control is charged. The
-    potentials and calibrations that its seeds began with follow from them where none are given.
-    """
+    """Return what seeds learn of the target in a control arm, their charges, and its level."""
+    # Every control is charged the steps of the curriculum's `sources`.
     name = curriculum.target
     spent = CurriculumResult(curriculum, {}, {}, given=sources).source_steps(name)
     if is_shuffled(label, curriculum):
         trained = curriculum.train(seeds, only=name, trained=sources, charge=True, **how)
         return trained[name], spent, None
     if label not in CHANGES:
-        return _train_with_source(label, curriculum, seeds, spent, **how), spent, None
+        parts = []
+        for steps in np.unique(spent):
+            some = [seeds[k] for k in np.flatnonzero(spent == steps).tolist()]
+            changed_source = source_control(curriculum, label, int(steps))
+            parts.append(changed_source.train(some, charge=True, **how)[name])
+        return joined_results(parts), spent, None
     node = curriculum.node(name)
     if not potentials:
         potentials, calibrations = entering(curriculum, name, sources, seeds, spent)
@@ -224,7 +201,15 @@ def train_control(
     changed = [CHANGES[label](phi, k, pairs) for phi, k in zip(potentials, seeds, strict=True)]
     warm_ups = [calibration.warm_up for calibration in calibrations]
     result = node.train(seeds, changed, warm_ups=warm_ups, charged=spent, **how)
-    return result, spent, level_of(label, changed, pairs, curriculum)
+    if label not in KNOW_NOTHING:
+        return result, spent, None
+    means = np.array([pairs.values(phi).mean() for phi in changed])
+    # A constant potential is another initial value where a table learns and the shaping allows it.
+    learner, shaping = node.learner, node.shaping
+    same = isinstance(shaping, SAME_AS_INITIAL_VALUE) and isinstance(learner, Learner)
+    constant = label != PLACEBO
+    base = learner.initial_value if constant and same else None
+    return result, spent, Level(means, base, constant)
 
 
 def entering(
@@ -234,38 +219,12 @@ def entering(
     seeds: Sequence[int],
     spent: IntArray | None = None,
 ) -> tuple[Sequence[Any], list[Calibration]]:
-    """Return the potentials that seeds begin a task with, and their calibrations if they have any.
-
-    `spent` are the steps that the task's budget pays for its sources.
-    """
+    """Return the potentials that seeds begin a task with, and their calibrations, if any."""
     potentials = curriculum.potentials(name, sources)
     if (settings := curriculum.calibration(name)) is None:
         return potentials, []
     calibrations = calibrated(curriculum.node(name), potentials, settings, seeds, spent)
     return [calibration.potential for calibration in calibrations], calibrations
-
-
-def _train_with_source(
-    label: str, curriculum: Curriculum, seeds: Sequence[int], spent: IntArray, **how: Any
-) -> LearningResult:
-    """Return the target learnt after a source that each seed learns for `spent` steps."""
-    parts = []
-    for steps in np.unique(spent):
-        some = [seeds[k] for k in np.flatnonzero(spent == steps).tolist()]
-        changed = source_control(curriculum, label, int(steps))
-        parts.append(changed.train(some, charge=True, **how)[curriculum.target])
-    return joined_results(parts)
-
-
-def level_of(
-    label: str, changed: Sequence[AnyPotential], pairs: "VisitedPairs", curriculum: Curriculum
-) -> "Level | None":
-    """Return the level of a control that knows nothing, from its potentials; else None."""
-    if label not in KNOW_NOTHING:
-        return None
-    means = np.array([pairs.values(phi).mean() for phi in changed])
-    constant = label != PLACEBO
-    return Level(means, initial_value_of(curriculum) if constant else None, constant)
 
 
 def _negated(phi: Any) -> AnyPotential:
@@ -282,13 +241,6 @@ def _shuffled(phi: PairPotential, seed: int) -> AnyPotential:
     return StateActionPotential(phi.task, values)
 
 
-def _with_uniform_start(task: Task) -> Task:
-    if isinstance(task, GridWorld):
-        return task.with_start("uniform")
-    mdp = tables(task)
-    return replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
-
-
 # -- How optimistic a potential is -----------------------------------------------------------------
 #
 # Its values over the pairs of the states that some policy can reach from a start and in which no
@@ -298,10 +250,8 @@ def _with_uniform_start(task: Task) -> Task:
 # observations, those of the policy that the potential gives, as a forecast reads it. No learner is
 # charged for them.
 
-EPISODES, LENGTH = 100, 1000
-"""Random rollouts where there are no dense tables, and the longest of them in steps."""
-SAME_AS_INITIAL_VALUE = (QInitialisation, LookAheadAdvice, StateShaping)
-"""Shapings by which a constant potential does what a higher initial value does (Wiewiora 2003)."""
+EPISODES, LENGTH = 100, 1000  # random rollouts without dense tables, and their most steps
+SAME_AS_INITIAL_VALUE = (QInitialisation, LookAheadAdvice, StateShaping)  # (Wiewiora 2003)
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,11 +297,6 @@ class Level:
         return replace(self, values=self.values[seeds])
 
 
-def concatenated_levels(levels: Sequence[Level]) -> Level:
-    """Return the levels of several batches of seeds as one of all seeds."""
-    return replace(levels[0], values=np.concatenate([level.values for level in levels]))
-
-
 @dataclass(frozen=True, eq=False)
 class VisitedPairs:
     """The pairs of a task that learning can visit."""
@@ -382,14 +327,3 @@ class VisitedPairs:
             return np.asarray(phi.pairs(self.states))
         seen = ObservationTarget(self.task, GreedyEvaluation()).observations(phi)
         return np.asarray(phi.pairs(seen) if phi.of_actions else phi.v(seen))
-
-
-def initial_value_of(curriculum: Curriculum) -> float | None:
-    """Return the initial value of the target's learner, if a constant potential is one more.
-
-    None where a network learns, and where the shaping enters a constant otherwise.
-    """
-    name = curriculum.target
-    learner, shaping = (curriculum.setting(which, name) for which in ("learner", "shaping"))
-    same = isinstance(shaping, SAME_AS_INITIAL_VALUE)
-    return learner.initial_value if same and isinstance(learner, Learner) else None

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import blake2b
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -22,14 +22,13 @@ from curricle.comparison.learnt_sources import (
     distilled_sources,
     source_learning,
 )
-from curricle.comparison.running import Memory
+from curricle.comparison.plan import Memory
 from curricle.comparison.trial import (
     Candidate,
     Trial,
     affordable,
     candidates_of,
     hindrance,
-    rehearse,
     run_trial,
 )
 from curricle.curriculum.curriculum import Curriculum
@@ -56,7 +55,7 @@ from curricle.transfer.rollouts import (
     potential_quality,
     target_of,
 )
-from curricle.transfer.transfer import Calibrate, Transfer, transfer_names
+from curricle.transfer.transfer import Calibrate, transfer_names
 
 # -- The record of a forecast, and what it says in words ----------------------------------------
 #
@@ -110,8 +109,7 @@ class Forecast:
     ----------
     target : str
     coverage : dict of str to Coverage or ObservationCoverage
-        Of each transfer's mapping. In an observation task: over the observations that the greedy
-        policy of the first seed's potential meets.
+        Of each transfer's mapping; of observations that the first seed's greedy policy meets.
     rows : tuple of ForecastRow
         Aggregates, then each transfer alone; both with the highest score first.
     optimum, random_return : float
@@ -122,12 +120,11 @@ class Forecast:
     exact : bool
         Whether returns are exact too.
     trained : dict of str to SourceValues
-        The sources, to be passed to :meth:`Curriculum.train`; with `perfect` their optimal values.
+        The sources, as :meth:`Curriculum.train` takes them; with `perfect` their optimal values.
     perfect : bool
         Whether the sources were solved instead of trained.
     sources : dict of str to SourceLearning or DistilledSource
-        How much of its own task each source learnt; of tables that were trained, and of networks
-        distilled from miniatures.
+        How much of its own task each source learnt, where that is known.
     trial : Trial or None
         The comparison with learning from scratch, in the model or on a smaller relative.
     no_trial : str
@@ -173,7 +170,10 @@ class Forecast:
         if self.perfect:
             return f"if {_listed(self.trained)} were learnt perfectly"
         seeds = len(self.rows[0].seeds)
-        sources = [f"{name} ({_steps(source)})" for name, source in self.trained.items()]
+        sources = list[str]()
+        for name, source in self.trained.items():
+            average = " on average" * bool(np.ptp(source.steps_used))
+            sources.append(f"{name} ({source.steps_used.mean():,.0f} steps{average})")
         return f"from {counted(seeds, 'seed')} of {_listed(sources)}"
 
     @property
@@ -245,12 +245,6 @@ def _listed(names: Iterable[str]) -> str:
     return f"{', '.join(some)} and {last}" if some else last
 
 
-def _steps(source: SourceValues) -> str:
-    """Return for how many steps the seeds of a source were trained."""
-    steps = source.steps_used
-    return f"{steps.mean():,.0f} steps" + " on average" * bool(np.ptp(steps))
-
-
 COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
     "gain": lambda row: "" if row.gain is None else f"{row.gain.estimate:.3g}",
     "start": lambda row: or_dash(row.mean("start")),
@@ -286,18 +280,12 @@ def _values_are_read(forecast: Forecast) -> bool:
 AnyTarget = Target | ObservationTarget
 
 # Thresholds of the verdicts; benchmarks/check_forecast.py compares them with training.
-GAIN, GOOD = 0.1, 0.5
-"""Shares of the way from the random policy's return to the optimum: weak start, good start."""
-OPTIMISTIC = 0.5
-"""Share of optimistic pairs above which learning keeps lowering values."""
-SLIPS, COLLAPSES = 0.2, 0.25
-"""Mean excess, in units of mean abs(V*), above which returns then fall under epsilon-greedy."""
-ESTIMATED = 0.45
-"""The same if the excess is over the value of phi's own policy, which is less than V*."""
-UNDERESTIMATE = 20.0
-"""Typical rewards by which phi may be too low in states that the optimal policy visits."""
-RAISED = 1.15
-"""Scale above which a calibration is worth its steps."""
+GAIN, GOOD = 0.1, 0.5  # shares of the way from random to the optimum: weak, good
+OPTIMISTIC = 0.5  # share of optimistic pairs above which learning keeps lowering values
+SLIPS, COLLAPSES = 0.2, 0.25  # mean excess / mean abs(V*) above which returns then fall
+ESTIMATED = 0.45  # the same if the excess is over the value of phi's own policy, less than V*
+UNDERESTIMATE = 20.0  # typical rewards by which phi may be too low where the optimal policy goes
+RAISED = 1.15  # scale above which a calibration is worth its steps
 
 
 def start_words(row: ForecastRow, target: AnyTarget) -> str:
@@ -346,13 +334,11 @@ def network_words(row: ForecastRow) -> str:
 
 
 def anti_knowledge(row: ForecastRow, random_return: float) -> str:
-    """Return in what a potential is worse than knowing nothing, in words; empty if in nothing.
-
-    Its greedy policy returns less than the random one by more than the seeds differ (Student's
-    interval of 95 %; for a single seed, or where all agree, at all), or its order of the pairs is
-    against that of Q* in every seed. The words are weak because some such potentials pay all the
-    same: ``docs/trust.md`` says how many.
-    """
+    """Return in what a potential is worse than knowing nothing, in words; empty if in nothing."""
+    # Its greedy policy returns less than the random one by more than the seeds differ (Student's
+    # interval of 95 %; for a single seed, or where all agree, at all), or its order of the pairs is
+    # against that of Q* in every seed. The words are weak because some such potentials pay all the
+    # same: docs/trust.md says how many.
     signs = []
     starts, ranks = (np.array([getattr(k, of) for k in row.seeds]) for of in ("start", "rank"))
     high, mean = float(mean_interval(starts).high), float(starts.mean())
@@ -383,19 +369,19 @@ def forecast(
     threshold: float | None = None,
     workers: int | None = None,
     progress: Progress = None,
+    only_used: bool = False,
+    judged: "JudgedPotentials | None" = None,
 ) -> Forecast:
     """Return a forecast: whether the transfers into a target pay, and where learning starts.
 
-    Whether they pay is answered by a trial: the comparison with learning from scratch, sources
-    charged, played in the tasks' models. Its random streams have names of their own, so that it
-    shares no draw with any seed of :func:`compare` or :meth:`Curriculum.train`. It never counts as
-    the experiment. A target without a model is not learnt: potentials are rolled out in it.
+    Whether they pay is answered by a trial: the comparison with learning from scratch, played in
+    the tasks' models. It shares no random draw with :func:`compare` or :meth:`Curriculum.train`. In
+    a target without a model potentials are rolled out alone.
 
     Parameters
     ----------
     curriculum : Curriculum
-        ``curricle.forecast`` also takes a study of one arm or the path of its file: its arm, its
-        first seeds and its threshold, where others are not given.
+        ``curricle.forecast`` also takes a study of one arm or its path.
     target : str, optional
         By default the task that all others lead to.
     seeds : int or sequence of int
@@ -405,16 +391,14 @@ def forecast(
     trained : dict of str to SourceValues or LearningResult, optional
         Sources trained before, for the same seeds. A trial trains its own.
     perfect : bool
-        Whether to train no source and take the optimal values of each instead: the start if
-        the sources were learnt perfectly, of one seed, and no trial.
+        Whether to take the optimal values of each source instead of training it; without a trial.
     episodes : int, optional
         Rollouts of each potential if the target is live or too large to evaluate exactly: by
         default 1000, or 50 for an observation task.
     trial : bool or Curriculum, optional
-        True for a trial of 20 seeds, whatever it takes; False for none; by default one where the
-        tasks have models and it takes 5 s or less on one processor by an estimate, with as many
-        seeds from 8 to 20 as fit. A curriculum is a smaller relative, in which the trial is made
-        where the tasks have no models: its verdict is carried over, and says so.
+        True for a trial of 20 seeds, whatever it takes; False for none; by default one of 8 to 20
+        seeds, where the tasks have models and it takes 5 s or less on one processor, about. A
+        curriculum is a smaller relative, the verdict on which is carried over, and says so.
     threshold : float, optional
         Return that counts as learnt in the trial, as in :func:`compare`.
     workers : int, optional
@@ -422,13 +406,16 @@ def forecast(
     progress : bool or callable, optional
         True shows a bar for each task that is learnt and for the potentials; a function is called
         with the name of each potential when it has been looked at, and with "trial" after one.
+    only_used : bool
+        Whether it has a row for the potential that the curriculum would use, and no other.
+    judged : JudgedPotentials, optional
+        What other forecasts for the same target have computed.
 
     Raises
     ------
     CurriculumError
-        If the target is unknown, not unique or has no transfer into it; with `perfect` also if a
-        source cannot be solved; with ``trial=True`` if a task has no model, or the target's budget
-        is not in steps.
+        If the target is not unique or has no transfer into it, a source cannot be solved as
+        `perfect` needs, or ``trial=True`` lacks a model or a budget in steps.
 
     Examples
     --------
@@ -444,24 +431,82 @@ def forecast(
     ('minimum', 'mean', 'total', 'maximum')
     """
     check_progress(progress)
-    return forecast_once(
-        JudgedPotentials(),
-        curriculum,
-        target,
-        seeds=seeds,
-        aggregates=aggregates,
-        trained=trained,
+    instance("the curriculum of a forecast", curriculum, Curriculum, CurriculumError)
+    name = curriculum.target if target is None else target
+    if not (edges := curriculum.in_edges(name)):
+        raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
+    for function in aggregates:
+        if not callable(function):
+            raise CurriculumError(
+                f"an aggregate must be a function (N, S, A) -> (S, A): got {function!r}"
+            )
+    judged = JudgedPotentials() if judged is None else judged
+    evaluation = curriculum.setting("evaluation", name)
+    any_target = judged.target(curriculum.tasks[name], evaluation, episodes)
+    numbers = seed_tuple(seeds)[:1] if perfect else seed_tuple(seeds)
+    candidates = candidates_of(curriculum, name, aggregates)
+    _check_trial(candidates, trial, perfect)
+    reads_values = curriculum.setting("shaping", name).reads_values
+    made_trial, no_trial, learnt = None, "no source is trained", dict[str, Any]()
+    rows = list[ForecastRow]()
+    with shown(progress) as bars:
+        sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
+        all_rows = reads_values and not only_used  # without values, potentials do not differ
+        looked_at = [candidate for candidate in candidates if candidate.used or all_rows]
+        grow = bars.bar("potentials", len(looked_at))
+        for candidate in looked_at:
+            phi = tuple(candidate.potentials(sources, numbers))
+            judge = partial(_judgement, phi, any_target, workers, reads_values=reads_values)
+            of_seeds = judged.judgement(any_target, phi, judge)
+            rows.append(ForecastRow(candidate.name, candidate.aggregate, candidate.used, *of_seeds))
+            grow()
+            bars.tell(candidate.name)
+        if not perfect:
+            how = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
+            made_trial, no_trial = _trial(candidates, trial, threshold, any_target, how)
+            if made_trial is not None:
+                bars.tell("trial")
+            learnt |= source_learning(curriculum, sources, workers=workers, progress=bars.within())
+            learnt |= distilled_sources(curriculum.tasks, sources)
+    gains = made_trial if made_trial is not None and not made_trial.relative else None
+    rows = [
+        replace(
+            row,
+            gain=None if gains is None else gains.gain(row.name),
+            verdict=start_words(row, any_target) if reads_values else network_words(row),
+            anti_knowledge=anti_knowledge(row, any_target.random_return),
+        )
+        for row in rows
+    ]
+    labels = dict(zip(transfer_names(edges), edges, strict=True))
+    coverage: dict[str, Any]  # where the pairs of a mapping are few enough to count
+    if isinstance(any_target, ObservationTarget):
+        sample = any_target.observations(curriculum.potentials(name, sources)[0])
+        coverage = {label: edge.mapping.coverage(sample) for label, edge in labels.items()}
+    else:
+        countable = {label: edge for label, edge in labels.items() if edge.mapping.countable}
+        coverage = {label: edge.mapping.coverage() for label, edge in countable.items()}
+    return Forecast(
+        target=name,
+        coverage=coverage,
+        rows=tuple(
+            sorted(
+                rows, key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf))
+            )
+        ),
+        optimum=any_target.optimum,
+        random_return=any_target.random_return,
+        solved=any_target.solution is not None,
+        exact=any_target.evaluation.method == "exact",
+        trained=sources,
         perfect=perfect,
-        episodes=episodes,
-        trial=trial,
-        threshold=threshold,
-        workers=workers,
-        progress=progress,
+        sources=learnt,
+        trial=made_trial,
+        no_trial=no_trial,
     )
 
 
-Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]
-"""How good the potential of each of K seeds is, and the scales that calibrations find."""
+Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]  # of K seeds
 
 
 @dataclass(frozen=True)
@@ -505,91 +550,6 @@ def _digest(potential: PairPotential) -> bytes:
     return blake2b(pickle.dumps((type(potential).__name__, *numbers))).digest()
 
 
-def forecast_once(
-    judged: JudgedPotentials,
-    curriculum: Curriculum,
-    target: str | None = None,
-    *,
-    seeds: int | Sequence[int] = 3,
-    aggregates: Sequence[Aggregate] = (),
-    trained: Mapping[str, Learnt] | None = None,
-    perfect: bool = False,
-    only_used: bool = False,
-    episodes: int | None = None,
-    trial: bool | Curriculum | None = None,
-    threshold: float | None = None,
-    workers: int | None = None,
-    progress: Progress = None,
-) -> Forecast:
-    """Return a forecast as :func:`forecast`, with what others for the same target have computed.
-
-    With `only_used` it has a row for the potential that the curriculum would use, and no other.
-    """
-    name, edges = _transfers_into(curriculum, target)
-    for function in aggregates:
-        if not callable(function):
-            raise CurriculumError(
-                f"an aggregate must be a function (N, S, A) -> (S, A): got {function!r}"
-            )
-    any_target = judged.target(
-        curriculum.tasks[name], curriculum.setting("evaluation", name), episodes
-    )
-    numbers = seed_tuple(seeds)[:1] if perfect else seed_tuple(seeds)
-    candidates = candidates_of(curriculum, name, aggregates)
-    _check_trial(candidates, trial, perfect)
-    reads_values = curriculum.setting("shaping", name).reads_values
-    made_trial, no_trial, learnt = None, "no source is trained", dict[str, Any]()
-    with shown(progress) as bars:
-        sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
-        all_rows = reads_values and not only_used  # without values, potentials do not differ
-        shown_rows = [candidate for candidate in candidates if candidate.used or all_rows]
-        made = (
-            (candidate, tuple(candidate.potentials(sources, numbers))) for candidate in shown_rows
-        )
-        judge = partial(_judgement if reads_values else _judgement_of_networks, workers=workers)
-        rows = _rows(made, len(shown_rows), any_target, judged, judge, bars)
-        if not perfect:
-            how = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
-            made_trial, no_trial = _trial(candidates, trial, threshold, any_target, how)
-            if made_trial is not None:
-                bars.tell("trial")
-            learnt |= source_learning(curriculum, sources, workers=workers, progress=bars.within())
-            learnt |= distilled_sources(curriculum.tasks, sources)
-    rows = _judged(rows, made_trial, any_target, reads_values=reads_values)
-    return Forecast(
-        target=name,
-        coverage=_coverage(edges, any_target, curriculum.potentials(name, sources)[0]),
-        rows=tuple(rows),
-        optimum=any_target.optimum,
-        random_return=any_target.random_return,
-        solved=any_target.solution is not None,
-        exact=any_target.evaluation.method == "exact",
-        trained=sources,
-        perfect=perfect,
-        sources=learnt,
-        trial=made_trial,
-        no_trial=no_trial,
-    )
-
-
-def _judged(
-    rows: Sequence[ForecastRow], trial: Trial | None, any_target: AnyTarget, *, reads_values: bool
-) -> list[ForecastRow]:
-    """Return rows with the gain of a trial and with words, aggregates and the best first."""
-    judged = [
-        replace(
-            row,
-            gain=None if trial is None or trial.relative else trial.gain(row.name),
-            verdict=start_words(row, any_target) if reads_values else network_words(row),
-            anti_knowledge=anti_knowledge(row, any_target.random_return),
-        )
-        for row in rows
-    ]
-    return sorted(
-        judged, key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf))
-    )
-
-
 def _sources(
     curriculum: Curriculum,
     name: str,
@@ -599,35 +559,28 @@ def _sources(
     workers: int | None,
     bars: Bars,
 ) -> dict[str, SourceValues]:
-    """Return what the sources of a target learnt, or their solutions."""
+    """Return what the sources of a target learnt, or their solutions, as if learnt."""
     if perfect and trained:
         raise CurriculumError(
             "a forecast for sources learnt perfectly takes no trained ones: got "
             + ", ".join(trained)
         )
-    if perfect:
-        return _solved(curriculum, [edge.source for edge in curriculum.in_edges(name)], seeds)
-    before = curriculum.ancestors(name)
-    how: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
-    return curriculum.train(seeds, only=before, **how).sources
-
-
-def _solved(
-    curriculum: Curriculum, names: Sequence[str], seeds: tuple[int, ...]
-) -> dict[str, SourceValues]:
-    """Return sources as if a seed had learnt their optimal values; CurriculumError if unknown."""
+    if not perfect:
+        before = curriculum.ancestors(name)
+        how: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
+        return curriculum.train(seeds, only=before, **how).sources
     solved = {}
-    for name in names:
-        node = curriculum.node(name)
+    for source in [edge.source for edge in curriculum.in_edges(name)]:
+        node = curriculum.node(source)
         known = not node.deep and not is_observation_task(node.task)
         solution = Target.of(node.task, node.evaluation).solution if known else None
         if solution is None:
             raise CurriculumError(
                 "a forecast for sources learnt perfectly needs tasks that can be solved: "
-                f"{name!r} cannot"
+                f"{source!r} cannot"
             )
         none = np.zeros(len(seeds), np.int64)
-        solved[name] = SourceValues(node.task, seeds, solution.action_values[None], none)
+        solved[source] = SourceValues(node.task, seeds, solution.action_values[None], none)
     return solved
 
 
@@ -659,7 +612,7 @@ def _trial(
         return None, "none was asked for"
     (used,) = (candidate for candidate in candidates if candidate.used)
     if isinstance(trial, Curriculum):
-        return rehearse(trial, used, **how), ""
+        return run_trial([used], trial, **how), ""
     threshold = threshold_of_optimum(any_target) if threshold is None else threshold
     if trial is True:
         return run_trial(candidates, threshold=threshold, **how), ""
@@ -675,41 +628,18 @@ def _trial(
         return None, f"it failed: {error}"
 
 
-def _coverage(
-    edges: Sequence[Transfer], any_target: AnyTarget, potential: AnyPotential
-) -> dict[str, Coverage | ObservationCoverage]:
-    """Return the coverage of each transfer's mapping, where its pairs are few enough to count."""
-    labels = dict(zip(transfer_names(edges), edges, strict=True))
-    if isinstance(any_target, ObservationTarget):
-        sample = any_target.observations(potential)
-        return {label: edge.mapping.coverage(sample) for label, edge in labels.items()}
-    counted = {label: edge for label, edge in labels.items() if edge.mapping.countable}
-    return {label: edge.mapping.coverage() for label, edge in counted.items()}
-
-
-def _rows(
-    potentials: Iterable[tuple[Candidate, tuple[AnyPotential, ...]]],
-    number: int,
-    any_target: AnyTarget,
-    judged: JudgedPotentials,
-    judge: Callable[..., Judgement],
-    bars: Bars,
-) -> list[ForecastRow]:
-    """Return the rows of candidates without what a trial and words add."""
-    rows = list[ForecastRow]()
-    grow = bars.bar("potentials", number)
-    for candidate, of_seeds in potentials:
-        row = judged.judgement(any_target, of_seeds, partial(judge, of_seeds, any_target))
-        rows.append(ForecastRow(candidate.name, candidate.aggregate, candidate.used, *row))
-        grow()
-        bars.tell(candidate.name)
-    return rows
-
-
 def _judgement(
-    potentials: Sequence[AnyPotential], any_target: AnyTarget, workers: int | None
+    potentials: Sequence[AnyPotential],
+    any_target: AnyTarget,
+    workers: int | None,
+    *,
+    reads_values: bool,
 ) -> Judgement:
-    """Return how good potentials are, and their scale."""
+    """Return how good potentials are and their scale; of networks what policies return."""
+    if not reads_values:
+        nan, target = float("nan"), cast(Any, any_target)
+        starts = [policy_return(phi, target, seed=k) for k, phi in enumerate(potentials)]
+        return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
     of_actions: Sequence[Any]
     if isinstance(any_target, ObservationTarget):
         threads, fit = 0, Calibrate(any_target.episodes)
@@ -722,25 +652,3 @@ def _judgement(
     )
     calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
     return tuple(seeds), calibrations
-
-
-def _judgement_of_networks(
-    potentials: Sequence[Any], target: Any, workers: int | None
-) -> Judgement:
-    """Return the same of networks whose values are not read: the returns of their policies."""
-    nan = float("nan")
-    starts = [policy_return(potential, target, seed=k) for k, potential in enumerate(potentials)]
-    return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
-
-
-def _transfers_into(curriculum: Curriculum, target: str | None) -> tuple[str, tuple[Transfer, ...]]:
-    """Return the name of a target, the curriculum's by default, and the transfers into it.
-
-    CurriculumError if there are none.
-    """
-    instance("the curriculum of a forecast", curriculum, Curriculum, CurriculumError)
-    name = curriculum.target if target is None else target
-    edges = curriculum.in_edges(name)
-    if not edges:
-        raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
-    return name, edges

@@ -1,10 +1,8 @@
 """Did a source learn its own task? Its greedy return, against its optimum or a fresh learner's.
 
-A source that never learnt its own task hands on values of what it did not reach, and these can be
-worse than none. No step of an environment is charged for finding out: where the source can be
-solved its optimum is known from its model; elsewhere a fresh learner takes twice the steps, in
-simulation, and is said to have done so. Networks distilled from miniatures are examined on held-out
-levels.
+Values of a source that did not learn can be worse than none. No step is charged to find out: the
+optimum follows from a model, and a fresh learner's steps, twice as many, are simulated. Networks
+distilled from miniatures are examined on held-out levels.
 """
 
 from collections.abc import Mapping
@@ -28,10 +26,8 @@ from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task, made_by
 from curricle.text import brief_repr, counted
 
-LEARNT = 0.9
-"""Share of the way from random to the reference from which a source learnt its own task."""
-OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""
-"""What a source is measured by."""
+LEARNT = 0.9  # share of the way from random to the reference from which a source learnt its task
+OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""  # what a source is measured by
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,16 +91,14 @@ class SourceLearning(Frozen):
                 f"{self.reference:.4g}; its values may mislead"
             )
         only = "" if self.learnt else "only "
-        words = f"{self.name} learnt {only}{_percent(self.share)} of the way to {by}"
+        # 100 % only where no more than a thousandth is missing
+        per_cent = round(100 * self.share)
+        per_cent = per_cent if self.share >= 0.999 else min(99, per_cent)
+        words = f"{self.name} learnt {only}{per_cent:d} % of the way to {by}"
         if self.shares.min() < NOT_LEARNT:
             failed = int((self.shares < NOT_LEARNT).sum())
             words += f", but {failed} of {counted(len(self.seeds), 'seed')} did NOT learn it"
         return words
-
-
-def _percent(share: float) -> str:
-    """Return a share in per cent; 100 % only where no more than a thousandth is missing."""
-    return f"{100 * share:.0f} %" if share >= 0.999 else f"{min(99, round(100 * share)):d} %"
 
 
 def source_learning(
@@ -121,33 +115,27 @@ def source_learning(
     ----------
     curriculum : Curriculum
     sources : dict of str to SourceValues
-        What was learnt, such as ``CurriculumResult.sources``. Left out are tasks that no other
-        builds on, and those whose values were not kept in dense tables, such as networks.
+        Such as ``CurriculumResult.sources``. Only those in dense tables that others build on count.
     fresh : bool
-        Whether a source that cannot be solved is measured by a fresh learner of twice its steps,
-        which takes twice as long as the source did. Tasks that are played live never are.
+        Whether a source that cannot be solved, and is not live, is measured by a fresh learner of
+        twice its steps.
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
-        True shows a bar for each fresh learner; a function is called with the name of each source
-        when it has been judged.
+        True shows a bar for each fresh learner; a function is called with each source's name.
     """
     learnings, read = {}, {edge.source for edge in curriculum.transfers}
     with shown(progress) as bars:
-        for name in sources:
-            if name in read and _judgeable(curriculum.tasks[name], sources[name]):
+        for name, learnt in sources.items():
+            dense = name in read and isinstance(learnt.values, np.ndarray)
+            if not dense or is_observation_task(curriculum.tasks[name]):
+                continue
+            generative = generative_model(curriculum.tasks[name])
+            if generative.time_limit is not None or generative.discount < 1:  # episodes are bounded
                 node = curriculum.node(name)
-                learnings[name] = _learning(node, sources[name], fresh, workers, bars.within())
+                learnings[name] = _learning(node, learnt, fresh, workers, bars.within())
                 bars.tell(name)
     return learnings
-
-
-def _judgeable(task: Any, learnt: SourceValues) -> bool:
-    """Return whether values are in a dense table, and their greedy policy's episodes bounded."""
-    if is_observation_task(task) or not isinstance(learnt.values, np.ndarray):
-        return False
-    generative = generative_model(task)
-    return generative.time_limit is not None or generative.discount < 1
 
 
 def _learning(
@@ -166,27 +154,17 @@ def _learning(
         by = OPTIMUM
     elif fresh and not is_live(node.task):
         steps = 2 * int(learnt.steps_used.max())
-        fresh_values = _fresh_values(node, learnt.seeds, steps, workers, bars)
-        of_fresh, reference_noise = _returns(target, fresh_values)
+        # Without sources, on random streams of its own.
+        off = GreedyEvaluation(method="off")
+        name = f"{node.name}/fresh"
+        alone = replace(node, name=name, budget=steps, eval_freq=steps, evaluation=off)
+        trained = alone.train(learnt.seeds, workers=workers, progress=bars)
+        of_fresh, reference_noise = _returns(target, trained.values)
         reference, by = float(of_fresh.mean()), FRESH
     total = float(np.sqrt(noise**2 + random_noise**2 + reference_noise**2))
     return SourceLearning(
         node.name, learnt.seeds, frozen(returns), random, reference, by, total, fresh_steps=steps
     )
-
-
-def _fresh_values(
-    node: Node, seeds: tuple[int, ...], steps: int, workers: int | None, bars: Bars
-) -> Any:
-    """Return the values, (K, S, A), of a learner without sources, on random streams of its own."""
-    alone = replace(
-        node,
-        name=f"{node.name}/fresh",
-        budget=steps,
-        eval_freq=steps,
-        evaluation=GreedyEvaluation(method="off"),
-    )
-    return alone.train(seeds, workers=workers, progress=bars).values
 
 
 def _returns(target: Target, values: Any) -> tuple[FloatArray, float]:
@@ -198,10 +176,7 @@ def _returns(target: Target, values: Any) -> tuple[FloatArray, float]:
 
 @dataclass(frozen=True, eq=False)
 class DistilledSource(Frozen):
-    """What networks of K seeds regain of the way from the random policy to the optimum.
-
-    Exact, by the miniatures' tables. Prints as a sentence.
-    """
+    """What networks of K seeds regain of the way from the random policy to the optimum."""
 
     name: str
     members: tuple[str, ...]  # M: the miniatures, then those that are only tested on
@@ -210,10 +185,8 @@ class DistilledSource(Frozen):
 
     @property
     def expected(self) -> float:
-        """The share to expect of the target: that of the last member, which is the nearest to it.
-
-        ``benchmarks/deep_forecast.py`` measures how well it ranks sources.
-        """
+        """The share to expect of the target: that of the last member, the nearest to it."""
+        # benchmarks/deep_forecast.py measures how well it ranks sources.
         return float(self.shares[:, -1].mean())
 
     def __str__(self) -> str:

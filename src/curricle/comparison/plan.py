@@ -1,28 +1,41 @@
-"""The plan of a comparison or a study: arms with one total of steps, and the units that train them.
+"""The plan of a comparison or a study: arms with one total of steps, and what trains their units.
 
 All arms have one target and spend one total of steps, sources included. Each task of each arm has a
 key: what is learnt under one key is equal, so that arms share it. A unit is one such task for some
-seeds; it is trained after its sources.
+seeds; it is trained after its sources, and an arm that fails is given up. A comparison runs in
+memory. A study runs with a store, on any workers.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, Self
+from heapq import heappop, heappush
+from math import inf
+from time import monotonic
+from typing import Any, NamedTuple, Self
 
+import numpy as np
+
+from curricle.arrays import IntArray
 from curricle.checks import fit_name, instance
-from curricle.comparison.controls import Control, control_arms
+from curricle.comparison.controls import Control, Level, control_arms, train_control
 from curricle.comparison.task_differences import differences
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import OF_TARGETS, SETTINGS
-from curricle.errors import CurriculumError, SettingError
+from curricle.curriculum.node import OF_TARGETS, SETTINGS, Node
+from curricle.curriculum.result import SourceValues
+from curricle.errors import CurriculumError, LostStoreError, SettingError
+from curricle.learning.result import LearningResult
+from curricle.progress import Bars
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr
+from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.transfer import Transfer, same_transfer
 
-Dependencies = Mapping[str, Any]
-"""Plain data: all that the result of one task of one arm depends on, but the seed."""
+Dependencies = Mapping[str, Any]  # all that a task's result depends on, but the seed
 
 
 @dataclass(frozen=True)
@@ -104,16 +117,11 @@ of its tasks."""
 class Plan:
     """What is trained."""
 
-    arms: Mapping[str, PlannedArm]
-    """Those from scratch first; controls follow the arm that they are of."""
-    target: str
-    """The task that all arms end with."""
-    budget: int | None
-    """Steps of the target, without those of sources; None where arms are not compared."""
-    total: int | None
-    """Steps that every arm spends, sources included."""
-    eval_freq: int
-    """Steps between checkpoints of the target."""
+    arms: Mapping[str, PlannedArm]  # from scratch first; controls follow their arm
+    target: str  # the task that all arms end with
+    budget: int | None  # the target's steps without sources'; None without comparison
+    total: int | None  # steps that every arm spends, sources included
+    eval_freq: int  # steps between checkpoints of the target
 
     @classmethod
     def made(
@@ -125,11 +133,7 @@ class Plan:
         controls: Sequence[Control] = (),
         least_total: int = 0,
     ) -> Self:
-        """Return the plan of comparable curricula and of learners from scratch.
-
-        The total is the target's budget and the steps that the most expensive arm spends on its
-        sources at most, rounded up to whole checkpoints, and at least `least_total`.
-        """
+        """Return the plan of comparable curricula and of learners from scratch."""
         first = next(iter(curricula.values()))
         target = first.target
         node = first.node(target)
@@ -178,10 +182,7 @@ class Plan:
 
     @cached_property
     def needs(self) -> dict[tuple[str, str], Any]:
-        """The same with the target of its curriculum for a control, which stands or falls with it.
-
-        The second part of its place is no task's name.
-        """
+        """The same, and the target of its curriculum for a control: it stands or falls with it."""
         controls = {name: arm.of for name, arm in self.arms.items() if arm.control}
         beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
         return self.keys | beside
@@ -199,11 +200,9 @@ class Plan:
 
     @property
     def live(self) -> bool:
-        """Whether a task runs in Python, one thread at a time.
-
-        This includes tasks seen through observations: their learners draw from random generators of
-        the process.
-        """
+        """Whether a task runs in Python, one thread at a time."""
+        # This includes tasks seen through observations: their learners draw from random generators
+        # of the process.
         tasks = [
             task for curriculum in self.curricula.values() for task in curriculum.tasks.values()
         ]
@@ -223,11 +222,8 @@ class Plan:
         snapshots: int = 0,
         first: int | None = None,
     ) -> list[Unit]:
-        """Return the units that are still to be trained, sources first.
-
-        Seed s belongs to group number s // `seeds_per_unit`, all to one without that number. `done`
-        has the seeds that are trained by key. Units whose first seed is `first` have `snapshots`.
-        """
+        """Return the units that are still to be trained, sources first."""
+        # `done` has the seeds that are trained by key; units whose first seed is `first` snapshots.
         units: dict[tuple[Any, tuple[int, ...]], Unit] = {}
         for name, arm in self.arms.items():
             for task in arm.curriculum.order:
@@ -248,32 +244,15 @@ class Plan:
 # -- Which arms can be compared --------------------------------------------------------------------
 
 
-def curricula_by_name(arms: Curriculum | Mapping[str, Curriculum]) -> Mapping[str, Curriculum]:
-    """Return arms by name, or raise CurriculumError unless they are curricula."""
-    if isinstance(arms, Curriculum):
-        return {"transfer": arms}
-    instance("arms, unless they are one curriculum,", arms, Mapping, CurriculumError)
-    if not arms:
-        raise CurriculumError("a comparison needs at least one curriculum: got none")
-    for name, arm in arms.items():
-        fit_name("an arm", name, CurriculumError)
-        instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
-        if name == SCRATCH:
-            raise CurriculumError(f"the name {SCRATCH!r} is taken by the baseline: rename this arm")
-    return arms
-
-
 def most_source_steps(curriculum: Curriculum) -> int:
     """Return an upper bound of the steps that a curriculum's sources take."""
     return sum(curriculum.node(name).most_steps for name in curriculum.ancestors(curriculum.target))
 
 
 def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] | None = ()) -> None:
-    """Raise CurriculumError unless all arms have one target with the same settings.
-
-    An arm may learn the target with another of `learners` than the first arm does, which learn it
-    from scratch too; with any learner where that is None.
-    """
+    """Raise CurriculumError unless all arms have one target with the same settings."""
+    # An arm may learn the target with another of `learners` than the first arm does, which learn it
+    # from scratch too; with any learner where that is None.
     (name, first), *others = arms.items()
     target = first.target
     for other_name, other in others:
@@ -298,15 +277,11 @@ def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] |
 
 # -- Arms that learn from scratch ------------------------------------------------------------------
 
-Learners = Sequence[Any] | Mapping[str, Any]
-"""Further learners from scratch, by name in a dict."""
+Learners = Sequence[Any] | Mapping[str, Any]  # further learners from scratch, by name in a dict
 
 
 def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
-    """Return a curriculum's target without its sources, with another learner if one is given.
-
-    What applies to targets alone, such as the shaping, is left out.
-    """
+    """Return a curriculum's target without its sources, with another learner if one is given."""
     target = curriculum.target
     settings: dict[str, Any] = {
         which: {target: curriculum.setting(which, target)}
@@ -354,3 +329,334 @@ def _name(learner: Any) -> str:
         if value != default:
             parts.append(f"{setting.name}={value}")
     return type(learner).__name__ + f"({', '.join(parts)})" * bool(parts)
+
+
+# -- Training a unit -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """What the seeds of a unit learnt."""
+
+    result: LearningResult
+    source_steps: IntArray  # (K,): what each seed spent before
+    calibrations: Sequence[Calibration] = ()  # of each seed, where its potential was calibrated
+    potentials: Sequence[AnyPotential] = ()  # of each seed, as they entered, where they are known
+    level: Level | None = None  # what a control that knows nothing adds to every value
+
+
+def train(
+    arm: PlannedArm,
+    unit: Unit,
+    sources: Mapping[str, SourceValues],
+    *,
+    charge: bool = True,
+    uncontrolled: Trained | None = None,
+    **how: Any,
+) -> Trained:
+    """Return what a unit of an arm learns from what its sources learnt."""
+    # With `charge` the target's budget pays for the sources too. A control reads the potentials of
+    # its curriculum in `uncontrolled`, or computes them again.
+    curriculum, task = arm.curriculum, unit.task
+    if arm.control and task == curriculum.target:
+        before = uncontrolled
+        known = ((), ()) if before is None else (before.potentials, before.calibrations)
+        control = arm.control, curriculum, unit.seeds, sources, *known
+        result, spent, level = train_control(*control, **how)
+        return Trained(result, spent, level=level)
+    trained = curriculum.train(
+        unit.seeds, only=task, trained=sources, charge=charge, snapshots=unit.snapshots, **how
+    )
+    entered = trained.calibrations.get(task, ()), trained.potentials[task]
+    return Trained(trained[task], trained.source_steps(task), *entered)
+
+
+# -- The order of units ----------------------------------------------------------------------------
+
+AHEAD = 2  # units submitted for each worker, so that none is idle between two
+ASKED_AGAIN = 2.0
+"""Seconds after which the number of workers is asked again: it may grow, and a cluster's answer
+takes about as long as a small unit."""
+
+
+class Queue:
+    """Units that are still to be sent: the first of those whose sources are trained comes first."""
+
+    # All of a unit, from waiting to being sent, costs time in the logarithm of their number and in
+    # its own sources and seeds alone. `done` has the seeds that are trained, by key.
+
+    def __init__(self, units: Iterable[Unit], done: Mapping[Any, Collection[int]]):
+        self.units = list(units)
+        self.ready = list[int]()  # a heap of the numbers of units that can be sent
+        self._missing = list[int]()  # how many pairs of a source and a seed each unit waits for
+        self._waiting = dict[tuple[Any, int], list[int]]()  # source -> units that wait
+        for number, unit in enumerate(self.units):
+            missing = {
+                (key, seed)
+                for key in unit.sources.values()
+                for seed in unit.seeds
+                if seed not in done.get(key, ())
+            }
+            self._missing.append(len(missing))
+            for pair in missing:
+                self._waiting.setdefault(pair, []).append(number)
+            if not missing:
+                self.ready.append(number)  # ascending, and so a heap
+
+    def pop(self) -> Unit:
+        """Return the next unit to be sent."""
+        return self.units[heappop(self.ready)]
+
+    def trained(self, unit: Unit) -> None:
+        """Note that a unit is stored: others may have waited for it alone."""
+        for seed in unit.seeds:
+            for number in self._waiting.pop((unit.key, seed), ()):
+                self._missing[number] -= 1
+                if not self._missing[number]:
+                    heappush(self.ready, number)
+
+
+@dataclass
+class Scheduler:
+    """Sends units to workers, each after its sources, and has their results stored."""
+
+    # `holder` takes results by add and stores them by write, which it may put off for some seconds
+    # while it holds any (bool); done has the seeds that are stored, by key. `workers` tell their
+    # number, and why a unit is lost that nobody here cancelled.
+
+    send: Callable[[Unit], "Future[Any]"]  # its sources must be stored
+    holder: Any
+    workers: Any
+    failures: "Failures"
+    ahead: int = AHEAD
+    _number: int = field(default=0, init=False)
+    _asked: float = field(default=-inf, init=False)
+
+    def number(self) -> int:
+        """Return how many workers there are, or were a moment ago."""
+        if monotonic() - self._asked >= ASKED_AGAIN:
+            self._number, self._asked = self.workers.number(), monotonic()
+        return self._number
+
+    def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, Any]]:
+        """Yield each unit with its result when it is stored."""
+        # When one fails, no more are started that only arms with a failure need.
+        queue, running = Queue(units, self.holder.done), dict[Future[Any], Unit]()
+        try:
+            while queue.ready or running or self.holder:
+                # at least for one worker: some clusters start workers when there is work
+                ahead = self.ahead * max(1, self.number())
+                while queue.ready and len(running) < ahead:
+                    unit = queue.pop()
+                    if self.failures.keeps(unit):
+                        running[self.send(unit)] = unit
+                idle = not queue.ready  # others may wait for what was trained
+                limit = self.holder.seconds if self.holder else ASKED_AGAIN
+                ended, _ = wait(running, min(limit, ASKED_AGAIN), FIRST_COMPLETED)
+                for future in [future for future in running if future in ended]:
+                    if future in running:  # not cancelled, since one before it failed
+                        self._end(future, running)
+                if idle or not self.holder.seconds:
+                    for unit, result in self.holder.write():
+                        queue.trained(unit)
+                        yield unit, result
+        finally:
+            for future in running:
+                future.cancel()
+            self.holder.write()
+
+    def _end(self, future: "Future[Any]", running: dict["Future[Any]", Unit]) -> None:
+        """Take the result of a unit that has ended, or cancel what needs it."""
+        unit = running.pop(future)
+        error = self.workers.lost() if future.cancelled() else future.exception()
+        if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
+            raise error  # a lost store, or an interrupt
+        if error is None:
+            self.holder.add(unit, future.result())
+            return
+        self.failures.add(unit, error)
+        for other, waiting in [*running.items()]:
+            if not self.failures.keeps(waiting) and other.cancel():
+                del running[other]
+
+
+@dataclass
+class Failures:
+    """The units that failed in a run: the arms that need them are given up, others are trained."""
+
+    needs: Mapping[tuple[str, str], Any]  # the keys that arms need (`Plan.needs`)
+    each: list[tuple[Unit, BaseException]] = field(default_factory=list)  # in their order
+    executor_failed: bool = False  # whether one of them was never trained, as the executor failed
+    _kept: set[Any] = field(default_factory=set, init=False)  # what arms without a failure need
+
+    def __bool__(self) -> bool:
+        return bool(self.each)
+
+    def add(self, unit: Unit, error: Exception) -> None:
+        """Note that a unit failed; a BrokenExecutor's cause is why."""
+        if isinstance(error, BrokenExecutor):
+            self.executor_failed = True
+            self.each.append((unit, error.__cause__ or error))
+        else:
+            self.each.append((unit, error))
+        lost = arms_of(self.needs, {unit.key for unit, _ in self.each})
+        none = self.executor_failed or SCRATCH in lost
+        self._kept = {key for (arm, _), key in self.needs.items() if not none and arm not in lost}
+
+    def keeps(self, unit: Unit) -> bool:
+        """Return whether an arm without a failure needs a unit; without scratch nothing is kept."""
+        return not self.each or unit.key in self._kept
+
+
+def arms_of(keys: Mapping[tuple[str, str], Any], some: Collection[Any]) -> set[str]:
+    """Return the arms that need a unit with one of these keys."""
+    return {arm for (arm, _), key in keys.items() if key in some}
+
+
+# -- A run in memory -------------------------------------------------------------------------------
+
+LARGEST_KEPT = 50_000_000  # bytes of tables up to which a source's values are kept for other plans
+
+
+class _Learning(NamedTuple):
+    """All that the result of a task depends on, except the seed."""
+
+    node: Node
+    transfers: tuple[Transfer, ...]
+    sources: tuple[int, ...]  # the keys of all tasks before it
+    control: str
+
+    def equals(self, other: "_Learning") -> bool:
+        """Return whether what is learnt is equal."""
+        if self.node.task is not other.node.task or self[2:] != other[2:]:
+            return False
+        if len(self.transfers) != len(other.transfers):
+            return False
+        settings = [setting for setting in SETTINGS if self.transfers or setting not in OF_TARGETS]
+        same = (
+            getattr(self.node, setting) == getattr(other.node, setting)
+            for setting in ("name", *settings)
+        )
+        return all(same) and all(map(same_transfer, self.transfers, other.transfers))
+
+
+class Memory:
+    """What was learnt in this process, by keys that tell what is learnt alike."""
+
+    def __init__(self) -> None:
+        self._learnings = list[_Learning]()
+        self.trained = dict[tuple[int, tuple[int, ...]], Trained]()  # without the values of targets
+
+    def keys_of(
+        self, name: str, curriculum: Curriculum, control: str
+    ) -> tuple[dict[str, int], dict[str, Any]]:
+        """Return the keys of an arm's tasks, as :meth:`Plan.made` asks for them."""
+        keys = dict[str, int]()
+        for task in curriculum.order:
+            before = tuple(keys[source] for source in curriculum.ancestors(task))
+            changed = control if task == curriculum.target else ""
+            new = _Learning(curriculum.node(task), curriculum.in_edges(task), before, changed)
+            known = (k for k, learning in enumerate(self._learnings) if learning.equals(new))
+            keys[task] = next(known, len(self._learnings))
+            if keys[task] == len(self._learnings):
+                self._learnings.append(new)
+        return keys, {}
+
+
+@dataclass
+class InMemory:
+    """A run of a plan's units for some seeds, all of a unit together, in this thread."""
+
+    plan: Plan
+    seeds: tuple[int, ...]
+    memory: Memory
+    workers: int | None
+    bars: Bars
+    done: dict[Any, tuple[int, ...]] = field(default_factory=dict)
+    seconds: float = field(default=0.0, init=False)
+    _taken: list[tuple[Unit, Trained]] = field(default_factory=list, init=False)
+    _readers: Counter[Any] = field(default_factory=Counter, init=False)
+    """How many units are still to read what each key's seeds learnt."""
+    _controls: Counter[Any] = field(default_factory=Counter, init=False)
+    """How many controls are still to read the potentials of each key's seeds."""
+
+    def results(self, failures: Failures) -> Iterator[tuple[Unit, Trained]]:
+        """Yield each unit that was not known before with what it learnt."""
+        units = self.plan.units(self.seeds, {})
+        for unit in reversed(units):  # whoever reads a source's values comes after it
+            known = self.memory.trained.get((unit.key, unit.seeds))
+            if known is not None and (
+                known.result.values is not None or not self._readers[unit.key]
+            ):
+                self.done[unit.key] = unit.seeds
+            else:
+                self._readers.update(set(unit.sources.values()))
+                self._controls[self._own(unit)] += 1
+        missing = [unit for unit in units if unit.key not in self.done]
+        try:
+            yield from Scheduler(self.send, self, self, failures, ahead=1).results(missing)
+        finally:
+            for unit in units:
+                self._forget(unit.key, unit.seeds)
+
+    def send(self, unit: Unit) -> "Future[Trained]":
+        """Return the result of a unit, which is trained here and now."""
+        future = Future[Trained]()
+        bars = self.bars.within(unit.arm)
+        try:
+            known, seeds = self.memory.trained, unit.seeds
+            sources = {
+                name: SourceValues.of(known[key, seeds].result)
+                for name, key in unit.sources.items()
+            }
+            how: Any = {"workers": self.workers, "progress": bars}
+            own = known.get((self._own(unit), seeds))
+            arm = self.plan.arms[unit.arm]
+            future.set_result(train(arm, unit, sources, uncontrolled=own, **how))
+        except Exception as error:  # of any kind: a task may be the user's own code
+            future.set_exception(error)
+        return future
+
+    def _own(self, unit: Unit) -> Any:
+        """Return the key of the target that a control's unit changes; None of other units."""
+        of = self.plan.arms[unit.arm].of
+        return self.plan.arms[of].keys[unit.task] if of and unit.task == self.plan.target else None
+
+    def _forget(self, key: Any, seeds: tuple[int, ...]) -> None:
+        """Let go of what nothing reads any more but small tables of sources, which plans share."""
+        if (known := self.memory.trained.get((key, seeds))) is None:
+            return
+        values = known.result.values
+        small = isinstance(values, np.ndarray) and values.nbytes <= LARGEST_KEPT
+        if small and key not in self.plan.target_keys:
+            return
+        bare = replace(known.result, values=None, snapshots=None)
+        kept = replace(known, result=bare, calibrations=(), potentials=())
+        self.memory.trained[key, seeds] = kept
+
+    def number(self) -> int:
+        """Return how many units are trained side by side."""
+        return 1
+
+    def lost(self) -> Exception:
+        """Return why a unit was cancelled; here none is."""
+        return BrokenExecutor("a unit was cancelled")
+
+    def add(self, unit: Unit, result: Trained) -> None:
+        """Keep a result."""
+        self.memory.trained[unit.key, unit.seeds] = result
+        self.done[unit.key] = unit.seeds
+        self._readers.subtract(set(unit.sources.values()))
+        self._controls[self._own(unit)] -= 1
+        for key in (unit.key, *unit.sources.values(), self._own(unit)):
+            if not (self._readers[key] or self._controls[key]):
+                self._forget(key, unit.seeds)
+        self._taken.append((unit, result))
+
+    def write(self) -> list[tuple[Unit, Trained]]:
+        """Return what was taken."""
+        taken, self._taken = self._taken, []
+        return taken
+
+    def __bool__(self) -> bool:
+        return bool(self._taken)

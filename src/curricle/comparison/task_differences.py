@@ -9,14 +9,13 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import blake2b
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from curricle.arrays import FloatArray
 from curricle.tasks.mdp import (
     FiniteMDP,
-    GenerativeModel,
     Task,
     generative_model,
     has_tables,
@@ -24,12 +23,10 @@ from curricle.tasks.mdp import (
     tables,
 )
 from curricle.tasks.observation_task import is_observation_task
-from curricle.tasks.spaces import Space, state_name
+from curricle.tasks.spaces import state_name
 
-LARGEST = 5_000_000
-"""Pairs (S x A) up to which tables are compared."""
-CLOSE = 1e-9
-"""Relative difference of moments, and difference of start probabilities, up to which they agree."""
+LARGEST = 5_000_000  # pairs (S x A) up to which tables are compared
+CLOSE = 1e-9  # relative difference of moments, or difference of start probabilities, that is none
 
 
 def differences(one: Task, other: Task) -> tuple[str, ...]:
@@ -50,9 +47,17 @@ def differences(one: Task, other: Task) -> tuple[str, ...]:
     if same_task(one, other):
         return ()
     if is_observation_task(one) or is_observation_task(other):
-        return tuple(_of_observation_tasks(one, other))
+        if not (is_observation_task(one) and is_observation_task(other)):
+            return (f"observations ({one!r} against {other!r})",)
+        names = {"observations": "", "actions": "", "discount": "", "longest": "time_limit"}
+        return (*_unequal(one, other, **names), *_unequal(one, other, make="environment"))
     mine, yours = generative_model(one), generative_model(other)
-    found = list(_of_settings(mine, yours))
+    found = [
+        f"{kind} ({getattr(mine, kind).size:,} against {getattr(yours, kind).size:,})"
+        for kind in ("states", "actions")
+        if getattr(mine, kind) != getattr(yours, kind)
+    ]
+    found += _unequal(mine, yours, discount="", time_limit="")
     alike = not found or found[0].split()[0] not in ("states", "actions")
     small = mine.states.size * mine.actions.size <= LARGEST
     looked_up = alike and small and has_tables(one) and has_tables(other)
@@ -63,27 +68,16 @@ def differences(one: Task, other: Task) -> tuple[str, ...]:
     by_parameters = type(one) is type(other) and is_dataclass(one)
     if by_parameters and (not isinstance(one, FiniteMDP) or (alike and not looked_up)):
         firsts = {line.split()[0] for line in found}
-        found += [line for line in _of_parameters(one, other) if line.split()[0] not in firsts]
+        for part in fields(cast(Any, one)):
+            mine, yours = getattr(one, part.name), getattr(other, part.name)
+            shown = part.compare and part.init and part.name not in firsts
+            if shown and not _equal(mine, yours):
+                arrays = isinstance(mine, np.ndarray) and isinstance(yours, np.ndarray)
+                values = "entries" if arrays else f"{mine!r} against {yours!r}"
+                found.append(f"{part.name} ({values})")
     if not found and not by_parameters:
         found = ["rules (too large, or given by functions, to be compared)"]
     return tuple(found)
-
-
-def _of_observation_tasks(one: Any, other: Any) -> Iterator[str]:
-    """Yield the differences of two tasks of which at least one is an observation task."""
-    if not (is_observation_task(one) and is_observation_task(other)):
-        yield f"observations ({one!r} against {other!r})"
-        return
-    yield from _unequal(one, other, observations="", actions="", discount="", longest="time_limit")
-    yield from _unequal(one, other, make="environment")
-
-
-def _of_settings(one: GenerativeModel, other: GenerativeModel) -> Iterator[str]:
-    for kind in ("states", "actions"):
-        mine, yours = getattr(one, kind), getattr(other, kind)
-        if mine != yours:
-            yield f"{kind} ({mine.size:,} against {yours.size:,})"
-    yield from _unequal(one, other, discount="", time_limit="")
 
 
 def _unequal(one: Any, other: Any, **names: str) -> Iterator[str]:
@@ -122,10 +116,8 @@ def _of_tables(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
 
 
 def moments(mdp: FiniteMDP, weight: FloatArray, unit: float) -> list[FloatArray]:
-    """Return E r, E w(s') and E cos(r / unit + w(s')) of each pair, (S, A).
-
-    The last separates joint distributions of reward and successor with the same first two.
-    """
+    """Return E r, E w(s') and E cos(r / unit + w(s')) of each pair, (S, A)."""
+    # The last separates joint distributions of reward and successor with the same first two.
     reward, weighed = _rewards(mdp), weight[mdp.next_state]
     each = (reward, weighed, np.cos(reward / unit + weighed))
     return [np.asarray((mdp.probability * x).sum(axis=1)[mdp.outcome_row]) for x in each]
@@ -143,14 +135,6 @@ def largest_reward(mdp: FiniteMDP) -> float:
     return float(abs(_rewards(mdp)).max(initial=0.0)) or 1.0
 
 
-def _of_parameters(one: Any, other: Any) -> Iterator[str]:
-    for part in fields(one):
-        mine, yours = getattr(one, part.name), getattr(other, part.name)
-        if part.compare and part.init and not _equal(mine, yours):
-            arrays = isinstance(mine, np.ndarray) and isinstance(yours, np.ndarray)
-            yield f"{part.name} ({'entries' if arrays else f'{mine!r} against {yours!r}'})"
-
-
 def _equal(mine: Any, yours: Any) -> bool:
     """Return whether two parameters are equal, arrays inside tuples included."""
     if isinstance(mine, tuple) and isinstance(yours, tuple):
@@ -161,8 +145,7 @@ def _equal(mine: Any, yours: Any) -> bool:
     return bool(mine == yours)
 
 
-AGREE = 1e-11
-"""Relative difference up to which two projections are equal: 10^5 times the rounding of a sum."""
+AGREE = 1e-11  # relative difference of equal projections: 10^5 times the rounding of a sum
 DIGEST_BYTES = 8
 
 
@@ -192,10 +175,12 @@ def task_summary(task: Any) -> TaskSummary:
         spaces["discount"] = repr(task.discount)
         return TaskSummary(type(task).__name__, spaces, {}, parameters)
     generative = generative_model(task)
-    spaces = {
-        name: f"{space.size:,} ({_space_digest(space)})"
-        for name, space in (("states", generative.states), ("actions", generative.actions))
-    }
+    spaces = dict[str, str]()
+    for name, space in (("states", generative.states), ("actions", generative.actions)):
+        content = repr(space.components).encode()
+        if space.size < math.prod(component.size for component in space.components):
+            content += b"".join(values.tobytes() for values in space.decode().values())
+        spaces[name] = f"{space.size:,} ({_digest(content)})"
     spaces |= {"discount": repr(generative.discount), "time_limit": repr(generative.time_limit)}
     small = generative.states.size * generative.actions.size <= LARGEST and has_tables(task)
     projections = dict(_projections(tables(task))) if small else {}
@@ -221,10 +206,7 @@ def summary_differences(one: TaskSummary, other: TaskSummary) -> tuple[str, ...]
 
 
 def plain_text(value: Any) -> str:
-    """Return a value as text that is the same in every process and on every machine.
-
-    Functions are named, with a digest of their source; arrays too long to print have one too.
-    """
+    """Return a value as text that is the same in every process and on every machine."""
     if isinstance(value, np.ndarray):
         text = repr(value)
         return text if "..." not in text else f"array {value.shape} ({_digest(value.tobytes())})"
@@ -240,10 +222,8 @@ def plain_text(value: Any) -> str:
 
 
 def _of_any_process(text: str) -> str:
-    """Return a text without addresses, which differ between processes, and without folders.
-
-    The package of a study's own modules is named after its folder, and code after its file.
-    """
+    """Return a text without addresses, which differ between processes, and without folders."""
+    # The package of a study's own modules is named after its folder, and code after its file.
     parts = r' at 0x[0-9a-f]+|\bcurricle_study_[0-9a-f]+\.|, file "[^"]*", line \d+'
     return re.sub(parts, "", text)
 
@@ -272,13 +252,6 @@ def _unequal_texts(one: dict[str, str], other: dict[str, str]) -> Iterator[str]:
         mine, yours = one.get(name, "absent"), other.get(name, "absent")
         if mine != yours:
             yield f"{name} ({mine} against {yours})"
-
-
-def _space_digest(space: Space) -> str:
-    content = repr(space.components).encode()
-    if space.size < math.prod(component.size for component in space.components):
-        content += b"".join(values.tobytes() for values in space.decode().values())
-    return _digest(content)
 
 
 def _digest(content: str | bytes) -> str:

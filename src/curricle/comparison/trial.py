@@ -1,10 +1,8 @@
 """A trial: the comparison with learning from scratch, played in the tasks' models beforehand.
 
-Where the tasks have models (tables, or compiled functions), learning in them costs milliseconds,
-and none of the steps that are to be saved. A trial is :func:`compare` with the budgets and the
+It costs milliseconds, and none of the steps that are to be saved. It has the budgets and the
 accounting of the experiment. Its tasks are renamed, and random streams are named after tasks: none
-of its seeds draws what a seed of the experiment draws. It is a forecast, and never counts as the
-experiment.
+of its seeds draws what a seed of the experiment draws. It never counts as the experiment.
 """
 
 import warnings
@@ -22,8 +20,7 @@ from curricle.comparison.comparing import (
 )
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import entering
-from curricle.comparison.plan import most_source_steps
-from curricle.comparison.running import Memory
+from curricle.comparison.plan import Memory, most_source_steps
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import SETTINGS, Node
 from curricle.curriculum.result import Learnt
@@ -70,11 +67,7 @@ class Candidate:
 def candidates_of(
     curriculum: Curriculum, target: str, aggregates: Sequence[Aggregate] = ()
 ) -> list[Candidate]:
-    """Return the candidates for a target: aggregates first, then each transfer alone.
-
-    The aggregates are the library's four, the curriculum's own and the given ones, each once; those
-    that are not the curriculum's own are not calibrated.
-    """
+    """Return the candidates for a target: aggregates first, then each transfer alone."""
     edges = curriculum.in_edges(target)
     usual, settings = curriculum.setting("aggregate", target), curriculum.calibration(target)
     # The minimum, the mean and the maximum of a single potential are the same.
@@ -104,15 +97,18 @@ def part_of(
     transfers: Sequence[Transfer],
     rename: Callable[[str], str] = str,
 ) -> Curriculum:
-    """Return the part of a curriculum that a target is learnt by, its tasks renamed.
-
-    `transfers` are those into the target, in place of the curriculum's own. Random streams are
-    named after tasks, so that a renamed curriculum draws other numbers for the same seeds.
-    """
+    """Return the part of a curriculum that a target is learnt by, its tasks renamed."""
+    # `transfers` are those into the target, in place of the curriculum's own. Random streams are
+    # named after tasks, so that a renamed curriculum draws other numbers for the same seeds.
     before = {edge.source for edge in transfers}
     kept = before.union(*(curriculum.ancestors(name) for name in before), {target})
     edges = [edge for edge in curriculum.transfers if edge.target in kept - {target}]
-    settings = {which: _of_tasks(getattr(curriculum, which), kept, rename) for which in SETTINGS}
+    settings = dict[str, Any]()
+    for which in SETTINGS:
+        setting = getattr(curriculum, which)
+        if isinstance(setting, Mapping):
+            setting = {rename(name): value for name, value in setting.items() if name in kept}
+        settings[which] = setting
     # A budget that is not stated depends on how many sources there are in the whole.
     settings["budget"] = {rename(name): curriculum.setting("budget", name) for name in kept}
     return Curriculum(
@@ -125,28 +121,16 @@ def part_of(
     )
 
 
-def _of_tasks(setting: Any, kept: set[str], rename: Callable[[str], str]) -> Any:
-    """Return a setting, one value or a dict from task to value, for the tasks that are kept."""
-    if not isinstance(setting, Mapping):
-        return setting
-    return {rename(name): value for name, value in setting.items() if name in kept}
-
-
 # -- A trial -----------------------------------------------------------------------------------
 
-STREAM = "/trial"
-"""What the names of a trial's random streams end with."""
-SEEDS, FEWEST = 20, 8
-"""Seeds of a trial; the fewest that are worth it."""
-QUICK = 5.0
-"""Seconds on one processor, by the estimate, up to which a forecast makes a trial unasked."""
+STREAM = "/trial"  # what the names of a trial's random streams end with
+SEEDS, FEWEST = 20, 8  # seeds of a trial; the fewest that are worth it
+QUICK = 5.0  # estimated seconds on one processor up to which a forecast makes a trial unasked
 STEP, OUTCOME = 50e-9, 8e-9
 """Seconds of a step in a model, and of one outcome in one step of an exact evaluation, about. They
 are constants, so that whether there is a trial does not depend on the machine."""
-SETTLED = 1000
-"""Steps of an exact evaluation after which most values no longer change."""
-WINDOW = 5
-"""Checkpoints over which curves are smoothed, as in a comparison."""
+SETTLED = 1000  # steps of an exact evaluation after which most values no longer change
+WINDOW = 5  # checkpoints over which curves are smoothed, as in a comparison
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,11 +169,7 @@ class Trial:
         return f"{words}, as on a smaller relative" if self.relative else words
 
     def numbers(self, name: str) -> str:
-        """Return steps to the threshold, with a candidate's sources and from scratch, and the gain.
-
-        They are means over seeds, in which a seed that never reaches the threshold counts with all
-        steps of the total budget.
-        """
+        """Return steps to the threshold with a candidate's sources and without, and the gain."""
         comparison, gain = self.comparison, self.gain(name)
         if gain is None:
             return in_words(comparison.failed[name])
@@ -205,10 +185,16 @@ class Trial:
         slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
         bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
         spent = comparison[name].curve.source_steps.mean()
+        if saved.estimate >= 0:
+            words = f"saves {bound}{in_brief(saved)}"
+        else:
+            n, low, high = (-float(value) for value in (saved.estimate, saved.high, saved.low))
+            more = in_brief(replace(saved, estimate=n, low=low, high=high))
+            words = f"takes {bound}{more} more"
         return (
             f"expected steps to the threshold {comparison.threshold:.4g}: {self._steps(name)} with "
             f"sources (their {spent:,.0f} steps included), {self._steps(SCRATCH)} from scratch; "
-            f"{_saved(saved, bound)}; {gained}"
+            f"{words}; {gained}"
         )
 
     def _steps(self, name: str) -> str:
@@ -221,14 +207,6 @@ class Trial:
         return f"at least {text} ({missed} of {seeds} never)" if missed else text
 
 
-def _saved(steps: Interval, bound: str) -> str:
-    """Return steps that are saved, or taken more, in words."""
-    if steps.estimate >= 0:
-        return f"saves {bound}{in_brief(steps)}"
-    n, low, high = (-float(value) for value in (steps.estimate, steps.high, steps.low))
-    return f"takes {bound}{in_brief(replace(steps, estimate=n, low=low, high=high))} more"
-
-
 def verdict_words(gain: Interval) -> str:
     """Return what an interval of the gain says."""
     if gain.low > 0:
@@ -238,18 +216,15 @@ def verdict_words(gain: Interval) -> str:
 
 def in_brief(interval: Interval) -> str:
     """Return an interval without its number of seeds, thousands with commas."""
-    bounds = [float(value) for value in (interval.estimate, interval.low, interval.high)]
-    estimate, low, high = map(_three_digits, bounds)
+    bounds = (interval.estimate, interval.low, interval.high)
+    rounded = [float(f"{float(value):.3g}") for value in bounds]
+    estimate, low, high = (f"{x:,.0f}" if abs(x) >= 1000 else f"{x:g}" for x in rounded)
     return estimate if low == "nan" else f"{estimate} [{low}, {high}]"
-
-
-def _three_digits(value: float) -> str:
-    rounded = float(f"{value:.3g}")
-    return f"{rounded:,.0f}" if abs(rounded) >= 1000 else f"{rounded:g}"
 
 
 def run_trial(
     candidates: Sequence[Candidate],
+    relative: Curriculum | None = None,
     *,
     seeds: int = SEEDS,
     threshold: float | None = None,
@@ -257,47 +232,9 @@ def run_trial(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of candidates for one target."""
-    arms = {candidate.name: apart(candidate.curriculum) for candidate in candidates}
-    comparison = _compared(arms, memory, seeds, threshold, workers, progress)
-    assumes = (
-        f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of an "
-        "experiment; assumes the tasks, budgets and settings of the curriculum, its sources "
-        "trained anew"
-    )
-    return Trial(comparison, assumes)
-
-
-def rehearse(
-    relative: Curriculum,
-    candidate: Candidate,
-    *,
-    seeds: int = SEEDS,
-    memory: Memory | None = None,
-    workers: int | None = None,
-    progress: Progress = None,
-) -> Trial:
-    """Return a trial of a smaller relative of a curriculum, which stands for a candidate."""
-    comparison = _compared(
-        {candidate.name: apart(relative)}, memory, seeds, None, workers, progress
-    )
-    assumes = (
-        f"a rehearsal on the smaller relative {relative.target!r}, {counted(seeds, 'seed')}; its "
-        f"steps and returns are the relative's own; assumes that what pays there pays in "
-        f"{candidate.curriculum.target!r}"
-    )
-    return Trial(comparison, assumes, relative.target)
-
-
-def _compared(
-    arms: Mapping[str, Curriculum],
-    memory: Memory | None,
-    seeds: int,
-    threshold: float | None,
-    workers: int | None,
-    progress: Progress,
-) -> Comparison:
-    """Return the comparison of arms; the window is cut where there are fewer checkpoints."""
+    """Return a trial of candidates, or of a smaller relative that stands for the only one."""
+    curricula = {candidate.name: relative or candidate.curriculum for candidate in candidates}
+    arms = {name: apart(curriculum) for name, curriculum in curricula.items()}
     memory = Memory() if memory is None else memory
     plan, failed = comparison_plan(arms, memory), dict[str, Exception]()
     with warnings.catch_warnings(), shown(progress) as bars:
@@ -307,9 +244,22 @@ def _compared(
     level = STATED
     if threshold is None:
         threshold, level = default_threshold(solved_target(plan), trained[SCRATCH])
-    window = min(WINDOW, checkpoints(plan))
+    window = min(WINDOW, checkpoints(plan))  # cut where there are fewer checkpoints
     spans = *plan.steps, threshold, window
-    return Comparison(plan.target, trained, *spans, failed, threshold_from=level)
+    comparison = Comparison(plan.target, trained, *spans, failed, threshold_from=level)
+    if relative is None:
+        assumes = (
+            f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
+            "an experiment; assumes the tasks, budgets and settings of the curriculum, its sources "
+            "trained anew"
+        )
+        return Trial(comparison, assumes)
+    assumes = (
+        f"a rehearsal on the smaller relative {relative.target!r}, {counted(seeds, 'seed')}; its "
+        f"steps and returns are the relative's own; assumes that what pays there pays in "
+        f"{candidates[0].curriculum.target!r}"
+    )
+    return Trial(comparison, assumes, relative.target)
 
 
 def apart(curriculum: Curriculum) -> Curriculum:
@@ -362,10 +312,7 @@ def _node_seconds(node: Node, steps: int) -> float:
 
 
 def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:
-    """Return the candidates and the seeds of a trial that is made unasked; none if it takes long.
-
-    All candidates, or else the one that the curriculum uses.
-    """
+    """Return the candidates and seeds of a trial that is made unasked; none if it takes long."""
     for some in (list(candidates), [candidate for candidate in candidates if candidate.used]):
         seeds = min(SEEDS, int(QUICK / trial_seconds(some)))
         if seeds >= FEWEST:

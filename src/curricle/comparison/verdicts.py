@@ -4,12 +4,11 @@ Each question is a family of tests of its own, so that no answer depends on what
 
 - Does a curriculum pay? Each against scratch, corrected for the number of curricula (Holm).
 - Does it gain more than its controls? Each against all of its own controls at once.
-- Why does it pay: by what it knows, or by its optimism alone? Each against those of its controls
-  that know nothing of the task (``constant``, and ``placebo`` beside it).
+- Why does it pay: by what it knows, or by optimism alone? Each against controls that know nothing.
 - Arm against arm, where asked.
 
-All rest on sign-flip tests of paired differences (:func:`sign_flip_test`). K seeds cannot have a
-p-value below 2^(1 - K), so that with too few seeds there is no verdict, whatever they show.
+All rest on sign-flip tests of paired differences. K seeds cannot have a p-value below 2^(1 - K), so
+that with too few seeds there is no verdict.
 
 Sources: Holm 1979; Berger, "Multiparameter hypothesis testing and acceptance sampling",
 Technometrics 24, 1982 (intersection-union tests).
@@ -33,10 +32,8 @@ from curricle.statistics.hypothesis_tests import Looks, holm, sign_flip_test, sm
 from curricle.statistics.intervals import Interval, mean_interval, vector
 from curricle.text import brief_repr
 
-ONE_LOOK = Looks((1,))
-"""No interim analyses."""
-SIGNIFICANT = 0.05
-"""Adjusted p-values below this count as a difference."""
+ONE_LOOK = Looks((1,))  # no interim analyses
+SIGNIFICANT = 0.05  # adjusted p-values below this count as a difference
 DRAWS, DRAWS_A_TEST = 10_000, 100
 """Sign vectors drawn where there are too many seeds for all of them, at least; and for each test of
 a family, so that the smallest p-value can stay significant when it is adjusted."""
@@ -49,14 +46,13 @@ class Verdict:
     Attributes
     ----------
     gain : Interval
-        Mean difference of the returns of the arm and of its strongest rival. With several rivals
-        it is an interval for the smallest of all true differences.
+        Of the smallest of all true differences in return between the arm and its rivals.
     rival : str
         The strongest: the one with the highest mean return.
     rivals : int
         Number of rivals, n.
     p : float
-        Two-sided, of no difference; for the number of rivals see :func:`verdicts_of`.
+        Two-sided, of no difference (:func:`verdicts_of`).
     adjusted_p : float
         The same, corrected for the number of questions in the family (Holm).
     seeds, needed : int
@@ -129,14 +125,11 @@ def verdicts_of(
     returns : dict of str to (K,) float64
         One return for each arm and seed; seed k of all arms is paired.
     rivals : dict of str to sequence of str
-        The questions: an arm and those that it is compared with, at least one. Holm's correction is
-        for the number of questions.
+        The questions, for whose number Holm corrects: an arm and at least one other.
     looks : Looks
-        Interim analyses planned, where seeds were added; p-values and intervals are adjusted for
-        them.
+        Interim analyses planned, for which p-values and intervals are adjusted.
     interim : str
-        That seeds are to come, in words: then there is no verdict, and p-values are NaN. Whoever
-        looks after every batch and stops at the first p below 5 % sees one far too often.
+        That seeds are to come, in words: then there is no verdict, and p-values are NaN.
 
     Returns
     -------
@@ -146,8 +139,7 @@ def verdicts_of(
     Raises
     ------
     SettingError
-        If an arm is unknown, has no rival, or has another number of seeds than its rivals, or a
-        return is not finite.
+        If an arm is unknown, has no rival or other seeds, or a return is not finite.
 
     Examples
     --------
@@ -161,7 +153,16 @@ def verdicts_of(
         return {}
     arrays = {name: vector(f"returns of {name!r}", values) for name, values in returns.items()}
     for name, others in rivals.items():
-        _check(name, others, arrays)
+        if not others:
+            raise SettingError(f"an arm to be compared needs a rival: {name!r} has none")
+        for arm in (name, *others):
+            if arm not in arrays:
+                raise SettingError(f"an arm to be compared needs returns: {arm!r} has none")
+            if arrays[arm].shape != arrays[name].shape:
+                raise SettingError(
+                    f"returns must be of the same seeds: {name!r} has {arrays[name].size}, {arm!r} "
+                    f"{arrays[arm].size}"
+                )
     apart = {
         name: np.stack([difference(arrays[name], arrays[rival]) for rival in others])
         for name, others in rivals.items()
@@ -208,20 +209,6 @@ def difference(mine: FloatArray, yours: FloatArray) -> FloatArray:
     return np.where(np.abs(apart) < noise, 0.0, apart)
 
 
-def _check(name: str, rivals: Sequence[str], returns: Mapping[str, FloatArray]) -> None:
-    """Raise SettingError unless an arm and its rivals, at least one, have as many returns."""
-    if not rivals:
-        raise SettingError(f"an arm to be compared needs a rival: {name!r} has none")
-    for arm in (name, *rivals):
-        if arm not in returns:
-            raise SettingError(f"an arm to be compared needs returns: {arm!r} has none")
-        if returns[arm].shape != returns[name].shape:
-            raise SettingError(
-                f"returns must be of the same seeds: {name!r} has {returns[name].size}, {arm!r} "
-                f"{returns[arm].size}"
-            )
-
-
 def _draws(looks: Looks, tests: int) -> int:
     """Return how many sign vectors are drawn where not all are counted."""
     return max(DRAWS, DRAWS_A_TEST * len(looks.seeds) * tests)
@@ -260,8 +247,7 @@ def _smallest_gain(differences: FloatArray, looks: Looks) -> Interval:
     )
 
 
-SHARE = 0.1
-"""Up to this share of a gain is nothing beside the rest."""
+SHARE = 0.1  # up to this share of a gain is nothing beside the rest
 ASKING = 'cr.compare(..., controls=["constant", "placebo"])'
 """How the question is asked; in a study file by ``controls = ["constant", "placebo"]``."""
 
@@ -281,13 +267,11 @@ class Reason:
 
     @property
     def why(self) -> Why:
-        """The reason; empty unless the curriculum is shown to pay.
-
-        "knowledge": it is shown to gain more than each control that knows nothing. "level": it is
-        shown to gain less than one of them, or at most a tenth of its gain over scratch more;
-        "mostly level": both it gains more and this little. The share is the upper bound of the one
-        gain by the lower bound of the other: it is larger in at most 5 % of comparisons.
-        """
+        """The reason; empty unless the curriculum is shown to pay."""
+        # "knowledge": it is shown to gain more than each control that knows nothing. "level": it is
+        # shown to gain less than one of them, or at most a tenth of its gain over scratch more;
+        # "mostly level": both it gains more and this little. The share is the upper bound of the
+        # one gain by the lower bound of the other: it is larger in at most 5 % of comparisons.
         if self.pays.direction <= 0:
             return ""
         over = self.over_controls

@@ -13,8 +13,7 @@ from curricle.progress import HALTED
 from curricle.tasks.kernel import inlined
 from curricle.text import brief_repr
 
-MAX_SNAPSHOT_BYTES = 128_000_000
-"""Bytes that the snapshots of a run may take; a large task has fewer than asked for, or none."""
+MAX_SNAPSHOT_BYTES = 128_000_000  # of a run: a large task has fewer than asked for, or none
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +82,7 @@ def noted_end(record, state, terminated):
 
 
 def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> IntArray:
-    """Return up to so many checkpoints for tables of S x A `pairs`; none if two do not fit.
-
-    They lie quadratically: half of them in the first quarter of the run.
-    """
+    """Return up to so many checkpoints for tables of S x A `pairs`; none if two do not fit."""
     allowed = min(snapshots, MAX_SNAPSHOT_BYTES // (4 * pairs))
     if allowed < 2:
         return np.zeros(0, np.int64)

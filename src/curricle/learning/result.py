@@ -23,10 +23,11 @@ from curricle.learning.saved_result import (
     FIELDS,
     TOTALS,
     Arrays,
+    all_values_of,
     arrays_of,
     as_saved,
-    check_saved_arrays,
-    fields_of,
+    check_result_arrays,
+    check_value_arrays,
     learner_of,
     learner_record,
     pairs_of,
@@ -50,11 +51,10 @@ class LearningResult(Frozen):
     seeds : tuple of int
         K of them.
     values : (K, S, A) float64 or float32
-        What each seed learnt in the end, in the task's own rewards: Q, plus what shaping had taken
-        off it (phi, or Phi(s)). A transfer hands these on, and each policy acts on them (under
-        :class:`DecayingAdvice` with what is left of the advice). They are 0 in the ends that the
-        task knows, or that were reached where only its steps tell. From sparse tables K
-        :class:`SparseValues`; None if the :class:`Storage` saves none.
+        What each seed learnt, in the task's own rewards: Q, plus what shaping took off it (phi,
+        or Phi(s)). Transfers hand these on, and policies act on them (plus what is left of a
+        :class:`DecayingAdvice`). They are 0 in the ends that the task knows, or that were reached.
+        From sparse tables K :class:`SparseValues`; None if the :class:`Storage` saves none.
     steps : (T,) int64
         Steps taken at each checkpoint, from 0.
     training_return : (K, T) float64
@@ -70,15 +70,12 @@ class LearningResult(Frozen):
     steps_used, episodes_used : (K,) int64
         Totals of each seed.
     evaluation_steps : (K,) int64
-        Steps of the rollouts by which the greedy policy was evaluated, 0 where that is exact. No
-        budget is charged for them.
+        Steps of rollouts of the greedy policy, charged to no budget; 0 where evaluation is exact.
     out_of_memory : (K,) bool
-        Whether a sparse table was full before the budget was used up. The run then ended at the
-        step that needed another row.
+        Whether a run ended early, at the step for which a sparse table had no row left.
     own_rewards : (K,) bool
-        Whether the values are in the task's own rewards. Where they are not, after
-        :class:`LookBackAdvice`, :class:`RewardBonus` and a :class:`StateShaping` that changes with
-        time, no transfer takes them.
+        Whether the values are in the task's own rewards. No transfer takes others: those after
+        :class:`LookBackAdvice`, :class:`RewardBonus` and a changing :class:`StateShaping`.
     snapshots : Snapshots or None
         Values of the first seed on the way, if asked for.
 
@@ -109,10 +106,7 @@ class LearningResult(Frozen):
 
     @cached_property
     def policies(self) -> tuple[Any, ...]:
-        """The policy of each seed, K of them: a :class:`TabularPolicy`.
-
-        They act, are saved, and play episodes to look at. SettingError where values were not saved.
-        """
+        """The :class:`TabularPolicy` of each seed, K; SettingError where values were not saved."""
         if self.values is None:
             raise SettingError(
                 "a policy to take away needs the values that were learnt: these were not saved, "
@@ -122,10 +116,9 @@ class LearningResult(Frozen):
 
     @property
     def policy(self) -> Any:
-        """The policy of the seed whose last greedy return is best, the first of equals.
+        """The policy of the seed whose last greedy return is best; of the first, without any.
 
-        That return says too much of it, as it was chosen by it. Without evaluation it is the policy
-        of the first seed.
+        That return says too much of it, as it was chosen by it.
         """
         last = self.greedy_return[:, -1]
         return self.policies[0 if np.isnan(last).all() else int(np.nanargmax(last))]
@@ -150,9 +143,8 @@ class LearningResult(Frozen):
     def frame(self) -> Any:
         """Return the curves as a pandas DataFrame, a row for each seed and checkpoint.
 
-        Its columns are seed, checkpoint, steps (in the task), training_return (mean undiscounted
-        return of an episode), greedy_return (return), guard_share (share of steps) and episodes
-        (ended so far), each seed up to its own end; ``frame().attrs["units"]`` says the same.
+        Its columns are seed, checkpoint, steps, training_return, greedy_return, guard_share and
+        episodes, each seed up to its own end; ``frame().attrs["units"]`` has their units.
         ImportError where pandas is not installed.
 
         Examples
@@ -168,7 +160,7 @@ class LearningResult(Frozen):
         """Write the result into a file, without pickles, and return its path, an ``.npz``.
 
         Equal results give equal bytes. The task is not in it: :meth:`load` takes it again.
-        StoreError when it cannot be written; what was there before stays.
+        StoreError when it cannot be written.
         """
         return write_saved(path, type(self).__name__, *self.parts_of_file())
 
@@ -189,8 +181,8 @@ class LearningResult(Frozen):
         ----------
         path : path
         task : Task, optional
-            The one that was learnt, which the file does not hold. Without it the result has curves
-            and values; its policy plays no episodes, and no transfer takes it.
+            The one that was learnt. Without it the policy plays no episodes, and no transfer takes
+            the result.
 
         Raises
         ------
@@ -216,7 +208,14 @@ class LearningResult(Frozen):
     def of_file(cls, saved: SavedFile, arrays: Arrays, about: Any, task: Any) -> Self:
         """Return the result whose arrays and words, of all or of a part of it, a file holds."""
         with as_saved(saved):
-            check_saved_arrays(arrays, pairs_of(saved, about.get("task"), task))
+            pairs = pairs_of(saved, about.get("task"), task)
+            if not (seeds := arrays["seeds"].tolist() if "seeds" in arrays else []):
+                raise ValueError("it has no seeds")
+            shown: Any = pairs or (0, 0)
+            if pairs is None and "snapshot_values" in arrays:
+                shown = arrays["snapshot_values"].shape[1:]
+            check_result_arrays(arrays, seeds, shown)
+            check_value_arrays(arrays, len(seeds), pairs)
             result = cls.of_arrays(arrays, task, learner_of(about.get("learner")))
             if result.snapshots is None:
                 return result
@@ -226,7 +225,15 @@ class LearningResult(Frozen):
     @classmethod
     def of_arrays(cls, arrays: Arrays, task: Any = None, learner: Any = None) -> Self:
         """Return the result with these arrays, as files hold them; values as they are there."""
-        return cls(task=task, learner=learner, **fields_of(arrays))
+        seeds, snapshots = tuple(arrays["seeds"].tolist()), None
+        if "snapshot_steps" in arrays:
+            steps, tables = (frozen(arrays[f"snapshot_{name}"]) for name in ("steps", "values"))
+            snapshots = Snapshots(seeds[0], steps, tables)
+        values = all_values_of(arrays, len(seeds))
+        fields: dict[str, Any] = {name: frozen(arrays[name]) for name in FIELDS}
+        return cls(
+            task=task, learner=learner, seeds=seeds, values=values, snapshots=snapshots, **fields
+        )
 
     def __repr__(self) -> str:
         learner = "" if self.learner is None else f"{type(self.learner).__name__}, "
@@ -259,7 +266,16 @@ def learning_result(
         end = outcome.steps // eval_freq
         for name in (name for name in CURVES if FIELDS[name].held):
             curves[name][k, end + 1 :] = curves[name][k, end]
-    last = None if values is None else values[0]
+    first, snapshots = outcomes[0], None
+    if len(first.record.snapshot_at):
+        taken = first.record.snapshot_at * eval_freq <= first.steps
+        steps, tables = first.record.snapshot_at[taken] * eval_freq, first.record.snapshots[taken]
+        last = None if values is None else values[0]
+        if isinstance(last, np.ndarray) and steps[-1] < first.steps:  # the last values too
+            steps = np.append(steps, first.steps)
+            acting = (last + first.advice).astype(np.float32)
+            tables = np.concatenate([tables, acting[None]])
+        snapshots = Snapshots(seeds[0], frozen(steps), frozen(tables))
     return LearningResult(
         task=task,
         learner=learner,
@@ -271,23 +287,9 @@ def learning_result(
         evaluation_steps=frozen(np.array([outcome.evaluation_steps for outcome in outcomes])),
         out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in outcomes])),
         own_rewards=frozen(np.array([outcome.own_rewards for outcome in outcomes])),
-        snapshots=_snapshots(seeds[0], outcomes[0], last, eval_freq),
+        snapshots=snapshots,
         **{name: frozen(curve) for name, curve in curves.items()},
     )
-
-
-def _snapshots(seed: int, outcome: Outcome, last: Any, eval_freq: int) -> Snapshots | None:
-    """Return the snapshots of a seed, the last values included; None if there are none."""
-    record = outcome.record
-    if not len(record.snapshot_at):
-        return None
-    taken = record.snapshot_at * eval_freq <= outcome.steps
-    steps, values = record.snapshot_at[taken] * eval_freq, record.snapshots[taken]
-    if isinstance(last, np.ndarray) and steps[-1] < outcome.steps:
-        steps = np.append(steps, outcome.steps)
-        acting = (last + outcome.advice).astype(np.float32)
-        values = np.concatenate([values, acting[None]])
-    return Snapshots(seed, frozen(steps), frozen(values))
 
 
 def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
@@ -333,11 +335,7 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
 
 
 def curve_columns(arrays: Arrays, task: str | None = None) -> dict[str, npt.NDArray[Any]]:
-    """Return the columns of a result's curves, each seed up to its own end.
-
-    There is a column ``task`` if its name is given, and ``source_steps`` if they are among the
-    arrays.
-    """
+    """Return the columns of a result's curves, each seed up to its own end."""
     steps = arrays["steps"]
     reached = steps[None, :] <= arrays["steps_used"][:, None]
     seed, checkpoint = np.nonzero(reached)
@@ -353,10 +351,7 @@ def curve_columns(arrays: Arrays, task: str | None = None) -> dict[str, npt.NDAr
 
 
 def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
-    """Return columns as a pandas DataFrame, whose ``attrs["units"]`` are those of each column.
-
-    ImportError where pandas is not installed.
-    """
+    """Return columns as a pandas DataFrame, whose ``attrs["units"]`` are those of each column."""
     try:
         import pandas as pd
     except ModuleNotFoundError:
@@ -373,19 +368,18 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
 
 def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
     """Return a row for each task's LearningResult, and in words what ended its learning."""
-    rows = [(name, *_row(result), ended.get(name, "")) for name, result in results.items()]
+    rows = []
+    for name, result in results.items():
+        learner = "" if result.learner is None else type(result.learner).__name__
+        steps, episodes = f"{result.steps_used.mean():,.0f}", f"{result.episodes_used.mean():,.0f}"
+        curve = result.greedy_return
+        first, last = (str(mean_interval(curve[:, i])).rsplit(",", 1)[0] for i in (0, -1))
+        seeds = len(result.seeds)
+        rows.append((name, learner, seeds, steps, episodes, first, last, ended.get(name, "")))
     words = ["ended by"] * any(ended.values())
     shown = [row if words else row[:-1] for row in rows]
     head = ["task", "learner", "seeds", "steps a seed", "episodes a seed"]
     return table([*head, "first return", "last return", *words], shown, wide=words)
-
-
-def _row(result: Any) -> tuple[Any, ...]:
-    learner = "" if result.learner is None else type(result.learner).__name__
-    steps, episodes = result.steps_used.mean(), result.episodes_used.mean()
-    first, last = (str(mean_interval(result.greedy_return[:, i])) for i in (0, -1))
-    returns = [text.rsplit(",", 1)[0] for text in (first, last)]
-    return (learner, len(result.seeds), f"{steps:,.0f}", f"{episodes:,.0f}", *returns)
 
 
 def shown_returns(result: Any) -> tuple[str, FloatArray]:

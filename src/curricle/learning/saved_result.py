@@ -19,7 +19,6 @@ from curricle.learning.learners import (
     QLearning,
 )
 from curricle.learning.optimistic_learning import OptimisticQLearning
-from curricle.learning.record import Snapshots
 from curricle.learning.schedules import Schedule
 from curricle.learning.storage import SparseValues
 from curricle.tasks.mdp import generative_model
@@ -45,11 +44,7 @@ def task_record(task: Any) -> dict[str, Any]:
 
 
 def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None:
-    """Return the states and actions of values that were saved, those of the task if it is given.
-
-    None where they are not known, or are observations. SettingError where the task has other spaces
-    than `record`, which :func:`task_record` returned for the one that was learnt.
-    """
+    """Return the states and actions of values that were saved, those of the task if it is given."""
     own_record, recorded = task_record(task), record if isinstance(record, Mapping) else {}
     if own_record and recorded and own_record["spaces"] != recorded.get("spaces"):
         raise SettingError(
@@ -58,18 +53,6 @@ def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None
         )
     pairs = (own_record or recorded).get("pairs")
     return None if pairs is None else (int(pairs[0]), int(pairs[1]))
-
-
-def check_saved_arrays(arrays: Arrays, pairs: tuple[int, int] | None) -> None:
-    """Raise ValueError unless arrays are those of a result with so many states and actions."""
-    if not (seeds := arrays["seeds"].tolist() if "seeds" in arrays else []):
-        raise ValueError("it has no seeds")
-    if pairs is None and "snapshot_values" in arrays:
-        shown: Any = arrays["snapshot_values"].shape[1:]
-        check_result_arrays(arrays, seeds, shown)
-    else:
-        check_result_arrays(arrays, seeds, pairs or (0, 0))
-    check_value_arrays(arrays, len(seeds), pairs)
 
 
 @contextmanager
@@ -108,16 +91,15 @@ def learner_of(record: Any) -> Learner | None:
     if kind is None or not isinstance(record["settings"], Mapping):
         raise ValueError(f"a learner must be one of {', '.join(LEARNERS)}: got {record}")
     try:
-        return kind(**{name: _setting(value) for name, value in record["settings"].items()})
+        settings = dict[str, Any]()
+        for name, value in record["settings"].items():
+            if isinstance(value, Mapping):
+                shape, *numbers = value.get("schedule", ())
+                value = Schedule(int(shape), *map(float, numbers))
+            settings[name] = tuple(value) if isinstance(value, list) else value
+        return kind(**settings)
     except (TypeError, CurricleError) as error:
         raise ValueError(f"a learner must have its own settings: {error}") from None
-
-
-def _setting(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        shape, *numbers = value.get("schedule", ())
-        return Schedule(int(shape), *map(float, numbers))
-    return tuple(value) if isinstance(value, list) else value
 
 
 # -- arrays ----------------------------------------------------------------------------------------
@@ -153,19 +135,14 @@ CURVES = tuple(
 )
 """In the order of a table's columns: counts come last."""
 TOTALS = tuple(name for name, field in FIELDS.items() if field.axes == "K")
-FLOATS = "float64", "float32"
-"""Of values that were learnt."""
-MOST_STEPS = 2**53
-"""Steps that a number of double precision counts."""
+FLOATS = "float64", "float32"  # of values that were learnt
+MOST_STEPS = 2**53  # steps that a number of double precision counts
 
 
 def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of a :class:`LearningResult` by name.
-
-    ``values`` are there if they were saved, or for each seed k the ``states_k`` and ``values_k`` of
-    its sparse table, or the parameters of its network, ``values_k/name``;
-    ``snapshot_steps`` and ``snapshot_values`` if there are snapshots.
-    """
+    """Return the arrays of a :class:`LearningResult` by name."""
+    # With values, or of each seed k a sparse table (states_k, values_k) or a network's
+    # (values_k/name), where they were saved.
     arrays = {name: getattr(result, name) for name in FIELDS}
     arrays["seeds"] = np.array(result.seeds, dtype=np.int64)
     arrays |= arrays_of_values(result.values)
@@ -189,21 +166,6 @@ def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
             named = table if isinstance(table, Mapping) else table.parameters()
             arrays |= {f"values_{k}/{name}": array for name, array in named.items()}
     return arrays
-
-
-def fields_of(arrays: Arrays) -> dict[str, Any]:
-    """Return the fields of the result that :func:`arrays_of` was called on, without its objects."""
-    seeds = tuple(arrays["seeds"].tolist())
-    snapshots = None
-    if "snapshot_steps" in arrays:
-        steps, tables = (frozen(arrays[f"snapshot_{name}"]) for name in ("steps", "values"))
-        snapshots = Snapshots(seeds[0], steps, tables)
-    return {
-        "seeds": seeds,
-        "values": all_values_of(arrays, len(seeds)),
-        "snapshots": snapshots,
-        **{name: frozen(arrays[name]) for name in FIELDS},
-    }
 
 
 def all_values_of(arrays: Arrays, n_seeds: int) -> Any:
@@ -271,11 +233,9 @@ def check_result_arrays(
 
 
 def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | None) -> None:
-    """Raise ValueError unless the values among arrays are those of so many seeds.
-
-    `pairs` are the states and actions of their task, None where that is not known; compiled loops
-    read tables without looking whether a state lies in them.
-    """
+    """Raise ValueError unless the values among arrays are those of so many seeds."""
+    # `pairs` are the states and actions of their task, None where that is not known; compiled loops
+    # read tables without looking whether a state lies in them.
     table = arrays.get("values")
     if table is not None:
         fits = pairs is None or table.shape[-2:] == pairs

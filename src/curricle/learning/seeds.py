@@ -17,8 +17,7 @@ from curricle.progress import interruptible
 from curricle.tasks.live import is_live
 
 Result = TypeVar("Result")
-MOST_SEEDS = 100_000
-"""Seeds of a study or a training."""
+MOST_SEEDS = 100_000  # seeds of a study or a training
 
 
 def seed_tuple(seeds: Any) -> tuple[int, ...]:
@@ -52,11 +51,7 @@ def seed_settings(
     warm_up: Any,
     charged: Any,
 ) -> list[SeedSettings]:
-    """Return what each seed is trained with, or raise SettingError.
-
-    The arguments are those of :func:`learn`; `limits` are the most steps and episodes, and `fitted`
-    returns a shaping as it fits the task.
-    """
+    """Return what each seed is trained with, or raise SettingError."""
     numbers = seed_tuple(seeds)
     checked = partial(_checked_shaping, learner=learner, fitted=fitted)
     # One for all is fitted once, as each fitting may make an array of S x A.
@@ -65,7 +60,7 @@ def seed_settings(
         shapings = map(checked, _one_a_seed("shaping", shaping, len(numbers), None))
     else:
         shapings = repeat(checked(shaping), len(numbers))
-    settings = list[SeedSettings]()
+    settings, (steps, episodes) = list[SeedSettings](), limits
     for seed, seed_shaping, acted, cost in zip(
         numbers,
         shapings,
@@ -75,7 +70,15 @@ def seed_settings(
     ):
         instance("each warm-up", acted, WarmUp, SettingError)
         cost = whole_number("each of charged", cost, 0, SettingError)
-        _check_limits(limits, seed, acted, cost)
+        if cost >= steps:
+            raise SettingError(
+                f"a budget must exceed what is charged on it: got {steps:,} and {cost:,} steps"
+            )
+        if acted.steps >= steps - cost or len(acted.lengths) >= episodes:
+            raise SettingError(
+                "a budget must exceed what was used before learning: the warm-up of seed "
+                f"{seed} took {acted.steps:,} steps in {len(acted.lengths):,} episodes"
+            )
         settings.append(SeedSettings(seed, seed_shaping, acted, cost))
     return settings
 
@@ -110,25 +113,10 @@ def _checked_shaping(
     return None if shaping.potential is None else shaping  # nothing added is no shaping
 
 
-def _check_limits(limits: tuple[int, int], seed: int, warm_up: WarmUp, charged: int) -> None:
-    steps, episodes = limits
-    if charged >= steps:
-        raise SettingError(
-            f"a budget must exceed what is charged on it: got {steps:,} and {charged:,} steps"
-        )
-    if warm_up.steps >= steps - charged or len(warm_up.lengths) >= episodes:
-        raise SettingError(
-            f"a budget must exceed what was used before learning: the warm-up of seed {seed} took "
-            f"{warm_up.steps:,} steps in {len(warm_up.lengths):,} episodes"
-        )
-
-
 def threads_for(task: Any, workers: int | None, seeds: int) -> int:
-    """Return the number of threads for the seeds of a task: `workers`, by default one a processor.
-
-    It is 0, the caller's thread, for a live task: an interrupt must reach its environment, which
-    Python runs in one thread at a time.
-    """
+    """Return the threads for the seeds of a task: `workers`, by default one a processor."""
+    # It is 0, the caller's thread, for a live task: an interrupt must reach its environment, which
+    # Python runs in one thread at a time.
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
     return 0 if is_live(task) else min(workers or os.cpu_count() or 1, seeds)
@@ -140,10 +128,8 @@ def over_seeds(
     threads: int,
     ended: Callable[[int], Any] = lambda k: None,
 ) -> list[Result]:
-    """Return work(0) .. work(seeds - 1); each number, in order, is handed to `ended` when done.
-
-    The main thread does no work itself but for 0 threads, so that it answers an interrupt.
-    """
+    """Return work(0) .. work(seeds - 1); each number, in order, is handed to `ended` when done."""
+    # The main thread does no work itself but for 0 threads, so that it answers an interrupt.
     results = list[Result]()
     if not threads or (threads == 1 and current_thread() is not main_thread()):
         for k in range(seeds):  # no iterator does the work: an environment may raise StopIteration

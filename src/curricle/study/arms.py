@@ -14,10 +14,11 @@ from curricle.comparison.controls import check_fit, is_shuffled
 from curricle.comparison.plan import (
     Dependencies,
     Plan,
+    Trained,
     Unit as Unit,
     check_comparable,
+    train,
 )
-from curricle.comparison.running import Trained, train
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import StoredValues, source_values
 from curricle.errors import ConfigError, SettingError
@@ -28,17 +29,12 @@ from curricle.learning.storage import Storage
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config import StudyConfig
 from curricle.study.dependencies import dependencies_of, key_of
-from curricle.study.serialization import DECISION_SCHEMA, UnitResult
-from curricle.study.store import StoredSource
+from curricle.study.store import DECISION_SCHEMA, StoredSource, UnitResult
 from curricle.study.vary import target_alone
 
 
 class Arms(Plan):
-    """What a study trains: a plan whose keys are hashes of plain data.
-
-    They are short hashes of all that a result depends on, except the seed: settings, sources,
-    Curricle's version, and digests of the user's own modules and of the mappings that were found.
-    """
+    """What a study trains: a plan whose keys are hashes of plain data."""
 
     @property
     def code(self) -> dict[str, str]:
@@ -48,10 +44,7 @@ class Arms(Plan):
 
     @classmethod
     def of(cls, study: StudyConfig, choose: Callable[[Dependencies], str] = key_of) -> Self:
-        """Return a study's arms; SettingError or CurriculumError if they are not comparable.
-
-        `choose` gives what depends on something its key.
-        """
+        """Return a study's arms; SettingError or CurriculumError if they are not comparable."""
         scratches = study.scratch_curricula() if study.scratch else {}
         controls = study.controls or ()
         if controls and not scratches:
@@ -89,29 +82,20 @@ def units_of(
     done: Mapping[str, Collection[int]],
     shard: tuple[int, int] = (1, 1),
 ) -> list[Unit]:
-    """Return the units of a shard (i, n) that are still to be trained, sources first.
-
-    `done` has the seeds that are trained by key.
-    """
+    """Return the units of a shard (i, n) that are still to be trained, sources first."""
     first = min(study.seeds)  # of all shards: merged, they hold the snapshots of one run
     how: Any = {"seeds_per_unit": study.seeds_per_unit, "snapshots": study.snapshots}
     return arms.units(seeds_of(study, shard), done, first=first, **how)
 
 
 def seeds_of(study: StudyConfig, shard: tuple[int, int]) -> list[int]:
-    """Return the seeds of a shard (i, n), those of every n-th group of `seeds_per_unit`.
-
-    Seed s belongs to group number s // seeds_per_unit.
-    """
+    """Return the seeds of a shard (i, n), those of every n-th group of `seeds_per_unit`."""
     part, parts = shard
     return [seed for seed in study.seeds if seed // study.seeds_per_unit % parts == part - 1]
 
 
 def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
-    """Return the arms that learn the target from scratch, as data.
-
-    They are those of the study, or else follow from its first arm.
-    """
+    """Return the arms that learn the target from scratch, as data."""
     scratches = study.get("scratches")
     if scratches is None:
         alone = target_alone(next(iter(study["arms"].values())))
@@ -125,11 +109,7 @@ def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=4)
 def arms_from_json(config: str, folder: str, code: str) -> Arms:
-    """Return the arms of the study that a JSON text describes; cached, as many units ask.
-
-    ConfigError when the user's own modules, or the mappings that are found, are not or no longer
-    those of `code`, the JSON of ``Arms.code``.
-    """
+    """Return the arms of the study that a JSON text describes; cached, as many units ask."""
     # Who began the run has printed what is found.
     study = StudyConfig.from_data(json.loads(config), Path(folder), say=lambda _: None)
     arms = Arms.of(study)
@@ -145,34 +125,30 @@ def arms_from_json(config: str, folder: str, code: str) -> Arms:
 class UnitInput(NamedTuple):
     """All that a unit depends on, as plain data: it can be sent to any machine."""
 
-    config: str
-    """JSON of :meth:`StudyConfig.to_data`."""
-    folder: str
-    """Of the study's own modules."""
-    code: str
-    """JSON of ``Arms.code``: the modules must be as they were when the run began."""
+    config: str  # JSON of `StudyConfig.to_data`
+    folder: str  # of the study's own modules
+    code: str  # JSON of Arms.code: the modules must be as they were when the run began
     unit: Unit
     sources: Mapping[str, StoredValues]
-    checkpoints: Place | None = None
-    """Where checkpoints are, from which a killed unit goes on, to the same result."""
-    stored: Mapping[str, StoredSource] = {}
-    """The sources that the worker reads itself."""
-    place: Place | None = None
-    """The study's folder, where the worker writes the result itself."""
-    files: Mapping[str, bytes] = {}
-    """The study's own modules, by path in its folder, for a worker that has no such folder."""
-    versions: Mapping[str, str] = {}
-    """Of the run: a worker that came later is compared with them too."""
-    live: bool = False
-    """Whether units must not run side by side in one process."""
+    checkpoints: Place | None = None  # from which a killed unit goes on, to the same result
+    stored: Mapping[str, StoredSource] = {}  # the sources that the worker reads itself
+    place: Place | None = None  # the study's folder, where the worker writes the result itself
+    files: Mapping[str, bytes] = {}  # the own modules by path, where there is no such folder
+    versions: Mapping[str, str] = {}  # of the run: later workers are compared too
+    live: bool = False  # whether units must not run side by side in one process
 
 
 def train_unit(sent: UnitInput) -> UnitResult:
-    """Return what a unit's seeds learn; it depends on `given` only, not on its `checkpoints`."""
+    """Return what a unit's seeds learn; it depends on `sent` only, not on its `checkpoints`."""
     arms = arms_from_json(sent.config, sent.folder, sent.code)
     unit = sent.unit
     arm = arms.arms[unit.arm]
-    arm = replace(arm, curriculum=_with_memory_for_all(arm.curriculum, unit))
+    storage: Storage = arm.curriculum.setting("storage", unit.task)
+    if storage.memory_limit is not None:
+        # A study's limit is for one seed: so what is learnt does not depend on how many seeds are
+        # trained together.
+        for_all = replace(storage, memory_limit=len(unit.seeds) * storage.limit)
+        arm = replace(arm, curriculum=arm.curriculum.replace(unit.task, storage=for_all))
     sources = source_values(arm.curriculum, unit.seeds, sent.sources)
     charge = arms.total is not None
     trained = train(arm, unit, sources, charge=charge, workers=1, saves=sent.checkpoints)
@@ -187,44 +163,20 @@ def train_unit(sent: UnitInput) -> UnitResult:
     return UnitResult(arrays, pa.Table.from_pylist(rows, pa.schema(DECISION_SCHEMA.items())))
 
 
-def _with_memory_for_all(curriculum: Curriculum, unit: Unit) -> Curriculum:
-    """Return the curriculum with memory for all seeds of a unit: a study's limit is for one seed.
-
-    So what is learnt does not depend on how many seeds are trained together.
-    """
-    storage: Storage = curriculum.setting("storage", unit.task)
-    if storage.memory_limit is None:
-        return curriculum
-    for_all = replace(storage, memory_limit=len(unit.seeds) * storage.limit)
-    return curriculum.replace(unit.task, storage=for_all)
-
-
 def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[dict[str, Any]]:
     """Return a row for each decision of the stopping rule, or one for the end of each seed."""
     result, budget = trained.result, curriculum.setting("budget", unit.task)
-    rows = list[dict[str, Any]]()
+    rows = list[tuple[Any, ...]]()
     for k, decisions in enumerate(curriculum.node(unit.task).decisions(result)):
-        row = {"task": unit.task, "seed": unit.seeds[k]}
-        rows += [
-            {
-                **row,
-                "steps": decision.step,
-                "ends": decision.spent or decision.ends,
-                "criterion": decision.criterion,
-                "lowest": decision.lowest,
-                "level": decision.kernel.level,
-                "rise": decision.rise,
-                "plateau": decision.kernel.plateau,
-                "reason": str(decision),
-            }
-            for decision in decisions
-        ]
+        place = unit.task, unit.seeds[k]
+        for decision in decisions:
+            ends, kernel = decision.spent or decision.ends, decision.kernel
+            numbers = decision.lowest, kernel.level, decision.rise, kernel.plateau
+            why = decision.criterion
+            rows.append((*place, decision.step, ends, why, *numbers, str(decision)))
         if not decisions:
-            used, nan = int(result.steps_used[k]), float("nan")
+            used = int(result.steps_used[k])
             why = ended_by(budget, bool(result.out_of_memory[k]))
             reason = f"ends; {why}: {used:,} steps, {int(result.episodes_used[k]):,} episodes"
-            numbers = dict.fromkeys(("lowest", "level", "rise", "plateau"), nan)
-            rows.append(
-                {**row, "steps": used, "ends": True, "criterion": why, **numbers, "reason": reason}
-            )
-    return rows
+            rows.append((*place, used, True, why, *[float("nan")] * 4, reason))
+    return [dict(zip(DECISION_SCHEMA, row, strict=True)) for row in rows]

@@ -17,27 +17,18 @@ from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import generative_model, has_tables, tables
-from curricle.tasks.observation_task import ObservationTask, is_observation_task
+from curricle.tasks.observation_task import is_observation_task
 from curricle.text import counted
 
-ROLLOUTS, LENGTH = 100, 200
-"""Random rollouts that a task's speed is measured by."""
-MOST_PAIRS = 100_000_000
-"""Pairs for which memory is asked, of which rollouts use little."""
-STEPS = 200
-"""Random steps that the speed of a task seen through observations is measured by."""
-NETWORK = 1e-3
-"""Seconds that a small network takes to learn from a step on one processor, about."""
-FORWARD = 2e-4
-"""Seconds that a small network takes to choose an action, about."""
-DISTILLING = 12.0
-"""Seconds in which a network is fitted to exact answers, about."""
-OUTCOME = 8e-9
-"""Seconds of one outcome in one sweep over a task's tables, about."""
-MOST_SWEEPS = 1000
-"""After so many sweeps most values no longer change."""
-SLOWER = 3.0
-"""How many times as long as a random step a step of learning in a table takes, about."""
+ROLLOUTS, LENGTH = 100, 200  # random rollouts that a task's speed is measured by
+MOST_PAIRS = 100_000_000  # pairs for which memory is asked, of which rollouts use little
+STEPS = 200  # random steps that the speed of a task seen through observations is measured by
+NETWORK = 1e-3  # seconds that a small network takes to learn from a step on one processor, about
+FORWARD = 2e-4  # seconds that a small network takes to choose an action, about
+DISTILLING = 12.0  # seconds in which a network is fitted to exact answers, about
+OUTCOME = 8e-9  # seconds of one outcome in one sweep over a task's tables, about
+MOST_SWEEPS = 1000  # after so many sweeps most values no longer change
+SLOWER = 3.0  # how many times as long as a random step a step of learning in a table takes, about
 
 
 @dataclass(frozen=True)
@@ -46,25 +37,16 @@ class Cost:
 
     arm: str
     task: str
-    seeds: int
-    """Those that no earlier arm trains in the same task."""
-    steps: int
-    """Of learning, at most, a seed."""
-    evaluation_steps: int
-    """Steps of greedy evaluation, at most, a seed; 0 where it is exact."""
-    seconds: float
-    """On one processor, about, without compilation."""
-    table_bytes: int
-    """Of the values kept, all seeds; 0 where a network learns."""
-    step_seconds: float
-    """Of a step without learning, about."""
+    seeds: int  # those that no earlier arm trains in the same task
+    steps: int  # of learning, at most, a seed
+    evaluation_steps: int  # steps of greedy evaluation, at most, a seed; 0 where it is exact
+    seconds: float  # on one processor, about, without compilation
+    table_bytes: int  # of the values kept, all seeds; 0 where a network learns
+    step_seconds: float  # of a step without learning, about
 
 
 def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
-    """Return the cost of each task of each arm, those shared by arms once.
-
-    The speed of a task is measured by random rollouts; that of networks is a guess.
-    """
+    """Return the cost of each task of each arm, those shared by arms once."""
     paces: dict[int, float] = {}
     found = Counter[tuple[str, str]]()
     for unit in units_of(study, arms, {}):
@@ -89,7 +71,18 @@ def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
 def pace(task: Any) -> float:
     """Return the seconds that a random step of a task takes."""
     if is_observation_task(task):
-        return _observed_pace(task)
+        environment = task.environment()
+        environment.action_space.seed(0)
+        environment.reset(seed=0)
+        for n in range(STEPS + 1):
+            if n == 1:  # the first step compiles
+                started = time.perf_counter()
+            *_, terminated, truncated, _ = environment.step(environment.action_space.sample())
+            if terminated or truncated:
+                environment.reset()
+        taken = (time.perf_counter() - started) / STEPS
+        environment.close()
+        return taken
     generative = generative_model(task)
     shape = generative.states.size, generative.actions.size
     stream = np.zeros(1, np.uint64)
@@ -106,26 +99,8 @@ def pace(task: Any) -> float:
         return (time.perf_counter() - started) / max(1, len(steps.states))
 
 
-def _observed_pace(task: ObservationTask) -> float:
-    environment = task.environment()
-    environment.action_space.seed(0)
-    environment.reset(seed=0)
-    for n in range(STEPS + 1):
-        if n == 1:  # the first step compiles
-            started = time.perf_counter()
-        *_, terminated, truncated, _ = environment.step(environment.action_space.sample())
-        if terminated or truncated:
-            environment.reset()
-    taken = (time.perf_counter() - started) / STEPS
-    environment.close()
-    return taken
-
-
 def _exact_seconds(node: Node) -> float:
-    """Return the seconds that a seed's exact evaluations take, at most; 0 for rollouts.
-
-    Those of a distillation where answers are exact.
-    """
+    """Return the seconds that a seed's exact evaluations take, at most; 0 for rollouts."""
     if node.takes_no_steps:
         return DISTILLING
     if node.deep or hasattr(node.evaluation.kernel(node.task), "episodes"):
@@ -137,10 +112,8 @@ def _exact_seconds(node: Node) -> float:
 
 
 def sweeping_seconds(task: Any, sweeps: float) -> float:
-    """Return the seconds that so many sweeps over a task's tables take, about.
-
-    Large tables are not built for that: it is then the time with one outcome for each pair.
-    """
+    """Return the seconds that so many sweeps over a task's tables take, about."""
+    # Large tables are not built for that: it is then the time with one outcome for each pair.
     model = generative_model(task)
     pairs = model.states.size * model.actions.size
     outcomes = pairs if pairs > LARGEST_SOLVED else tables(task).probability.size

@@ -12,12 +12,9 @@ from curricle.comparison.plan import Unit
 from curricle.progress import shown
 from curricle.text import brief_repr, counted
 
-WINDOW = 60.0
-"""Seconds that the rate is measured over."""
-FEWEST = 10
-"""Marks that it is measured over at least: units of an hour end less than once a minute."""
-BETWEEN = 1.0
-"""Seconds between two marks at least."""
+WINDOW = 60.0  # seconds that the rate is measured over
+FEWEST = 10  # marks that it is measured over at least: units of an hour end less than once a minute
+BETWEEN = 1.0  # seconds between two marks at least
 
 
 @dataclass(frozen=True)
@@ -31,7 +28,7 @@ class Progress:
     stored : Unit or None
         The unit that has just been stored; None at the beginning.
     workers : int
-        How many there are now: those of a cluster come and go.
+        How many there are now.
     repeated : int
         Units that a cluster has begun again so far, as a worker died.
     link : str or None
@@ -65,8 +62,7 @@ class Pace:
         self.stored = 0
         self._units: int | None = None
         self._last: Progress | None = None
-        self._marks = deque[tuple[float, int]]()
-        """When so many had been stored, at the beginning of what the rate is measured over."""
+        self._marks = deque[tuple[float, int]]()  # (time, units stored)
 
     def note(self, progress: Progress) -> None:
         """Note the beginning, or that a unit is stored."""
@@ -78,20 +74,14 @@ class Pace:
             self._mark(self.stored + 1)
 
     def line_of(self, stored: int, units: int) -> str:
-        """Note how many units a folder has, which another process stores, and return the line.
-
-        The rate is that of what was seen; who works there is not known.
-        """
+        """Note how many units a folder has, which another process stores, and return the line."""
         if self._units is None or stored != self.stored:
             self._mark(stored)
         self._units = units
         return self.line()
 
     def line_in(self, stored: int, units: int) -> str:
-        """Return the line of a run whose folder has so many units, some of which others train.
-
-        Those that were stored before, and those of other shards, are in the folder's numbers alone.
-        """
+        """Return the line of a run whose folder has so many units, some of which others train."""
         tuning = self._last is not None and bool(self._last.tuning)
         if not units or (self._units == units and not tuning):
             return self.line()
@@ -142,11 +132,8 @@ def shown_units(
     pace: Pace | None = None,
     line: Callable[[], str] | None = None,
 ) -> Iterator[Callable[[Progress], None]]:
-    """Yield what takes each :class:`Progress` of a run and shows it as ``progress`` asks for.
-
-    Bars are of all seeds of a task in an arm, or of all trials of a tuning that are made at once;
-    below them stands a `line`, by default how fast the whole run goes, its `pace`.
-    """
+    """Yield what takes each :class:`Progress` of a run and shows it as ``progress`` asks for."""
+    # Below the bars stands a `line`, by default how fast the whole run goes, its `pace`.
     pace = pace or Pace()
     grow: dict[str, Callable[[], None]] = {}
     with shown(progress, line or pace.line) as bars:

@@ -1,7 +1,7 @@
 """The results of a study, read from its folder."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -14,8 +14,8 @@ from curricle.arrays import IntArray
 from curricle.checks import one_of
 from curricle.comparison.comparing import MIDPOINT
 from curricle.comparison.comparison import Arm, Comparison
-from curricle.comparison.controls import PLACEBO, Level, concatenated_levels
-from curricle.comparison.running import Failures, arms_of
+from curricle.comparison.controls import PLACEBO, Level
+from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues, source_values, sources_read
@@ -36,9 +36,11 @@ from curricle.learning.saved_result import check_result_arrays
 from curricle.learning.stopping import UNLEARNT
 from curricle.statistics.curves import SCRATCH, midpoint
 from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record
-from curricle.study.serialization import RUN, SNAPSHOTS, VALUES
 from curricle.study.store import (
+    RUN,
+    SNAPSHOTS,
     STUDY,
+    VALUES,
     StoredUnit,
     StudyStore,
     stored_values,
@@ -93,12 +95,11 @@ def check_total(study: "StudyResults", total: int) -> None:
 
 # -- Units that failed: the arms that need them are left out, the others are compared --------------
 
-FAILURES = "failures.json"
-"""The units that failed in the last run, in its folder; there is no such file if none did."""
+FAILURES = "failures.json"  # the units that failed in the last run; not there if none did
 
 
 def failure_rows(failures: Failures) -> list[dict[str, Any]]:
-    """Return what :func:`failed_arms` reads; it is no arm's fault that an executor failed."""
+    """Return what tells which arms failed; it is no arm's fault that an executor failed."""
     if failures.executor_failed:
         return []
     return [
@@ -146,20 +147,6 @@ def read_failures(store: StudyStore) -> list[dict[str, Any]]:
         ) from None
 
 
-def failed_arms(
-    rows: Iterable[Mapping[str, Any]],
-    keys: Mapping[tuple[str, str], str],
-    stored: Mapping[str, Mapping[int, Any]],
-) -> dict[str, str]:
-    """Return the first error of each arm that needs a unit that failed and is not stored since."""
-    errors: dict[str, str] = {}
-    for row in rows:
-        if not set(row["seeds"]) <= set(stored.get(row["key"], ())):
-            for arm in sorted(arms_of(keys, [row["key"]])):
-                errors.setdefault(arm, row["error"])
-    return errors
-
-
 def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
     """Write the failures of a run in the place of those of an earlier one."""
     if rows:
@@ -171,8 +158,7 @@ def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
 
 # -- Tables of many units, written in parts: all of one at once may not fit in memory --------------
 
-ROWS = 2**17
-"""Of a group of rows in a Parquet file."""
+ROWS = 2**17  # of a group of rows in a Parquet file
 
 
 def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
@@ -210,12 +196,9 @@ def parquet_of(parts: Iterable[pa.Table]) -> bytes:
 
 RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.parquet"
 ANALYSIS = "analysis.json"
-MOST_CHECKPOINTS = 10_000_000
-"""Of a curve in a comparison: 80 MB a seed."""
-SPENT = ("source_steps", "steps_used")
-"""Arrays of steps."""
-HEADERS, FLOAT32 = 2**16, 4
-"""Bytes of the headers of some arrays, at most, and of a number in a snapshot."""
+MOST_CHECKPOINTS = 10_000_000  # of a curve in a comparison: 80 MB a seed
+SPENT = ("source_steps", "steps_used")  # arrays of steps
+HEADERS, FLOAT32 = 2**16, 4  # bytes of some headers, at most, and of a number in a snapshot
 
 
 class StudyResults:
@@ -238,7 +221,7 @@ class StudyResults:
     store : StudyStore
         The folder.
     record : StudyRecord
-        The study: its name, seeds, target, budgets, and the tasks and transfers of its arms.
+        The study.
     lacks_arms : bool
         Whether it is compared without arms that are still to be trained.
     """
@@ -281,7 +264,12 @@ class StudyResults:
             for name, arm in self.record.arms.items()
             if arm.control_of
         }
-        return failed_arms(read_failures(self.store), needs, self.stored)
+        errors = dict[str, str]()
+        for row in read_failures(self.store):
+            if not set(row["seeds"]) <= set(self.stored.get(row["key"], ())):
+                for arm in sorted(arms_of(needs, [row["key"]])):
+                    errors.setdefault(arm, row["error"])
+        return errors
 
     @cached_property
     def seeds(self) -> tuple[int, ...]:
@@ -301,8 +289,8 @@ class StudyResults:
         ----------
         arm, task : str
         values : bool
-            Whether to read the learnt values too, which may be large. Those of a network are its
-            parameters, a dict of arrays for each seed; :meth:`trained` makes networks of them.
+            Whether to read the learnt values too, which may be large; those of a network are a dict
+            of arrays for each seed, of which :meth:`trained` makes networks.
         seeds : collection of int, optional
             Those that are needed; others of their files come too.
 
@@ -329,10 +317,8 @@ class StudyResults:
 
     @property
     def most_bytes(self) -> int:
-        """The size of the snapshots of the largest task that is shown, at most.
-
-        A record may state any size, so the most that a run writes counts too.
-        """
+        """The size of the snapshots of the largest task that is shown, at most."""
+        # A record may state any size, so the most that a run writes counts too.
         pairs = [task.states * task.actions for task in self.record.tasks if task.view is not None]
         stated = HEADERS + FLOAT32 * (self.record.snapshots + 2) * max(pairs, default=0)
         return min(stated, HEADERS + MAX_SNAPSHOT_BYTES)
@@ -347,7 +333,6 @@ class StudyResults:
         arm : str
         curriculum : Curriculum
             That of the arm, such as ``read_study(file).curriculum(arm)``: the folder holds none.
-            Rebuilding its networks needs Stable-Baselines3.
         seeds : sequence of int, optional
             Those that every arm has finished by default.
 
@@ -468,13 +453,13 @@ class StudyResults:
                 read = partial(Level.of_arrays, arrays, not arm.endswith(f", {PLACEBO}"))
                 levels.append(self.store.checked(unit.path, read))
                 seeds += unit.seeds
-        return concatenated_levels(levels).take(np.argsort(seeds)) if levels else None
+        if not levels:
+            return None
+        values = np.concatenate([level.values for level in levels])
+        return replace(levels[0], values=values[np.argsort(seeds)])
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
-        """Return the steps each seed of an arm spent before a task, (K,), seeds ascending.
-
-        By default before its target.
-        """
+        """Return the steps each seed of an arm spent before a task or its target, (K,)."""
         name = self.record.target if task is None else task
         runs = [self._arrays(arm, name, unit, RUN) for unit in self._units(arm, name)]
         seeds, steps = (np.concatenate([r[key] for r in runs]) for key in ("seeds", "source_steps"))
@@ -493,15 +478,16 @@ class StudyResults:
         """Yield a table in parts: of each task of each arm, by seed and step."""
         for arm, task in self.record.keys:
             for units in apart(self._units(arm, task)):
-                part = pa.concat_tables([self._table(name, arm, task, unit) for unit in units])
+                tables = [
+                    pa.table(curve_columns(self._arrays(arm, task, unit, RUN), task))
+                    if name == CURVES
+                    else self.store.decisions(unit)
+                    for unit in units
+                ]
+                part = pa.concat_tables(tables)
                 if len(units) > 1:
                     part = part.sort_by([("seed", "ascending"), ("steps", "ascending")])
                 yield part.add_column(0, "arm", pa.array([arm] * len(part)))
-
-    def _table(self, name: str, arm: str, task: str, unit: StoredUnit) -> pa.Table:
-        if name == CURVES:
-            return pa.table(curve_columns(self._arrays(arm, task, unit, RUN), task))
-        return self.store.decisions(unit)
 
     def write_tables(self) -> None:
         """Write ``results.parquet`` and ``decisions.parquet`` of all units."""
@@ -531,9 +517,8 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Compare the arms of all studies with learning from scratch in the first.
 
     Seeds are those that every arm has finished; arms that failed are left out. While seeds of the
-    plan are missing there is no verdict and no p-value. Where studies gave their arms different
-    totals, all are compared at the smallest, if what was learnt by then does not depend on what
-    came after.
+    plan are missing there is no verdict and no p-value. Different totals are compared at the
+    smallest, if what was learnt by then does not depend on what came after.
 
     Parameters
     ----------
@@ -545,9 +530,8 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     StoreError
         When a study has no scratch baseline, or there is no seed that all have finished.
     CurriculumError
-        When the targets differ as tasks or in how they are learnt; the message names what differs.
-        When an arm had a larger total on which what it learnt depends (a schedule over the budget,
-        a calibration), or took more than the smallest total in its sources.
+        When the targets differ as tasks or in how they are learnt, or an arm had a larger total on
+        which what it learnt depends, or took more than the smallest total in its sources.
     """
     for study in studies:
         if not study.has_baseline:

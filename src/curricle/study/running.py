@@ -5,7 +5,7 @@ import os
 import platform
 import subprocess
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from curricle.checks import BEYOND_64_BITS, whole_number
-from curricle.comparison.plan import Unit, numbered_seeds
-from curricle.comparison.running import Failures, Scheduler
+from curricle.comparison.plan import Failures, Scheduler, Unit, numbered_seeds
 from curricle.curriculum.result import StoredValues, sources_read
 from curricle.errors import SettingError, StoreError
 from curricle.files import Place, place_at
@@ -39,14 +38,15 @@ from curricle.study.results import (
     read_failures,
     write_failures,
 )
-from curricle.study.serialization import SNAPSHOTS, group_of
 from curricle.study.store import (
+    SNAPSHOTS,
     Packing,
     StoredSource,
     StoredUnit,
     StudyStore,
     Taken,
     files_of,
+    group_of,
     holds_study,
     lost_errors,
     pack,
@@ -70,8 +70,7 @@ from curricle.text import counted
 
 # -- What a run finds in its folder: the units that it uses, and why it does not use others --------
 
-Done = dict[str, dict[int, StoredUnit]]
-"""Key -> seed -> unit."""
+Done = dict[str, dict[int, StoredUnit]]  # key -> seed -> unit
 
 
 def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
@@ -90,11 +89,9 @@ def tuned_before(
     *,
     keep_stale: bool,
 ) -> tuple[StudyConfig, Arms]:
-    """Return a study and its arms as a folder says that it was tuned; as they are if it does not.
-
-    A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
-    version aside where stale units are kept. `report` is called with a sentence about a stale one.
-    """
+    """Return a study and its arms as a folder says that it was tuned, if it does."""
+    # A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
+    # version aside where stale units are kept.
     place = place_at(path)
     if study.tune is None or not holds_study(place):
         return study, arms
@@ -113,11 +110,9 @@ def tuned_before(
 
 
 def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:
-    """Return the units that are whole, and a sentence about each task with others.
-
-    Damaged units are deleted if asked for; stale ones stay, and are found again if what they depend
-    on is as it was.
-    """
+    """Return the units that are whole, and a sentence about each task with others."""
+    # Damaged units are deleted if asked for; stale ones stay, and are found again if what they
+    # depend on is as it was.
     damaged = store.damaged_units()
     remarks = [f"{file} is damaged: its units are trained again" for file in damaged]
     if remove_damaged:
@@ -144,24 +139,10 @@ def _stale(arms: Arms, done: Done) -> Iterator[str]:
             yield f"{label}, is stale and {fate}: {why}"
 
 
-def different_versions(runs: Iterable[RunRecord], run: RunRecord) -> Iterator[str]:
-    """Yield a sentence for each library that had another version in earlier runs into a folder."""
-    for library, version in run.versions.items():
-        others = {earlier.versions[library] for earlier in runs if library in earlier.versions} - {
-            version
-        }
-        if others and library != "curricle":
-            yield (
-                f"{library} was {' and '.join(sorted(others))} in earlier runs and is {version}: "
-                "their units are used, and may differ from today's in the last bits"
-            )
-
-
 # -- Running a study: its units on any executor, each stored as soon as it is trained --------------
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
-OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib", "optuna")
-"""Libraries that may be there."""
+OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib", "optuna")  # libraries that may be there
 
 
 def run_study(
@@ -185,52 +166,43 @@ def run_study(
     study : StudyConfig or path
         Or the path of its file.
     path : path or str, optional
-        The folder; made if need be. Or a URL, such as "s3://bucket/study". By default the file's
-        name with "-results", here, as with ``curricle run``.
+        The folder, made if need be, or a URL. By default the file's name with "-results", here.
     resume : bool
-        Whether to go on with what the folder holds. A unit is trained if it is not there, if a file
-        of it is damaged, or if it is stale: there is one of its task, but that depended on other
-        settings, sources or code of the user's own, or on another version of Curricle.
+        Whether to go on with what the folder holds. A unit is trained if it is missing, damaged or
+        stale: it depended on other settings, sources, own code, or another version of Curricle.
     workers : int, optional
-        Threads; as many as there are processors by default, one where a task runs in Python or is
-        learnt by a network (use :class:`WorkerProcesses` for those). Results do not depend on it.
+        Threads; by default one a processor, or one alone where a task runs in Python or is learnt
+        by a network (use :class:`WorkerProcesses` for those). Results do not depend on it.
     executor : concurrent.futures.Executor, optional
-        Trains the units instead; it is not shut down. A unit is a picklable function of picklable
-        data (:func:`train_unit`), so processes and other machines can be used.
+        Trains the units instead, also on other machines; it is not shut down.
     on : str, optional
-        A cluster that trains the units instead: "dask" or "ray", or one that is there, as in
-        "dask://host:8786" or "ray://host:10001". The study's own modules are sent along.
+        A cluster that trains the units instead: "dask", "ray", or one that is there, as in
+        "dask://host:8786". The study's own modules are sent along.
     shard : (int, int)
-        (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` puts the folders
-        together.
+        (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` joins the folders.
     keep_stale : bool
         Whether to use units that are stale because of code or Curricle's version alone.
     trackers : sequence of str or Tracker
-        They get each unit's curves too: "tensorboard", or one's own. One that
-        fails is reported and switched off; it never stops the run.
+        They get each unit's curves too: "tensorboard", or one's own. One that fails is reported.
     report : callable, optional
-        Called with a sentence for each failure of a tracker, and for each task with units that are
-        damaged or stale; printed to stderr by default.
+        Called with a sentence for each failed tracker, and each task with units that are damaged
+        or stale; by default it is printed to stderr.
     progress : bool or callable, optional
-        By default bars for the tasks of each arm, and below them how fast the run goes; a function
-        is called with a :class:`Progress` at the beginning and whenever a unit is stored.
+        By default bars; a function is called with a :class:`Progress` at the beginning and whenever
+        a unit is stored.
 
     Raises
     ------
     ConfigError
-        With all that is wrong in the study's file.
+        With all that is wrong in the study's file, also by Stable-Baselines3.
     StoreError
         When the folder holds something else, is in use, is damaged or cannot be written to;
         LostStoreError where that happens later, and `resume` goes on.
     SettingError
-        When the arms cannot be compared, workers or shard make no sense, a network is to learn
-        and Stable-Baselines3 is not installed, or `on` names no cluster that can be used.
-    ConfigError
-        When Stable-Baselines3 does not accept a learner's settings.
+        When the arms cannot be compared, a setting makes no sense, or a package is missing.
     StudyError
-        When units failed. An arm with one that failed is given up; the others are trained and
-        stored before the error is raised, and :class:`StudyResults` reads them. Without scratch or
-        an executor nothing more is trained.
+        When units failed, after all others are stored but those of arms with one that failed.
+        Without scratch or an executor nothing more is trained.
 
     Examples
     --------
@@ -447,17 +419,23 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
     done, remarks = usable_units(store, arms, remove_damaged=True)
     run = _provenance(study)
     runs = store.runs()
-    for sentence in (*remarks, *different_versions(runs, run)):
+    for library, version in run.versions.items():
+        there = {earlier.versions[library] for earlier in runs if library in earlier.versions}
+        others = sorted(there - {version})
+        if others and library != "curricle":
+            remarks.append(
+                f"{library} was {' and '.join(others)} in earlier runs and is {version}: "
+                "their units are used, and may differ from today's in the last bits"
+            )
+    for sentence in remarks:
         report(sentence)
     store.write_runs([*runs, run])
     return done
 
 
 def _provenance(study: StudyConfig) -> RunRecord:
-    """Return what a run is made with: versions, kind of machine, the study's file and its commit.
-
-    Nothing in it names the machine, its user or a place on its disk: folders are sent to others.
-    """
+    """Return what a run is made with: versions, machine, the study's file and its commit."""
+    # Nothing in it names the machine, its user or a place on its disk: folders are sent to others.
     versions = {name: metadata.version(name) for name in LIBRARIES}
     for name in OPTIONAL:
         with suppress(metadata.PackageNotFoundError):
@@ -507,8 +485,7 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     Raises
     ------
     StoreError
-        When folders hold different studies, or one is damaged or in use; what was merged before is
-        whole then.
+        When folders hold different studies, or one is damaged or in use.
     """
     if isinstance(parts, str | Place):
         raise StoreError(f"folders to merge must be a list: got {str(parts)!r} alone")

@@ -1,11 +1,12 @@
 """The results store: a folder with a description of what its results depend on, and whole files."""
 
 import errno
+import io
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from time import monotonic
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
 from curricle.comparison.plan import Unit, seed_ranges
@@ -39,7 +41,8 @@ from curricle.files import (
     unsealed,
     write_whole,
 )
-from curricle.learning.saved_result import checkpoints_of, values_of
+from curricle.learning.result import LearningResult, joined_results
+from curricle.learning.saved_result import Arrays, arrays_of, checkpoints_of, values_of
 from curricle.study.dependencies import differences, shown
 from curricle.study.record import (
     CurriculaRecord,
@@ -50,19 +53,6 @@ from curricle.study.record import (
     read_record,
 )
 from curricle.study.schema import seeds_in_ranges
-from curricle.study.serialization import (
-    DECISION_SCHEMA,
-    GROUPS,
-    RUN,
-    SNAPSHOTS,
-    VALUES,
-    UnitResult,
-    as_parquet,
-    group_of,
-    joined_units,
-    of_seeds,
-    read_parquet,
-)
 from curricle.tasks.mdp import generative_model
 from curricle.text import counted
 
@@ -70,17 +60,13 @@ from curricle.text import counted
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
 UNITS = "units"
-PATIENCE = 0.3
-"""Seconds in which a lock is asked for: whoever looks whether it is held has it for a moment."""
-CHECKPOINTS = ".checkpoints"
-"""Where networks in training are saved, to go on from."""
+PATIENCE = 0.3  # seconds for a lock: whoever looks whether it is held has it for a moment
+CHECKPOINTS = ".checkpoints"  # where networks in training are saved, to go on from
 
 
 def check_ours(path: Place, resume: bool) -> None:
-    """Raise StoreError if a path is a file, or a folder that holds other things than results.
-
-    A folder in it that is a link is refused: what is damaged there would be deleted.
-    """
+    """Raise StoreError if a path is a file, or a folder that holds other things than results."""
+    # A folder in it that is a link is refused: what is damaged there would be deleted.
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
     for entry in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
@@ -95,11 +81,9 @@ def check_ours(path: Place, resume: bool) -> None:
 
 @contextmanager
 def locked(path: Place) -> Iterator[None]:
-    """Lock a folder, made if need be, against other processes; StoreError when one holds it.
-
-    The lock ends with the process, also when it is killed. There is none at a URL: two runs that
-    write there store the same units, so that the last of each stays.
-    """
+    """Lock a folder, made if need be, against other processes; StoreError when one holds it."""
+    # The lock ends with the process, also when it is killed. There is none at a URL: two runs that
+    # write there store the same units, so that the last of each stays.
     if not isinstance(path, Path):
         yield
         return
@@ -178,24 +162,138 @@ def lost_errors() -> Iterator[None]:
         raise
 
 
+# -- The arrays of a unit: by group, of some seeds, of several units as one; and its tables --------
+
+RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"  # groups of arrays
+
+DECISION_SCHEMA = {
+    "task": "string",
+    "seed": "int64",
+    "steps": "int64",
+    "ends": "bool",
+    "criterion": "string",
+    **dict.fromkeys(("lowest", "level", "rise", "plateau"), "double"),
+    "reason": "string",
+}
+"""Columns of a unit's decisions, and their types."""
+OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")  # an array of one seed, by its row
+OF_UNITS = ("source_steps", "scale", "refusal", "level", "level_base")
+"""Arrays by seed that a unit has beside those of its result: two if it was calibrated, two if it is
+a control that knows nothing."""
+LARGEST_TABLE = 2**28  # bytes of a table at most
+
+
+class UnitResult(NamedTuple):
+    """What training a unit returns."""
+
+    arrays: Arrays  # those of the `LearningResult` (`arrays_of`), and `OF_UNITS`
+    decisions: pa.Table
+    """Why each seed went on or stopped, a row a checkpoint, of `DECISION_SCHEMA`."""
+
+
+def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of some seeds; snapshots stay if their seed, the first, is one of them."""
+    rows = np.flatnonzero(np.isin(arrays["seeds"], list(seeds))).tolist()
+    kept = dict[str, npt.NDArray[Any]]()
+    for name, array in arrays.items():
+        of_seed = OF_A_SEED.fullmatch(name)
+        of_first = name.startswith("snapshot_")
+        if of_seed and int(of_seed[2]) in rows:
+            kept[f"{of_seed[1]}_{rows.index(int(of_seed[2]))}{of_seed[3] or ''}"] = array
+        elif name == "steps" or (of_first and 0 in rows):
+            kept[name] = array
+        elif not of_seed and not of_first:
+            kept[name] = array[rows]
+    return kept
+
+
+def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
+    """Return the results of several units of a task as that of one, seeds ascending."""
+    # How the units were grouped does not change a byte.
+    if len(parts) == 1:
+        return parts[0]
+    parts = sorted(parts, key=lambda part: part.arrays["seeds"][0])
+    whole = joined_results([LearningResult.of_arrays(part.arrays) for part in parts])
+    if whole.snapshots is not None and whole.snapshots.seed != whole.seeds[0]:
+        whole = replace(whole, snapshots=None)
+    arrays = arrays_of(whole)
+    order = np.argsort(np.concatenate([part.arrays["seeds"] for part in parts]))
+    for name in OF_UNITS:
+        if name in parts[0].arrays:
+            arrays[name] = np.concatenate([part.arrays[name] for part in parts])[order]
+    decisions = pa.concat_tables([part.decisions for part in parts])
+    ascending = pc.sort_indices(decisions, [("seed", "ascending")])  # stable
+    return UnitResult(arrays, decisions.take(ascending))
+
+
+def group_of(name: str) -> str:
+    """Return the group of an array by its name: run, values, snapshots, ..."""
+    if name.startswith("snapshot_"):
+        return SNAPSHOTS
+    return VALUES if re.match(r"values|states", name) else RUN
+
+
+def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Table:
+    """Return a Parquet table of `most` rows at most; ValueError if its columns are others."""
+    # A text that rows share is stored once, so a small file may have large columns: they are
+    # measured before they are made.
+    texts = [name for name, kind in schema.items() if kind == "string"]
+    try:
+        with pq.ParquetFile(io.BytesIO(content)) as file:
+            columns = {field.name: str(field.type) for field in file.schema_arrow}
+        if columns != schema:
+            raise ValueError(f"it must have the columns {', '.join(schema)}")
+        with pq.ParquetFile(io.BytesIO(content), read_dictionary=texts) as file:
+            about = file.metadata
+            groups = [about.row_group(n) for n in range(about.num_row_groups)]
+            chunks = [group.column(n) for group in groups for n in range(group.num_columns)]
+            rows = sum(group.num_rows for group in groups)
+            size = sum(group.total_byte_size for group in groups)
+            if not about.num_rows == rows <= most or size > LARGEST_TABLE:
+                raise ValueError(
+                    f"it must have at most {most:,} rows and {LARGEST_TABLE:,} bytes: got {rows:,} "
+                    f"and {size:,}"
+                )
+            if not {chunk.compression for chunk in chunks} <= {"SNAPPY", "UNCOMPRESSED"}:
+                raise ValueError("it must be compressed by SNAPPY")  # others unpack a thousandfold
+            table = file.read()
+        if any(column.null_count for column in table.columns):
+            raise ValueError("it must have a value in each row of each column")
+        if (size := sum(_text_size(table[name]) for name in texts)) > LARGEST_TABLE:
+            raise ValueError(f"its texts must have at most {LARGEST_TABLE:,} bytes, not {size:,}")
+        return table.cast(pa.schema(schema.items()))
+    except (pa.ArrowException, OSError, MemoryError) as error:
+        raise ValueError(f"it is no table: {error}") from None
+
+
+def _text_size(column: pa.ChunkedArray) -> int:
+    """Return the bytes of all texts of a dictionary-encoded column."""
+    return sum(
+        int(
+            np.asarray(pc.binary_length(chunk.dictionary))[np.asarray(chunk.indices)].sum(dtype=int)
+        )
+        for chunk in column.chunks
+    )
+
+
+def as_parquet(table: pa.Table) -> bytes:
+    """Return a table as the content of a Parquet file."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink)
+    return bytes(sink.getvalue().to_pybytes())
+
+
 # -- The file of a unit: a sealed archive of its arrays that says what it is of --------------------
 
-NamedArrays = dict[str, npt.NDArray[Any]]
-"""Arrays by name."""
-ABOUT, DECISIONS = "unit.json", "decisions.parquet"
-"""Members of the archive beside its arrays."""
+NamedArrays = dict[str, npt.NDArray[Any]]  # arrays by name
+ABOUT, DECISIONS = "unit.json", "decisions.parquet"  # members of the archive beside its arrays
 ENDING = ".npz"
-LARGEST_ABOUT = 2**24
-"""Bytes of ``unit.json`` at most: one of 100,000 seeds has a twentieth of that."""
-LONGEST_NAME, KEPT = 200, 40
-"""Characters of a unit's name, and those that are kept of a longer one."""
+LARGEST_ABOUT = 2**24  # bytes of unit.json at most: one of 100,000 seeds has a twentieth of that
+LONGEST_NAME, KEPT = 200, 40  # characters of a unit's name, and those that are kept of a longer one
 
 
 def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
-    """Return the content of a unit's file; equal results have equal bytes.
-
-    Snapshots are compressed, other arrays are not.
-    """
+    """Return the content of a unit's file; equal results have equal bytes."""
     arrays = result.arrays.items()
     ordered = {name: array for group in GROUPS for name, array in arrays if group_of(name) == group}
     others = {
@@ -215,10 +313,7 @@ def about_in(archive: ArrayArchive) -> UnitRecord:
 
 
 def groups_in(archive: ArrayArchive, groups: Collection[str], most: int | None) -> NamedArrays:
-    """Return the arrays of some groups in a unit's file, without pickles.
-
-    Snapshots may unpack to `most` bytes, and nothing else is compressed; ValueError otherwise.
-    """
+    """Return the arrays of some groups in a unit's file, without pickles."""
     names = [name for name in archive.names if group_of(name) in groups]
     return archive.read(*names, compressed=_snapshots_of(names), most=most)
 
@@ -249,8 +344,7 @@ def place_of(key: str, task: str, seeds: str) -> str:
 MOST_KEPT = 2**28
 """Bytes of curves and decisions that are kept of files that were read as a whole: so a run of a
 finished study reads each once."""
-SCHEMA_VERSION = 3
-"""Of the folder's layout; a folder of another version is refused."""
+SCHEMA_VERSION = 3  # of the folder's layout; a folder of another version is refused
 LARGEST_JSON = 2**24
 """Bytes of a JSON file at most: in memory they are up to 25 times as many. A study of 100,000 seeds
 has a twentieth."""
@@ -300,10 +394,7 @@ def read_unit(path: Place, read: Callable[[ArrayArchive], Result]) -> Result:
 
 
 def arrays_in(stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
-    """Return the arrays of some groups, such as ``run``, that a unit has.
-
-    Snapshots may unpack to `most` bytes; StoreError names a file where they have more.
-    """
+    """Return the arrays of some groups, such as ``run``, that a unit has."""
     return read_unit(stored.path, lambda archive: groups_in(archive, groups, most))
 
 
@@ -344,9 +435,8 @@ def damage(file: Place) -> StoreError:
 class StudyStore:
     """A folder of results and their description.
 
-    Every file is written beside its place and moved there when it is complete and on disk, so that
-    a run killed at any moment leaves whole files and whole units only. At a URL nothing is moved:
-    checksums tell what is whole.
+    Every file is moved to its place when it is complete and on disk, so that a killed run leaves
+    whole files only. At a URL nothing is moved: checksums tell what is whole.
 
     Parameters
     ----------
@@ -413,8 +503,6 @@ class StudyStore:
     ) -> Iterator["StudyStore"]:
         """Open a folder for results, made if need be, and lock it against other processes.
 
-        The lock is released when the process ends, also when it is killed.
-
         Parameters
         ----------
         path : path
@@ -424,7 +512,7 @@ class StudyStore:
             Whether the folder may hold units already.
         check : bool
             Whether to refuse results of another description. A study needs no such check, since
-            each unit says what it depends on: its description replaces that of an earlier one.
+            each unit says what it depends on.
 
         Raises
         ------
@@ -566,10 +654,8 @@ class StudyStore:
         return [stored.path for stored in self.units() if not self.is_whole(stored)]
 
     def is_whole(self, stored: StoredUnit) -> bool:
-        """Return whether a unit is as it was stored; StoreError where it cannot be read.
-
-        A file system that does not answer damages nothing: what is damaged is deleted.
-        """
+        """Return whether a unit is as it was stored; StoreError where it cannot be read."""
+        # A file system that does not answer damages nothing: what is damaged is deleted.
         try:
             with read_errors(stored.path), opened_archive(stored.path, whole=True) as archive:
                 if not stored.is_place_of(about_in(archive)):
@@ -617,10 +703,7 @@ class StudyStore:
     def result(
         self, stored: StoredUnit, seeds: Collection[int], most: int | None = None
     ) -> UnitResult:
-        """Return the result of some of a unit's seeds; StoreError if any of it is damaged.
-
-        `most` is as in :meth:`arrays`.
-        """
+        """Return the result of some of a unit's seeds; StoreError if any of it is damaged."""
         if not self.is_whole(stored):
             raise damage(stored.path)
 
@@ -638,10 +721,8 @@ class StudyStore:
 class StoredSource(NamedTuple):
     """What the seeds of a unit learnt in a source, where it is stored."""
 
-    units: Mapping[int, StoredUnit]
-    """By seed."""
-    read: bool
-    """Whether its values are needed."""
+    units: Mapping[int, StoredUnit]  # by seed
+    read: bool  # whether its values are needed
 
 
 def stored_values(
@@ -651,10 +732,7 @@ def stored_values(
     *,
     read: bool,
 ) -> StoredValues:
-    """Return what seeds learnt in a task, its values only if they are to be `read`.
-
-    `arrays_of` is as :meth:`StudyStore.arrays`, and `done` has the unit that holds each seed.
-    """
+    """Return what seeds learnt in a task, its values only if they are to be `read`."""
     units = {done[seed].path: done[seed] for seed in seeds}
     names = (RUN, VALUES) if read else (RUN,)
     arrays = {path: arrays_of(stored, *names) for path, stored in units.items()}
@@ -674,28 +752,18 @@ def stored_values(
 # second are written together, and a file holds a block of seeds in the end. What the folder holds
 # after a run does not depend on when its units ended: each block is one file then.
 
-FULL = 2**22
-"""Bytes of a file of several units, about: it is read in some milliseconds."""
-NUMBER, TABLES, CURVES = 8, 2, 5
-"""Bytes of a number, and how many a seed has for each pair (S x A) and for each checkpoint."""
-BETWEEN = 1.0
-"""Seconds between two writes, while small units end faster: as much as a killed run repeats."""
-MOST_FILES = 32
-"""Of a block of seeds until they are merged during a run."""
-REMEMBERED = 8
-"""Files of several units whose arrays are kept: more of their seeds are asked for next."""
+FULL = 2**22  # bytes of a file of several units, about: it is read in some milliseconds
+NUMBER, TABLES, CURVES = 8, 2, 5  # bytes of a number; numbers a pair (S x A) and a checkpoint
+BETWEEN = 1.0  # seconds between two writes of small units: as much as a killed run repeats
+MOST_FILES = 32  # of a block of seeds until they are merged during a run
+REMEMBERED = 8  # files of several units whose arrays are kept: more seeds are asked for next
 
-Block = tuple[str, int]
-"""A unit's key, and the number of its block of seeds."""
-Taken = tuple[Unit, UnitResult | StoredUnit]
-"""A unit, and its result or the file to which its worker has written it."""
+Block = tuple[str, int]  # a unit's key, and the number of its block of seeds
+Taken = tuple[Unit, UnitResult | StoredUnit]  # or its worker's file
 
 
 def seeds_per_file(node: Node) -> int:
-    """Return how many seeds of a task a file holds; 1 for networks and large tables.
-
-    It depends on the study alone: on the pairs (S x A) of the task and its checkpoints.
-    """
+    """Return how many seeds of a task a file holds; 1 for networks and large tables."""
     return 1 if node.deep else max(1, FULL // bytes_a_seed(node))
 
 
@@ -714,10 +782,7 @@ def files_of(record: CurriculaRecord) -> dict[str, int]:
 
 
 class Packing:
-    """The units of a run on their way into files.
-
-    `done`, key -> seed -> unit, gets those that are stored; `per_file` is as :func:`files_of`.
-    """
+    """The units of a run on their way into files."""
 
     def __init__(
         self,
@@ -728,8 +793,7 @@ class Packing:
         self.store, self.done, self.per_file = store, done, per_file
         self._waiting = dict[Block, list[tuple[Unit, UnitResult]]]()
         self._receipts = list[tuple[Unit, StoredUnit]]()
-        self._files = dict[Block, list[StoredUnit]]()
-        """Those that this run has written."""
+        self._files = dict[Block, list[StoredUnit]]()  # those that this run has written
         self._large = False
         self._written = -BETWEEN
         self._remembered = lru_cache(REMEMBERED)(store.arrays)
@@ -773,19 +837,16 @@ class Packing:
         for block, taken in waiting.items():
             unit = taken[0][0]
             result = joined_units([result for _, result in taken])
-            self._store(block, unit, result)
+            files = self._files.setdefault(block, [])
+            files.append(self.store.write_unit(unit, result))
+            if len(files) > MOST_FILES:
+                files[:] = [merged_files(self.store, files)]
+            self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))
         self._written = monotonic()
         return [*receipts, *(result for taken in waiting.values() for result in taken)]
 
     def __bool__(self) -> bool:
         return bool(self._waiting or self._receipts)
-
-    def _store(self, block: Block, unit: Unit, result: UnitResult) -> None:
-        files = self._files.setdefault(block, [])
-        files.append(self.store.write_unit(unit, result))
-        if len(files) > MOST_FILES:
-            files[:] = [merged_files(self.store, files)]
-        self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))
 
 
 def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
@@ -800,10 +861,8 @@ def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
 
 
 def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
-    """Write the units of some files of a block as one, delete the others and return it.
-
-    A seed that several have, as after a run that was killed here, is taken once.
-    """
+    """Write the units of some files of a block as one, delete the others and return it."""
+    # A seed that several have, as after a run that was killed here, is taken once.
     parts, taken = list[UnitResult](), set[int]()
     for file in files:
         if new := set(file.seeds) - taken:

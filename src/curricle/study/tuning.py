@@ -23,8 +23,7 @@ from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
 from curricle.study.dependencies import Dependencies, key_of, settings_key_of
 from curricle.study.record import Count, CurriculaRecord, Plain
-from curricle.study.serialization import RUN, of_seeds
-from curricle.study.store import StoredUnit, StudyStore
+from curricle.study.store import RUN, StoredUnit, StudyStore, of_seeds
 from curricle.study.vary import RangeTable, Tuning, value_text, with_values
 from curricle.text import counted
 

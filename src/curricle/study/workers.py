@@ -119,10 +119,8 @@ def start_tracker() -> None:
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Block SIGINT in this thread, and for good in processes that it starts meanwhile.
-
-    A terminal sends SIGINT to a new process too, before that could say that it ignores it.
-    """
+    """Block SIGINT in this thread, and for good in processes that it starts meanwhile."""
+    # A terminal sends SIGINT to a new process too, before that could say that it ignores it.
     if not POSIX:
         yield
         return
@@ -134,11 +132,9 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """Ignore interrupts, and end this process when the one that started it is gone.
-
-    A thread waits for that; compiled loops release the GIL, so they do not keep it from running.
-    It is what ends workers where there is no reaper.
-    """
+    """Ignore interrupts, and end this process when the one that started it is gone."""
+    # A thread waits for that; compiled loops release the GIL, so they do not keep it from running.
+    # It is what ends workers where there is no reaper.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:

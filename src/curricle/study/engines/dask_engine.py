@@ -15,15 +15,11 @@ from curricle.study.workers import POSIX, interrupts_blocked, start_tracker
 
 LOGGERS = [logging.getLogger(name) for name in ("distributed", "distributed.client", "asyncio")]
 """Dask gives the second its own level; the third logs tasks that a lost scheduler ended."""
-REACHED_IN = 10
-"""Seconds in which a scheduler must answer."""
+REACHED_IN = 10  # seconds in which a scheduler must answer
 
 
 class DaskEngine(Engine):
-    """A Dask cluster through its client.
-
-    `cluster` is one that was started here.
-    """
+    """A Dask cluster through its client."""
 
     def __init__(self, client: Client, cluster: LocalCluster | None):
         self.client, self.cluster = client, cluster
@@ -42,10 +38,8 @@ class DaskEngine(Engine):
         return asyncio.run_coroutine_threadsafe(self._outcome(there), loop)
 
     async def _outcome(self, there: Any) -> Any:
-        """Return what a call returns, also where its first result was lost with its worker.
-
-        Dask's own executor never ends the future of a call that then raises.
-        """
+        """Return what a call returns, also where its first result was lost with its worker."""
+        # Dask's own executor never ends the future of a call that then raises.
         try:
             return await self.client.gather(there, asynchronous=True)
         except asyncio.CancelledError:  # here
@@ -73,11 +67,9 @@ class DaskEngine(Engine):
             self.repeated += len(gone.intersection(self.client.futures))
 
     def close(self, whole: bool) -> None:
-        """Leave the scheduler, which forgets what was not begun; end a cluster started here.
-
-        Dask logs again unless the run was interrupted or its scheduler is lost: Dask's threads log
-        that for some time after this.
-        """
+        """Leave the scheduler, which forgets what was not begun; end a cluster started here."""
+        # Dask logs again unless the run was interrupted or its scheduler is lost: Dask's threads
+        # log that for some time after this.
         host, _, port = self.client.scheduler.address.rpartition("://")[2].rpartition(":")
         whole = whole and self.client.status == "running" and answers(host, int(port))
         with suppress(Exception):  # a scheduler that is gone cannot be left

@@ -24,9 +24,9 @@ from curricle.errors import CurricleError, EngineError, ForeignError, SettingErr
 from curricle.files import Place, RemotePath, remove_folder
 from curricle.study.arms import Arms, UnitInput, train_unit
 from curricle.study.own_code import PACKAGES, own_files
-from curricle.study.serialization import UnitResult
 from curricle.study.store import (
     StoredUnit,
+    UnitResult,
     arrays_in,
     lost_errors,
     stored_values,
@@ -35,18 +35,15 @@ from curricle.study.store import (
 
 # -- What a worker on another machine does: take the study's own modules, and train a unit ---------
 
-FOLDERS = dict[str, Path]()
-"""The folders of modules that this process has written, by a digest of their files."""
+FOLDERS = dict[str, Path]()  # of modules that this process has written, by their digest
 WRITING, LIVE = Lock(), Lock()
 Result = TypeVar("Result")
 
 
 def called(function: Callable[[Any], Result], argument: Any) -> Result:
-    """Return what a function returns; what it raises can be read in another process.
-
-    Errors of classes in the study's own modules, and those that do not survive pickling, become a
-    ForeignError in the same words. A note has the traceback.
-    """
+    """Return what a function returns; what it raises can be read in another process."""
+    # Errors of classes in the study's own modules, and those that do not survive pickling, become a
+    # ForeignError in the same words. A note has the traceback.
     try:
         return function(argument)
     except Exception as error:
@@ -58,7 +55,14 @@ def _sendable(error: Exception) -> Exception:
     """Return an error, or one in the same words that can be sent, without the errors before it."""
     text = "".join(traceback.format_exception(error))
     error.__cause__ = error.__context__ = error.__traceback__ = None
-    if not _survives(error):
+    try:  # whether a process without the study's own modules reads the error as it is
+        content = pickle.dumps(error)
+        again = pickle.loads(content)
+        same = type(again) is type(error) and str(again) == str(error)
+        survives = same and PACKAGES.encode() not in content
+    except Exception:  # whatever a class's own methods raise
+        survives = False
+    if not survives:
         kind: type[Exception] = ForeignError
         if isinstance(error, CurricleError):  # its class is the user's own, below one of ours
             ours = CurricleError.__module__
@@ -68,28 +72,13 @@ def _sendable(error: Exception) -> Exception:
     return error
 
 
-def _survives(error: Exception) -> bool:
-    """Return whether a process without the study's own modules reads an error as it is."""
-    try:
-        content = pickle.dumps(error)
-        again = pickle.loads(content)
-    except Exception:  # whatever a class's own methods raise
-        return False
-    same = type(again) is type(error) and str(again) == str(error)
-    return same and PACKAGES.encode() not in content
-
-
 def train_apart(sent: UnitInput) -> UnitResult:
     """Return what a unit's seeds learn; what it raises can be sent from this process."""
     return called(train_unit, sent)
 
 
 def train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
-    """Return what a unit's seeds learn, or the file that it is written to.
-
-    EngineError where versions differ from those of the run; LostStoreError where sources cannot be
-    read at the study's URL, or the result cannot be written there.
-    """
+    """Return what a unit's seeds learn, or the file that it is written to."""
     return called(_train_sent, sent)
 
 
@@ -112,10 +101,8 @@ def _train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
 
 
 def versions_here() -> dict[str, str]:
-    """Return the versions that must be equal everywhere.
-
-    Of Python these are the first two numbers: the third changes no result.
-    """
+    """Return the versions that must be equal everywhere."""
+    # Of Python these are the first two numbers: the third changes no result.
     versions = {name: metadata.version(name) for name in ("curricle", "numba")}
     return {**versions, "Python": ".".join(platform.python_version_tuple()[:2])}
 
@@ -129,10 +116,8 @@ def difference(here: Mapping[str, str], there: Mapping[str, str]) -> str:
 
 
 def written(files: Mapping[str, bytes]) -> Path:
-    """Return a folder with these files, written once in a process and removed when it ends.
-
-    It has a name of its own: in one that others could guess they could put code.
-    """
+    """Return a folder with these files, written once in a process and removed when it ends."""
+    # It has a name of its own: in one that others could guess they could put code.
     named = {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
     digest = hashlib.sha256(json.dumps(named).encode()).hexdigest()
     with WRITING:
@@ -149,8 +134,7 @@ def written(files: Mapping[str, bytes]) -> Path:
 
 # -- What trains units: threads, processes, any executor, or an engine on other machines -----------
 
-ANSWERS_IN = 10
-"""Seconds in which a scheduler or a head must take a connection."""
+ANSWERS_IN = 10  # seconds in which a scheduler or a head must take a connection
 
 
 @dataclass(frozen=True)
@@ -190,20 +174,13 @@ class ExecutorWorkers:
 class Engine(ABC):
     """A cluster that trains units: it calls functions, and repeats those whose machine died."""
 
-    on = ""
-    """The word for it."""
-    link: str | None = None
-    """Of its own page, if there is one."""
-    repeated = 0
-    """How many calls were begun again so far, as a worker died."""
-    share_folders = False
-    """Whether it was started here, so that its workers see the folders of this machine."""
-    files: Mapping[str, bytes]
-    """The study's own modules; they are small, so that each unit carries them."""
-    versions: Mapping[str, str]
-    """Those that each worker must have."""
-    live: bool
-    """Whether a unit needs its process for itself (:attr:`Arms.live`)."""
+    on = ""  # the word for it
+    link: str | None = None  # of its own page, if there is one
+    repeated = 0  # how many calls were begun again so far, as a worker died
+    share_folders = False  # whether it was started here and sees our folders
+    files: Mapping[str, bytes]  # the own modules; each unit carries them
+    versions: Mapping[str, str]  # those that each worker must have
+    live: bool  # whether a unit needs its process for itself (`Arms.live`)
     _number = 1
 
     @abstractmethod
@@ -216,21 +193,16 @@ class Engine(ABC):
 
     @abstractmethod
     def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return what a call returns on every machine or worker, or its exception, by name.
-
-        Those that leave meanwhile are left out.
-        """
+        """Return what a call returns on every machine or worker, or its exception, by name."""
 
     @abstractmethod
     def close(self, whole: bool) -> None:
         """Leave the engine; one that was started here ends. `whole`: nothing was interrupted."""
 
     def carry(self, all_arms: Sequence[Arms], folder: Path) -> None:
-        """Send the own modules of a study in a folder along with the units of all its arms.
-
-        Modules elsewhere on Python's path are not sent: workers import their own, which must be the
-        same (:func:`arms_from_json`).
-        """
+        """Send the own modules of a study in a folder along with the units of all its arms."""
+        # Modules elsewhere on Python's path are not sent: workers import their own, which must be
+        # the same (`arms_from_json`).
         files = own_files([list(arms.dependencies.values()) for arms in all_arms], folder)
         root = folder.resolve()
         self.files = {
@@ -251,10 +223,7 @@ class Engine(ABC):
             return failed(self.lost(f" ({type(error).__name__}: {error})"))
 
     def number(self) -> int:
-        """Return how many workers there are; the last number where the cluster does not answer.
-
-        Its futures say that it is lost.
-        """
+        """Return how many workers there are; the last number where the cluster does not answer."""
         with suppress(Exception):
             self._number = self.count()
         return self._number
@@ -264,8 +233,7 @@ class Engine(ABC):
         return EngineError(f"{self.on} was lost or cancelled it{why}: go on with --resume")
 
 
-Workers = ExecutorWorkers | Engine
-"""What the units of a study are sent to."""
+Workers = ExecutorWorkers | Engine  # what the units of a study are sent to
 
 
 def answers(host: str, port: int) -> bool:
@@ -304,11 +272,7 @@ def parsed(on: str) -> tuple[str, str | None]:
 
 @contextmanager
 def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
-    """Give the engine that a word names, its workers compared with this machine; close it then.
-
-    One that is started here has so many `workers`. SettingError when the word names none, its
-    package is not installed, nothing answers at the address, or a worker has other versions.
-    """
+    """Give the engine that a word names, its workers compared with this machine; close it then."""
     name, address = parsed(on)
     if address is not None and workers is not None:
         raise SettingError(f"{on} has workers of its own: workers={workers} is for dask or ray")

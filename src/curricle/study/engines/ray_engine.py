@@ -18,19 +18,16 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 from curricle.errors import EngineError
 from curricle.study.engines.engine import Engine, answers
 
-ASKED = 60
-"""Seconds in which each machine must answer; it starts a process first."""
-ASKED_AGAIN, PAUSE = 3, 2.0
-"""How often a head that turns a client away is asked again, and after how many seconds."""
+ASKED = 60  # seconds in which each machine must answer; it starts a process first
+ASKED_AGAIN, PAUSE = 3, 2.0  # how often a head that turns us away is asked, and seconds between
 
 
 class RayEngine(Engine):
-    """A Ray cluster that this process is connected to, maybe of several machines.
+    """A Ray cluster that this process is connected to, maybe of several machines."""
 
-    A connection to its `head`, (host, port), tells whether it is lost: Ray itself raises nothing
-    and ends this process after a minute, and its client tries for half a minute. A connection that
-    was made here `ends` here.
-    """
+    # A connection to its `head`, (host, port), tells whether it is lost: Ray itself raises nothing
+    # and ends this process after a minute, and its client tries for half a minute. A connection
+    # that was made here `ends` here.
 
     def __init__(self, link: str | None, head: tuple[str, int], ends: bool):
         self.link, self.head, self.ends = link, head, ends
@@ -96,7 +93,12 @@ class RayEngine(Engine):
             at = NodeAffinitySchedulingStrategy(node, soft=False)
             call = ray.remote(function).options(num_cpus=0, scheduling_strategy=at)
             asked[name] = call.remote()
-        found = {name: _answer(reference) for name, reference in asked.items()}
+        found = dict[str, Any]()
+        for name, reference in asked.items():
+            try:
+                found[name] = ray.get(reference, timeout=ASKED)
+            except Exception as error:
+                found[name] = getattr(error, "cause", None) or error
         there = _alive()
         return {name: answer for name, answer in found.items() if name in there}
 
@@ -125,14 +127,6 @@ def _alive() -> dict[str, str]:
         for node in ray.nodes()
         if node["Alive"]
     }
-
-
-def _answer(reference: Any) -> Any:
-    """Return what a call returned, or its exception."""
-    try:
-        return ray.get(reference, timeout=ASKED)
-    except Exception as error:
-        return getattr(error, "cause", None) or error
 
 
 def _connected(where: Mapping[str, Any]) -> Any:
