@@ -98,8 +98,8 @@ MUTATIONS = [
     Mutation(
         "truncation treated as termination",
         "learning/general_loop.py",
-        "        if not terminated:\n            if looks_ahead",
-        "        if not terminated and length < limit:\n            if looks_ahead",
+        "            if not terminated:\n                if looks_ahead",
+        "            if not terminated and length < course.limit:\n                if looks_ahead",
         ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
     ),
     Mutation(
@@ -112,14 +112,14 @@ MUTATIONS = [
     Mutation(
         "ties of the general loop drawn at once",
         "learning/general_loop.py",
-        "tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)",
+        "tie = learners.ties[state] if learners.ties.shape[0] > 0 else splitmix64(counter)",
         "tie = splitmix64(counter)",
         ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
     ),
     Mutation(
         "a tie never drawn again",
         "learning/general_loop.py",
-        "return max(old, new) >= highest(values, 0)",
+        "return (old if old > new else new) >= highest(values, ONLY_ROW)",
         "return False",
         ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
     ),
@@ -135,8 +135,8 @@ MUTATIONS = [
     Mutation(
         "sign of the shaping term",
         "learning/general_loop.py",
-        "return discount * there - here, there",
-        "return here - discount * there, there",
+        "return discount * there - carried[learner], there",
+        "return carried[learner] - discount * there, there",
         (
             "tests/unit/test_published_mistakes.py::test_a_cut_episode_keeps_the_potential_of_its_last_state",
             "tests/property/test_theorems.py::test_learnt_shaping_rewards_sum_to_nothing_but_the_start",

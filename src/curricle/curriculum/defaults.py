@@ -5,8 +5,7 @@ from typing import Any
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import WeightTransfer
 from curricle.learning.guard import Guard
-from curricle.learning.learners import Learner, QLearning
-from curricle.learning.optimistic_learning import OptimisticQLearning
+from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import SETTLED, Budget, Episodes, StoppingRule, limits
 from curricle.learning.storage import Storage

@@ -16,6 +16,7 @@ from curricle.frozen_arrays import Frozen, frozen
 from curricle.learning.potential import MappedPotential, StateActionPotential
 from curricle.learning.value_lookup import ValueLookup, read_row
 from curricle.planning.greedy import (
+    ONLY_ROW,
     Values,
     acting_row,
     acting_rows,
@@ -55,7 +56,7 @@ def _looked_up_row(view, state, out):
 @greedy_actions.body(LookedUp)
 def _greedy_looked_up(view, state, bits):
     acting_row(view, state, view.values)
-    return best_of(view.values, 0, bits)[1]
+    return best_of(view.values, ONLY_ROW, bits)[1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,10 @@ value was lowered. Most steps scan no row: several times faster than the general
 import numpy as np
 
 from curricle.learning.exploration import act
-from curricle.learning.general_loop import warm_up_checkpoints, write_checkpoint
+from curricle.learning.general_loop import note_all
 from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import rate_of
-from curricle.learning.tables import find_row_maxima, is_full, row_of
+from curricle.learning.storage import find_row_maxima, is_full, row_of
 from curricle.planning.greedy import TIED, best_of
 from curricle.planning.policy_evaluation import SLICE, greedy_return
 from curricle.tasks.draws import STRIDE, splitmix64
@@ -46,40 +46,53 @@ def update(q, best, greedy, row, change):
     set_value(q, best, greedy, row, action, old + rate * (target - old), bits)
 
 
-def train_q_learning(
-    model, horizon, rule, table, evaluation, stream, used, budget, eval_freq, record
-):
-    """Learn in place on `table`, fill `record`, return the steps and episodes done.
+def train_q_learning(model, rule, table, course):
+    """Learn in place on `table`, fill the record, return the steps and episodes done.
 
-    `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `used` the warm-up, `budget` the :class:`Bounds`, `eval_freq` the steps between checkpoints
-    (checkpoint 0 is before the first step). A full table ends the run before the step that needs
-    another row.
+    A full table ends the run before the step that needs another row.
+    """
+    return learn_fast(model, rule, table, course)
+
+
+@inlined  # so that no reference to an array is counted, which takes time to run and to compile
+def learn_fast(model, rule, table, course):
+    """Do what :func:`train_q_learning` says.
 
     Rows of a far table arrive late from memory. There the update of a step is made during the next
-    one, before anything it changes is read, so that results are the same. Arrays are taken out of
-    their tuples before the loop, where each access would count a reference.
+    one, before anything it changes is read, so that results are the same.
     """
     q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
-    real, limit = q.dtype.type, horizon[1]
-    discount, far = real(horizon[0]), len(table.far) > 0
+    real, limit, eval_freq = q.dtype.type, course.limit, course.eval_freq
+    discount, far, record, budget = (
+        real(course.discount),
+        len(table.far) > 0,
+        course.record,
+        course.bounds,
+    )
     find_row_maxima(table)
-    step, episodes, ended, ended_return = used
-    value = greedy_return(evaluation, model, table) if step > 0 else np.nan
-    checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q, q)
-    episode_return, counter = 0.0, stream[0] + STRIDE
+    step, episodes, ended, ended_return = course.used
+    early, checkpoint = step > 0, np.int64(0)  # a literal would be a type of its own
+    episode_return, counter = 0.0, course.stream + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)
     pending, pending_change = NO_ROW, (np.uint64(0), real(0.0), real(0.0), np.uint64(0))
     while True:
-        if step == checkpoint * eval_freq:
-            so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, table)
-            if write_checkpoint(record, checkpoint, so_far, q, q, budget.stopping):
+        if early or step == checkpoint * eval_freq:
+            value = greedy_return(course.evaluation, model, table)
+            so_far = step, episodes, ended, ended_return, value, np.nan
+            checkpoint, ends = note_all(course, early, checkpoint, so_far, q, q)
+            if ends:
                 return step, episodes
-            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
+            if early:
+                early = False
+                continue
+            ended, ended_return = 0, 0.0
         if is_spent(budget, record, step, episodes) or is_full(table, row) or has_failed(model):
             return step, episodes
-        stop = min(checkpoint * eval_freq, budget.steps, step - step % SLICE + SLICE)
+        # Numba compiles `min` by a function of its own, once more for each combination of types.
+        stop, slice_ends = checkpoint * eval_freq, step - step % SLICE + SLICE
+        stop = stop if stop < budget.steps else budget.steps
+        stop = stop if stop < slice_ends else slice_ends
         while step < stop:
             action, bits, counter = act(rule.exploration, q, best, greedy, row, step, counter)
             next_state, reward, terminated = transition(model, state, action, splitmix64(bits))

@@ -14,8 +14,7 @@ from curricle.errors import SettingError
 from curricle.frozen_arrays import frozen
 from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
 from curricle.learning.guard import Guard
-from curricle.learning.learners import SARSA, Learner
-from curricle.learning.optimistic_learning import OptimisticQLearning
+from curricle.learning.learners import SARSA, Learner, OptimisticQLearning
 from curricle.learning.potential import MappedPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
 from curricle.tasks.task import Task, generative_model, same_task

@@ -249,7 +249,8 @@ def share_of_rise(greedy, checkpoint):
         return np.nan
     lowest, highest, last, earlier = np.inf, -np.inf, 0.0, 0.0
     for i in range(checkpoint + 1):
-        lowest, highest = min(lowest, greedy[i]), max(highest, greedy[i])
+        lowest = greedy[i] if greedy[i] < lowest else lowest  # as `min`, which compiles slowly
+        highest = greedy[i] if greedy[i] > highest else highest
         if i >= recent:
             last += greedy[i]
         elif i >= before:

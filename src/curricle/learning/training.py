@@ -145,7 +145,7 @@ def learn(
     rows = rows_allowed(
         storage,
         generative,
-        tables=2 * learner.tables if guarded else learner.tables,
+        tables=learner.tables * (2 if guarded else learner.learners),
         counts=learner.counts,
         seeds=len(each) if storage.save_values else max(1, threads),
         steps=longest,

@@ -8,8 +8,13 @@ from pydantic import BeforeValidator, Field, JsonValue, model_validator
 
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import PolicyReuse, WeightTransfer
-from curricle.learning.learners import SARSA, DoubleQLearning, ExpectedSARSA, QLearning
-from curricle.learning.optimistic_learning import OptimisticQLearning
+from curricle.learning.learners import (
+    SARSA,
+    DoubleQLearning,
+    ExpectedSARSA,
+    OptimisticQLearning,
+    QLearning,
+)
 from curricle.learning.shaping import (
     DecayingAdvice,
     LookAheadAdvice,
