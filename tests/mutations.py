@@ -135,8 +135,8 @@ MUTATIONS = [
     Mutation(
         "sign of the shaping term",
         "learning/general_loop.py",
-        "return discount * there - carried[learner], there",
-        "return carried[learner] - discount * there, there",
+        "return discount * there - carried, there",
+        "return carried - discount * there, there",
         (
             "tests/unit/test_published_mistakes.py::test_a_cut_episode_keeps_the_potential_of_its_last_state",
             "tests/property/test_theorems.py::test_learnt_shaping_rewards_sum_to_nothing_but_the_start",
@@ -303,7 +303,7 @@ MUTATIONS = [
     Mutation(
         "double Q-learning with one table",
         "learning/general_loop.py",
-        "q[1 - table, next_state, best]",
+        "q[SECOND - table, next_state, best]",
         "q[table, next_state, best]",
         ("tests/oracle/test_learn_oracle.py::test_learner_equals_the_naive_one",),
     ),
@@ -677,7 +677,7 @@ MUTATIONS = [
     ),
     Mutation(
         "shortest paths without an error",
-        "planning/direct.py",
+        "planning/solution.py",
         "(max(lower, upper) + rounding)",
         "0.0",
         (

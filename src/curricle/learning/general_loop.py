@@ -45,6 +45,10 @@ PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
 Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING, OPTIMISTIC_Q_LEARNING = range(5)
 
 
+FIRST, SECOND = np.uint64(0), np.uint64(1)
+"""Tables of a learner."""
+
+
 class ShapingKernel(NamedTuple):
     """What a :class:`Shaping` adds while learning, as compiled loops read it."""
 
@@ -56,16 +60,12 @@ class ShapingKernel(NamedTuple):
 
 
 class Learners(NamedTuple):
-    """n learners of the same steps. The last one acts first; a guard changes who acts."""
+    """n learners of the same steps. The last one has the shaping, and acts first."""
 
     q: FloatTable  # (n, m, S, A) the m tables of each
-    kinds: IntArray  # (n,) of what is added to the rewards or values of each
-    highest: (
-        FloatArray  # (n,) what the values that an optimistic learner bootstraps from are cut at
-    )
     shaping: ShapingKernel
-    carried: FloatArray  # (n,) what each one's shaping carries from step to step
-    action: npt.NDArray[np.uint64]  # (n,) what each would do in the present state
+    ceiling: float  # that values are cut at which an optimistic learner bootstraps from
+    action: npt.NDArray[np.uint64]  # (n,) what each would do in the present state, under SARSA
     bits: npt.NDArray[np.uint64]  # (n,) for the outcome of that action
     values: FloatArray  # (1, A) work space: the values that a learner acts on
     ties: npt.NDArray[np.uint64]  # (S,) bits that break the ties of each state, or (0,)
@@ -81,22 +81,14 @@ class Learners(NamedTuple):
         guard: GuardKernel | None,
         ceiling: float = np.inf,
     ) -> "Learners":
-        """Return the learners before their first step, on tables that have their first values.
-
-        The last one has the shaping and the `ceiling`.
-        """
-        n, draws_ahead = len(q), guard is None and update in (Q_LEARNING, OPTIMISTIC_Q_LEARNING)
-        kinds, highest = np.zeros(n, np.int64), np.full(n, np.inf)
-        kinds[-1], highest[-1] = shaping.kind, ceiling
-        nothing = np.zeros(n, np.uint64)
+        """Return the learners before their first step, on tables that have their first values."""
+        draws_ahead = guard is None and update in (Q_LEARNING, OPTIMISTIC_Q_LEARNING)
         return cls(
             q=q,
-            kinds=kinds,
-            highest=highest,
             shaping=shaping,
-            carried=np.zeros(n),
-            action=nothing,
-            bits=nothing.copy(),
+            ceiling=ceiling,
+            action=np.zeros(len(q), np.uint64),
+            bits=np.zeros(len(q), np.uint64),
             values=np.zeros((1, q.shape[3])),
             ties=np.empty(q.shape[2] if draws_ahead else 0, np.uint64),
             guard=GuardKernel(0.0, 0.0, 0.0) if guard is None else guard,
@@ -131,13 +123,13 @@ class Acting(NamedTuple):
 
 @acting_rows.body(Acting)
 def _write_acting_row(view, state, out):
-    for action in range(out.shape[1]):
-        value = np.float64(view.q[0, state, action])
+    for action in range(np.uint64(out.shape[1])):
+        value = np.float64(view.q[FIRST, state, action])
         if view.q.shape[0] == 2:
-            value = 0.5 * (value + view.q[1, state, action])
+            value = 0.5 * (value + view.q[SECOND, state, action])
         if view.advised:
             value += view.weight * view.advice[state, action]
-        out[0, action] = value
+        out[ONLY_ROW, action] = value
 
 
 write_acting_row = inlined(_write_acting_row)
@@ -152,7 +144,8 @@ def _acting_greedy(view, state, bits):
 @inlined
 def acted_on(learners, learner, weight):
     """Return the view of the values that a learner acts on, with the present weight of phi."""
-    advised, phi = learners.kinds[learner] == ADVICE, learners.shaping.pair_values
+    shaped = learner == np.uint64(learners.q.shape[0] - 1)
+    advised, phi = shaped and learners.shaping.kind == ADVICE, learners.shaping.pair_values
     return Acting(learners.q[learner], advised, phi, weight, learners.values)
 
 
@@ -170,21 +163,24 @@ def train(model, rule, learners, course):
 @inlined  # so that no reference to an array is counted, which takes time to run and to compile
 def learn_all(model, rule, learners, course):
     """Do what :func:`train` says."""
-    discount, record, budget, n = course.discount, course.record, course.bounds, learners.q.shape[0]
-    shaping, carried, ties = learners.shaping, learners.carried, learners.ties
+    # Unsigned indices of learners, tables and actions need no test for being negative.
+    n, last = np.uint64(learners.q.shape[0]), np.uint64(learners.q.shape[1] - 1)
+    discount, record, budget = course.discount, course.record, course.bounds
+    shaping, ties, shaped = learners.shaping, learners.ties, n - np.uint64(1)
     guarded, looks_ahead = learners.guard.share_behind > 0.0, rule.update in (SARSA, EXPECTED_SARSA)
     draw_ties(ties, splitmix64(course.stream))
-    share, ahead, acting = UNDECIDED, np.int64(SCRATCH), n - 1
+    share, ahead, acting = UNDECIDED, SCRATCH, shaped
     step, episodes, ended, ended_return = course.used
     early, checkpoint, counter = step > 0, np.int64(0), course.stream + STRIDE
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
-    turn_length, earned, factor, drawn = 0, 0.0, 1.0, False
-    weight = at(shaping.weight, step)  # of the potential
+    turn_length, earned, factor = 0, 0.0, 1.0
+    action, bits, drawn = np.uint64(0), np.uint64(0), False
+    weight, carried = at(shaping.weight, step), 0.0  # of the potential, and from step to step
     while True:
         if early or step == checkpoint * course.eval_freq:
             value = greedy_return(course.evaluation, model, acted_on(learners, ahead, weight))
             so_far = step, episodes, ended, ended_return, value, share if guarded else np.nan
-            q, other = learners.q[ahead, 0], learners.q[ahead, learners.q.shape[1] - 1]
+            q, other = learners.q[ahead, FIRST], learners.q[ahead, last]
             checkpoint, ends = note_all(course, early, checkpoint, so_far, q, other)
             if ends:
                 return step, episodes, ahead
@@ -197,46 +193,48 @@ def learn_all(model, rule, learners, course):
         if fresh:
             state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
             length, episode_return = 0, 0.0
-            for learner in range(n):
-                carried[learner] = 0.0
-                if learners.kinds[learner] == STATE:
-                    carried[learner] = weight * state_potential(shaping, state, step)
+            carried = 0.0
+            if shaping.kind == STATE:
+                carried = weight * state_potential(shaping, state, step)
         if fresh or rule.update != SARSA:
             write_acting_row(acted_on(learners, acting, weight), state, learners.values)
-            counter, drawn = decide(learners, acting, rule, state, step, counter)
-        action, bits = learners.action[acting], learners.bits[acting]
+            action, bits, counter, drawn = decide(learners, rule, state, step, counter)
+        else:
+            action, bits = learners.action[acting], learners.bits[acting]
         next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + reward
         before, weight = weight, at(shaping.weight, step)
-        table, coin = 0, np.uint64(0)
+        table, coin = FIRST, np.uint64(0)
         if rule.update == DOUBLE_Q_LEARNING:
             coin, counter = splitmix64(counter), counter + STRIDE
-            table = np.int64(coin & np.uint64(1))
+            table = coin & np.uint64(1)
         row = counted_row(learners.q, table, state)
         rate, changed = rate_of(rule.learning_rate, row, action, step - 1), 0.0
+        there, extra, next_action = 0.0, 0.0, np.uint64(0)
+        if shaping.kind == STATE and not terminated:
+            there = weight * state_potential(shaping, next_state, step)
+        if shaping.kind != PLAIN:
+            pair = state, action
+            extra, carried = shaping_reward(shaping, discount, pair, terminated, carried, there)
         for learner in range(n):
-            there = 0.0
-            if learners.kinds[learner] == STATE and not terminated:
-                there = weight * state_potential(shaping, next_state, step)
-            extra, carried[learner] = shaping_reward(
-                learners, learner, discount, (state, action), terminated, there
-            )
-            target = reward + extra
+            target = reward + (extra if learner == shaped else 0.0)
             # Cutting off at the time limit is not termination: it bootstraps like any other step.
             if not terminated:
                 if looks_ahead:
                     view = acted_on(learners, learner, weight)
                     write_acting_row(view, next_state, learners.values)
                 if rule.update == SARSA:  # what a learner itself would do is what its values are of
-                    counter, drawn = decide(learners, learner, rule, next_state, step, counter)
-                choice = table, coin, step
+                    drawn_next = decide(learners, rule, next_state, step, counter)
+                    next_action, learners.bits[learner], counter, _ = drawn_next
+                    learners.action[learner] = next_action
+                choice = table, coin, step, next_action
                 target = td_target(rule, learners, learner, discount, target, next_state, choice)
             new = move(rule, learners.q[learner], table, state, action, rate, target)
             if learner == acting:
                 changed = new
         if ties.shape[0] > 0:
             if not drawn:  # a drawn action was among the highest
-                if learners.kinds[acting] == ADVICE:
+                if shaping.kind == ADVICE:
                     changed += before * shaping.pair_values[state, action]
                 drawn = draws_again(learners.values, ties[state], changed, action)
             if drawn:
@@ -246,11 +244,8 @@ def learn_all(model, rule, learners, course):
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
         if guarded:  # the learners are compared by what the task maximises
-            turn_length, earned, factor = (
-                turn_length + 1,
-                earned + factor * reward,
-                factor * discount,
-            )
+            turn_length, earned = turn_length + 1, earned + factor * reward
+            factor *= discount
             if fresh or turn_length >= course.turn:
                 turn = acting, turn_length, earned
                 share, acting = next_turn(learners.guard, learners.tally, turn, share)
@@ -271,15 +266,10 @@ def draw_ties(ties, key):
 
 
 @inlined
-def decide(learners, learner, rule, state, step, counter):
-    """Draw what a learner does in a state, on ``learners.values``.
-
-    Return the stream's counter, and whether bits that break ties chose.
-    """
+def decide(learners, rule, state, step, counter):
+    """Return what is done on ``learners.values`` in a state, as :func:`choose` does."""
     tie = learners.ties[state] if learners.ties.shape[0] > 0 else splitmix64(counter)
-    action, bits, counter, drawn = choose(rule.exploration, learners.values, tie, step, counter)
-    learners.action[learner], learners.bits[learner] = action, bits
-    return counter, drawn
+    return choose(rule.exploration, learners.values, tie, step, counter)
 
 
 @inlined
@@ -302,23 +292,24 @@ def draws_again(values, tie, new, action):
 def td_target(rule, learners, learner, discount, reward, next_state, choice):
     """Return the target of a learner's update rule.
 
-    `choice` are the table that is updated, the bits that chose it, and the step. The policy of
-    expected SARSA acts on ``learners.values``, those of s'.
+    `choice` are the table that is updated, the bits that chose it, the step, and SARSA's next
+    action. The policy of expected SARSA acts on ``learners.values``, those of s'.
     """
-    q, (table, coin, step) = learners.q[learner], choice
+    q, (table, coin, step, next_action) = learners.q[learner], choice
     if rule.update == SARSA:  # r + gamma Q(s', a'), a' taken next (Rummery, Niranjan 1994)
-        return reward + discount * np.float64(q[0, next_state, learners.action[learner]])
+        return reward + discount * np.float64(q[FIRST, next_state, next_action])
     if rule.update == EXPECTED_SARSA:  # r + gamma sum_b pi(b|s') Q(s', b) (van Seijen et al. 2009)
         return reward + discount * expected_value(
             rule.exploration, q, next_state, learners.values, step
         )
     if rule.update == DOUBLE_Q_LEARNING:  # r + gamma Q_other(s', argmax_b Q(s', b)) (Hasselt 2010)
         best = best_of(q[table], next_state, coin)[1] & ACTION
-        return reward + discount * np.float64(q[1 - table, next_state, best])
+        return reward + discount * np.float64(q[SECOND - table, next_state, best])
     best = highest(q[0], next_state)
     if rule.update == OPTIMISTIC_Q_LEARNING:  # r + gamma min(highest, max_b U(s', b))
-        hoped, most = np.float64(best), learners.highest[learner]
-        return reward + discount * (hoped if hoped < most else most)
+        hoped, cut = np.float64(best), learner == np.uint64(learners.q.shape[0] - 1)
+        hoped = learners.ceiling if cut and hoped > learners.ceiling else hoped
+        return reward + discount * hoped
     real = q.dtype.type  # r + gamma max_b Q(s', b) (E1; Watkins 1989), as precise as the fast loop
     return np.float64(real(reward) + real(discount) * best)
 
@@ -351,24 +342,22 @@ def state_potential(shaping, state, step):
 
 
 @inlined
-def shaping_reward(learners, learner, discount, pair, terminated, there):
+def shaping_reward(shaping, discount, pair, terminated, carried, there):
     """Return what shaping adds to the reward of a step, and what it carries to the next step.
 
     `there` is w(t') Phi(s', t'), 0 in the end of an episode (Grzes 2017).
     """
-    kind, phi, carried = learners.kinds[learner], learners.shaping.pair_values, learners.carried
     state, action = pair
-    if kind == STATE:  # F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999)
-        return discount * there - carried[learner], there
-    if kind == LOOK_BACK:
+    if shaping.kind == STATE:  # F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999)
+        return discount * there - carried, there
+    if shaping.kind == LOOK_BACK:
         # F = phi(s, a) - phi(s before, a before) / gamma (Wiewiora, Cottrell, Elkan 2003). The last
         # step of an episode also gets the term of its end, -phi(s, a), so that phi(s, a) cancels.
-        if terminated:
-            return -carried[learner] / discount, 0.0
-        return phi[state, action] - carried[learner] / discount, phi[state, action]
-    if kind == BONUS:
-        return phi[state, action], 0.0
-    return 0.0, 0.0
+        here = 0.0 if terminated else shaping.pair_values[state, action]
+        return here - carried / discount, here
+    if shaping.kind == BONUS:
+        return shaping.pair_values[state, action], 0.0
+    return 0.0, 0.0  # advice
 
 
 # -- checkpoints -----------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from curricle.checks import number, whole_number
 from curricle.errors import SettingError
 from curricle.tasks.overloads import inlined
 
-SCRATCH, SHAPED = 0, 1
+SCRATCH, SHAPED = np.uint64(0), np.uint64(1)
 """The learner without the potential and the one with it: the first axis of guarded tables."""
 FIRST_TURNS = 2
 """Turns of each learner before they are compared: the fewest that have a variance."""

@@ -1,11 +1,13 @@
 """Evaluation of a greedy policy: its expected return, exactly or by rollouts."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
 from numba import types
+from numba._dispatcher import compute_fingerprint
 from numba.extending import intrinsic
 
 from curricle.array_types import BoolArray, FloatArray, IntArray
@@ -292,15 +294,22 @@ def greedy_policy_return(
 
 CALLABLE = set[tuple[Any, ...]]()
 """The types of arguments for which there is machine code to be called at its address."""
+_ADDRESSES = dict[Any, int]()
 
 
 def address_of(loop: Any, *arguments: Any) -> int:
     """Return where the machine code of a compiled function for such arguments begins."""
-    kinds = tuple(loop.typeof_pyval(argument) for argument in arguments)
-    loop.compile(kinds)  # or read from the disk, or nothing, where it is there
-    CALLABLE.add(kinds)
-    result = loop.overloads[kinds]
-    return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
+    key = None
+    with suppress(NotImplementedError):  # of a user's compiled functions
+        key = loop, compute_fingerprint(arguments)  # thirty times faster than Numba's types
+    if key not in _ADDRESSES:
+        kinds = tuple(loop.typeof_pyval(argument) for argument in arguments)
+        loop.compile(kinds)  # or read from the disk, or nothing, where it is there
+        CALLABLE.add(kinds)
+        machine = loop.overloads[kinds]
+        name = machine.fndesc.llvm_func_name
+        _ADDRESSES[key] = int(machine.library.get_pointer_to_function(name))
+    return _ADDRESSES[key] if key else _ADDRESSES.pop(key)
 
 
 @intrinsic
@@ -391,6 +400,12 @@ def rollout_return(evaluation, model, view):
 
 def exact_return(evaluation, view):
     """Return the expected return of the greedy policy, from its Markov chain."""
+    return return_of_chain(evaluation, view)
+
+
+@inlined
+def return_of_chain(evaluation, view):
+    """Do what :func:`exact_return` says."""
     write_chain(evaluation, view)
     return chain_return(evaluation)
 

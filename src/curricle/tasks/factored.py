@@ -2,7 +2,7 @@
 
 All move at the same time on one map of cells, and the moves of one do not depend on where the
 others are. So the expectation over the prey's moves and the maximum over the predators' are taken
-one after the other, and exact planning (``planning/factored_backups.py``) needs no table of joint
+one after the other, and exact planning (``planning/backups.py``) needs no table of joint
 moves.
 """
 
