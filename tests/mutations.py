@@ -256,8 +256,8 @@ MUTATIONS = [
     Mutation(
         "a stream shared between seeds",
         "learning/training.py",
-        "stream_start(each[k].seed, stream)",
-        "stream_start(each[0].seed, stream)",
+        "stream_start(settings[k].seed, stream)",
+        "stream_start(settings[0].seed, stream)",
         (
             "tests/unit/test_published_mistakes.py::test_equal_seeds_agree_and_different_seeds_differ",
         ),
@@ -293,8 +293,8 @@ MUTATIONS = [
     Mutation(
         "bootstrapping without discount",
         "learning/q_learning.py",
-        "target += discount * best[next_row]",
-        "target += best[next_row]",
+        "target += discount * cut_off(table, best[next_row])",
+        "target += cut_off(table, best[next_row])",
         (
             "tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",
             "tests/oracle/test_learn_oracle.py::test_learner_equals_the_naive_one",

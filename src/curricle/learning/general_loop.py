@@ -1,8 +1,8 @@
 """The general learning loop: n learners of the same steps, all update rules, shapings and guards.
 
-One learner acts; all of them learn from every step. There is one of them, or two: those of a guard,
-without the potential and with it, or Q and the optimistic values of ``OptimisticQLearning``.
-Q-learning on unshaped rewards has a faster loop of its own in ``q_learning.py``.
+One learner acts; all of them learn from every step. There is one of them, or under a guard two:
+without the potential and with it. Q-learning on unshaped rewards, optimistic or not, has a faster
+loop of its own in ``q_learning.py``.
 
 This loop is compiled once for all rules, shapings and guards: with bodies chosen by type it would
 be compiled anew for each combination, and compiling takes far longer than the few comparisons that
@@ -42,7 +42,7 @@ from curricle.tasks.overloads import compiled, inlined
 # What is added to the reward, or to the values acted on.
 PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
 # Update rules.
-Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING, OPTIMISTIC_Q_LEARNING = range(5)
+Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)
 
 
 FIRST, SECOND = np.uint64(0), np.uint64(1)
@@ -64,7 +64,6 @@ class Learners(NamedTuple):
 
     q: FloatTable  # (n, m, S, A) the m tables of each
     shaping: ShapingKernel
-    ceiling: float  # that values are cut at which an optimistic learner bootstraps from
     action: npt.NDArray[np.uint64]  # (n,) what each would do in the present state, under SARSA
     bits: npt.NDArray[np.uint64]  # (n,) for the outcome of that action
     values: FloatArray  # (1, A) work space: the values that a learner acts on
@@ -79,18 +78,15 @@ class Learners(NamedTuple):
         update: int,
         shaping: ShapingKernel,
         guard: GuardKernel | None,
-        ceiling: float = np.inf,
     ) -> "Learners":
         """Return the learners before their first step, on tables that have their first values."""
-        draws_ahead = guard is None and update in (Q_LEARNING, OPTIMISTIC_Q_LEARNING)
         return cls(
             q=q,
             shaping=shaping,
-            ceiling=ceiling,
             action=np.zeros(len(q), np.uint64),
             bits=np.zeros(len(q), np.uint64),
             values=np.zeros((1, q.shape[3])),
-            ties=np.empty(q.shape[2] if draws_ahead else 0, np.uint64),
+            ties=np.empty(q.shape[2] if guard is None and update == Q_LEARNING else 0, np.uint64),
             guard=GuardKernel(0.0, 0.0, 0.0) if guard is None else guard,
             tally=Tally.empty(),
         )
@@ -229,7 +225,7 @@ def learn_all(model, rule, learners, course):
                     learners.action[learner] = next_action
                 choice = table, coin, step, next_action
                 target = td_target(rule, learners, learner, discount, target, next_state, choice)
-            new = move(rule, learners.q[learner], table, state, action, rate, target)
+            new = move(learners.q[learner], table, state, action, rate, target)
             if learner == acting:
                 changed = new
         if ties.shape[0] > 0:
@@ -305,13 +301,8 @@ def td_target(rule, learners, learner, discount, reward, next_state, choice):
     if rule.update == DOUBLE_Q_LEARNING:  # r + gamma Q_other(s', argmax_b Q(s', b)) (Hasselt 2010)
         best = best_of(q[table], next_state, coin)[1] & ACTION
         return reward + discount * np.float64(q[SECOND - table, next_state, best])
-    best = highest(q[0], next_state)
-    if rule.update == OPTIMISTIC_Q_LEARNING:  # r + gamma min(highest, max_b U(s', b))
-        hoped, cut = np.float64(best), learner == np.uint64(learners.q.shape[0] - 1)
-        hoped = learners.ceiling if cut and hoped > learners.ceiling else hoped
-        return reward + discount * hoped
     real = q.dtype.type  # r + gamma max_b Q(s', b) (E1; Watkins 1989), as precise as the fast loop
-    return np.float64(real(reward) + real(discount) * best)
+    return np.float64(real(reward) + real(discount) * highest(q[0], next_state))
 
 
 @inlined
@@ -321,13 +312,10 @@ def counted_row(q, table, state):
 
 
 @inlined
-def move(rule, q, table, state, action, rate, target):
+def move(q, table, state, action, rate, target):
     """Move Q(s, a) of a table towards a target, in the table's precision, and return it."""
     real, old = q.dtype.type, q[table, state, action]
-    if rule.update == OPTIMISTIC_Q_LEARNING:
-        new = real(np.float64(old) + rate * (target - np.float64(old)))
-    else:
-        new = old + real(rate) * (real(target) - old)
+    new = old + real(rate) * (real(target) - old)
     q[table, state, action] = new
     return np.float64(new)
 

@@ -50,8 +50,6 @@ class Learner:
 
     update: ClassVar[int]
     tables: ClassVar[int] = 1
-    learners: ClassVar[int] = 1
-    """Sets of tables that learn from the same steps."""
     default_epsilon: ClassVar[float] = 0.1
 
     def __post_init__(self) -> None:
@@ -87,14 +85,14 @@ class Learner:
 
         `visits`, (rows of all tables, A), count the updates from here on if its rate depends on it.
         """
-        given: Any = within("learning_rate", self._rate, 0.0, 1.0)
+        schedule: Any = within("learning_rate", self._rate, 0.0, 1.0)
         visits = np.zeros((1, 1), np.int64) if visits is None else visits
-        rate = ByVisits(given, visits) if self.counts else given.kernel
+        rate = ByVisits(schedule, visits) if self.counts else schedule.kernel
         if self.inverse_temperature is not None:
             beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e100)
             return LearnerKernel(self.update, rate, Softmax(beta.kernel))
-        given = self.default_epsilon if self.epsilon is None else self.epsilon
-        epsilon = within("epsilon", given, 0.0, 1.0)
+        chance = self.default_epsilon if self.epsilon is None else self.epsilon
+        epsilon = within("epsilon", chance, 0.0, 1.0)
         return LearnerKernel(self.update, rate, EpsilonGreedy(epsilon.kernel))
 
 
@@ -200,8 +198,8 @@ class OptimisticQLearning(Learner):
     initial_value: float | None = None  # type: ignore[assignment]
     value_range: tuple[float, float] | None = None
 
-    update: ClassVar[int] = general_loop.OPTIMISTIC_Q_LEARNING
-    learners: ClassVar[int] = 2
+    update: ClassVar[int] = general_loop.Q_LEARNING
+    tables: ClassVar[int] = 2
     counts: ClassVar[int] = 1
     default_epsilon: ClassVar[float] = 0.0
 

@@ -21,6 +21,7 @@ from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import (
     DenseTable,
+    OptimisticTables,
     SparseTable,
     SparseValues,
     StaticInt,
@@ -121,13 +122,22 @@ class Run:
 
     def _train_densely(self, seed: _Seed) -> Outcome:
         q = self._filled(seed.initial, seed.out)
-        far = (None,) * (q.nbytes > NEAR)
-        best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
-        key = np.uint64(splitmix64(seed.start))
-        table = DenseTable(q, best, greedy, key, self._width, far)
-        steps, episodes = self._loop(train_q_learning, seed, table, q[None])
+        acts, table = q, self._dense(q, seed)
+        if isinstance(self.learner, OptimisticQLearning):
+            assert self.learner.value_range is not None
+            lowest, highest = self.learner.value_range
+            acts = np.add(q, highest - lowest, dtype=q.dtype)
+            if self.task.terminal is not None:
+                acts[self.task.terminal] = 0.0
+            table = OptimisticTables(self._dense(acts, seed), table, highest)
+        steps, episodes = self._loop(train_q_learning, seed, table, acts[None])
         q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
         return self._outcome(seed, q, steps, episodes)
+
+    def _dense(self, q: FloatTable, seed: _Seed) -> Any:
+        best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
+        key, far = np.uint64(splitmix64(seed.start)), (None,) * (q.nbytes > NEAR)
+        return DenseTable(q, best, greedy, key, self._width, far)
 
     def _train_sparsely(self, seed: _Seed) -> Outcome:
         table = self._sparse(seed.initial, np.uint64(splitmix64(seed.start)))
@@ -139,22 +149,15 @@ class Run:
         return self._outcome(seed, values, steps, episodes, out_of_memory=early and not stopped)
 
     def _train_learners(self, seed: _Seed) -> Outcome:
-        """Train one learner with a shaping, two with a guard, or an optimistic one beside Q."""
+        """Train one learner with a shaping, under a guard another one beside it."""
         shaping, record = seed.settings.shaping or QInitialisation(), seed.record
-        guard, ceiling = shaping.guard, np.inf
-        n = self.learner.learners if guard is None else 2
+        guard, n = shaping.guard, 1 if shaping.guard is None else 2
         q = np.empty((n, self.learner.tables, *self.shape), self.storage.dtype)
         for k, tables in enumerate(q):
             for table in tables:
                 self._filled(None if guard is not None and k == SCRATCH else seed.initial, table)
-        if isinstance(self.learner, OptimisticQLearning):
-            assert self.learner.value_range is not None
-            lowest, ceiling = self.learner.value_range
-            np.add(q[0], ceiling - lowest, out=q[1])
-            if self.task.terminal is not None:
-                q[1, :, self.task.terminal] = 0.0
         kernel = None if guard is None else guard.kernel
-        start = Learners.starting(q, self.learner.update, shaping.kernel(), kernel, ceiling)
+        start = Learners.starting(q, self.learner.update, shaping.kernel(), kernel)
         steps, episodes, ahead = self._loop(general_loop.train, seed, start, q[-1])
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
             if guard is None or record.guard_share[checkpoint] > UNDECIDED:
@@ -200,10 +203,10 @@ class Run:
                 general_loop.address_of_note(seed.record, self.stopping, q[0]),
             )
             rule = self.learner.kernel(self._visits())
-            found = compiled(loop, isinstance(model, Functions))(model, rule, learns, course)
+            totals = compiled(loop, isinstance(model, Functions))(model, rule, learns, course)
         if seed.record.halted[0]:
             raise KeyboardInterrupt  # what is half learnt must not be taken for a result
-        return found
+        return totals
 
     def opened(
         self, settings: SeedSettings, start: int, q: FloatTable
@@ -289,7 +292,7 @@ class Run:
 def _evaluated(learns: Any) -> Any:
     """Return the view of a table, or of learners, that their loop evaluates."""
     if not isinstance(learns, Learners):
-        return learns
+        return learns.learnt if isinstance(learns, OptimisticTables) else learns
     return Acting(learns.q[0], False, learns.shaping.pair_values, 0.0, learns.values)
 
 

@@ -178,6 +178,14 @@ class DenseTable(NamedTuple):
     far: StaticInt  # 1 where the table exceeds the nearest cache, else 0
 
 
+class OptimisticTables(NamedTuple):
+    """Two dense tables that learn from the same steps: optimistic values, acted on, and Q."""
+
+    hoped: DenseTable
+    learnt: DenseTable
+    highest: float  # that the values are cut at which the optimistic ones bootstrap from
+
+
 class SparseTable(NamedTuple):
     """Rows for the states visited so far, found by hashing; R at most. Row 0 has no state."""
 
@@ -231,11 +239,19 @@ def _find_dense_maxima(table):
         table.row_max[state], table.row_argmax[state] = best_of(q, state, bits)
 
 
+@row_maxima.body(OptimisticTables)
+def _find_maxima_of_both(table):
+    find_row_maxima(table.hoped)
+    find_row_maxima(table.learnt)
+
+
+@rows_of.body(OptimisticTables)
 @rows_of.body(DenseTable)
 def _dense_row_of(table, state, terminated):
     return state
 
 
+@full_tables.body(OptimisticTables)
 @full_tables.body(DenseTable)
 def _dense_is_full(table, row):
     return False
@@ -321,11 +337,11 @@ def row_to_be_added(view, state):
 
 @greedy_actions.body(SparseTable)
 def _sparse_greedy(view, state, bits):
-    found = view.slots[find(view, state)]
-    if found == 0:
+    slot = view.slots[find(view, state)]
+    if slot == 0:
         row_to_be_added(view, state)
         return best_of(view.row, ONLY_ROW, bits)[1]
-    row = np.uint64(found)
+    row = np.uint64(slot)
     greedy = np.uint64(view.row_argmax[row])
     if greedy >= TIED:
         greedy = best_of(view.q, row, bits)[1]
@@ -334,14 +350,14 @@ def _sparse_greedy(view, state, bits):
 
 @acting_rows.body(SparseTable)
 def _sparse_acting_row(view, state, out):
-    found = view.slots[find(view, state)]
-    if found == 0:
+    slot = view.slots[find(view, state)]
+    if slot == 0:
         row_to_be_added(view, state)
     for action in range(out.shape[1]):
-        if found == 0:
+        if slot == 0:
             out[0, action] = view.row[0, action]
         else:
-            out[0, action] = view.q[np.uint64(found), action]
+            out[0, action] = view.q[np.uint64(slot), action]
 
 
 @compiled_once

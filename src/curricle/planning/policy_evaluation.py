@@ -375,18 +375,18 @@ def _exact_return(evaluation, model, view):
 @inlined  # it counts no references, like those that give it the model
 def mean_of_rollouts(evaluation, model, view):
     """Return the mean return of episodes of the greedy policy."""
-    own, stream, total = evaluation_model(model), evaluation.stream, evaluation.total
+    played, stream, total = evaluation_model(model), evaluation.stream, evaluation.total
     record, policy = ReturnRecord(evaluation.discount, total), GreedyPolicy(view)
     total[0] = 0.0
     for _ in range(evaluation.episodes):
-        state, total[1] = first_state(own, draw(stream)), 1.0
+        state, total[1] = first_state(played, draw(stream)), 1.0
         left, goes_on = evaluation.horizon, True
         while goes_on:
             most = left if left < SLICE else SLICE
-            n, state, terminated = simulate_episode(own, policy, state, stream, most, record, 0)
+            n, state, terminated = simulate_episode(played, policy, state, stream, most, record, 0)
             evaluation.taken[0] += n
             left -= n
-            ended = terminated or truncated(own) or evaluation.halted[0]
+            ended = terminated or truncated(played) or evaluation.halted[0]
             goes_on = left > 0 and not ended
         if evaluation.halted[0]:
             break

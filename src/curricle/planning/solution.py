@@ -240,25 +240,25 @@ def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -
     """Return a policy as (S,) actions or (S, A) probabilities; SettingError names the bad state."""
     if not isinstance(policy, np.ndarray) or policy.dtype.kind not in "iuf":
         numbers("a policy", policy, SettingError)
-    given, n_states = np.asarray(policy), len(terminal)
-    if given.shape == (n_states,):
-        if not np.issubdtype(given.dtype, np.integer):
+    choices, n_states = np.asarray(policy), len(terminal)
+    if choices.shape == (n_states,):
+        if not np.issubdtype(choices.dtype, np.integer):
             raise SettingError(
-                f"a policy of one action a state must be integers: got {given.dtype}"
+                f"a policy of one action a state must be integers: got {choices.dtype}"
             )
-        bad = np.flatnonzero((given < 0) | (given >= n_actions))
+        bad = np.flatnonzero((choices < 0) | (choices >= n_actions))
         if bad.size:
             raise SettingError(
                 f"a policy's actions must lie in 0..{n_actions - 1}: state {bad[0]} has "
-                f"{given[bad[0]]}"
+                f"{choices[bad[0]]}"
             )
-        return given
-    if given.shape != (n_states, n_actions):
+        return choices
+    if choices.shape != (n_states, n_actions):
         raise SettingError(
             f"a policy must have shape ({n_states},) or ({n_states}, {n_actions}): got "
-            f"{given.shape}"
+            f"{choices.shape}"
         )
-    table = normalised(given.astype(np.float64, copy=False))
+    table = normalised(choices.astype(np.float64, copy=False))
     good = (table >= 0).all(axis=1) & (abs(table.sum(axis=1) - 1) <= PROBABILITY_TOLERANCE)
     bad = np.flatnonzero(~good & ~terminal)
     if bad.size:
@@ -289,9 +289,9 @@ def _iterate(
     horizon = float(np.max(lengths)) + (model.discount == 1)
     if not horizon * model.largest_reward < np.inf:
         raise _unbounded(model, horizon)
-    given = 0.0 if tolerance is None else 0.999 * tolerance / horizon
+    enough = 0.0 if tolerance is None else 0.999 * tolerance / horizon
     relative = 0.999 * RELATIVE_TOLERANCE / horizon if tolerance is None else 0.0
-    precision = Precision(given, relative, unit, model.largest_reward, horizon, model.discount)
+    precision = Precision(enough, relative, unit, model.largest_reward, horizon, model.discount)
     values, change = _fixed_point(model, policy, lengths, precision, bars)
     rounding = unit * (model.largest_reward + float(abs(values).max()))
     if model.largest_reward > 0:  # products below the normal numbers have an error of their own
