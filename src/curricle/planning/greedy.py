@@ -2,7 +2,7 @@
 
 A *view* is a NamedTuple of the values that a policy is greedy on. Loops read it with
 :func:`greedy_action` and :func:`acting_row`. Here are the views of fixed values;
-``learning/tables.py`` adds those of the tables that a learner fills.
+``learning/storage.py`` adds those of the tables that a learner fills.
 """
 
 from typing import NamedTuple
