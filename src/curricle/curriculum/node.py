@@ -15,8 +15,7 @@ from curricle.deep.shaping import WeightTransfer
 from curricle.errors import CurriculumError, SettingError
 from curricle.files import Place
 from curricle.learning.guard import Guard
-from curricle.learning.learners import Learner, QLearning
-from curricle.learning.optimistic_learning import OptimisticQLearning
+from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.learning.shaping import QInitialisation, Shaping
