@@ -4,9 +4,10 @@ One learner acts; all of them learn from every step. There is one of them, or un
 without the potential and with it. Q-learning on unshaped rewards, optimistic or not, has a faster
 loop of its own in ``q_learning.py``.
 
-This loop is compiled once for all rules, shapings and guards: with bodies chosen by type it would
-be compiled anew for each combination, and compiling takes far longer than the few comparisons that
-a step of the loop makes. What is done at checkpoints is compiled by itself (:func:`called`).
+This loop is compiled once for all rules and shapings: with bodies chosen by type it would be
+compiled anew for each combination, and compiling takes far longer than the few comparisons that a
+step of the loop makes. Only the number of learners is a type, so that all the work for a second one
+drops out where there is none. What is done at checkpoints is compiled by itself (:func:`called`).
 """
 
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ from curricle.learning.guard import SCRATCH, SHAPED, UNDECIDED, GuardKernel, Tal
 from curricle.learning.record import Bounds, Record, Used, is_spent, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import stops
-from curricle.learning.storage import tie_bits
+from curricle.learning.storage import StaticInt, tie_bits
 from curricle.planning.greedy import ACTION, ONLY_ROW, acting_rows, best_of, greedy_actions, highest
 from curricle.planning.policy_evaluation import EvaluationKernel, address_of, called, greedy_return
 from curricle.tasks.kernel import STRIDE, compiled, first_above, inlined, splitmix64
@@ -49,6 +50,7 @@ class ShapingKernel(NamedTuple):
 class Learners(NamedTuple):
     """n learners of the same steps. The last one has the shaping, and acts first."""
 
+    n: StaticInt
     q: FloatTable  # (n, m, S, A) the m tables of each
     shaping: ShapingKernel
     action: npt.NDArray[np.uint64]  # (n,) what each would do in the present state, under SARSA
@@ -68,6 +70,7 @@ class Learners(NamedTuple):
     ) -> "Learners":
         """Return the learners before their first step, on tables that have their first values."""
         return cls(
+            n=(None,) * len(q),
             q=q,
             shaping=shaping,
             action=np.zeros(len(q), np.uint64),
@@ -127,7 +130,7 @@ def _acting_greedy(view, state, bits):
 @inlined
 def acted_on(learners, learner, weight):
     """Return the view of the values that a learner acts on, with the present weight of phi."""
-    shaped = learner == np.uint64(learners.q.shape[0] - 1)
+    shaped = learner == np.uint64(len(learners.n) - 1)
     advised, phi = shaped and learners.shaping.kind == ADVICE, learners.shaping.pair_values
     return Acting(learners.q[learner], advised, phi, weight, learners.values)
 
@@ -147,10 +150,10 @@ def train(model, rule, learners, course):
 def learn_all(model, rule, learners, course):
     """Do what :func:`train` says."""
     # Unsigned indices of learners, tables and actions need no test for being negative.
-    n, last = np.uint64(learners.q.shape[0]), np.uint64(learners.q.shape[1] - 1)
+    n, last = np.uint64(len(learners.n)), np.uint64(learners.q.shape[1] - 1)
     discount, record, budget = course.discount, course.record, course.bounds
     shaping, ties, shaped = learners.shaping, learners.ties, n - np.uint64(1)
-    guarded, looks_ahead = learners.guard.share_behind > 0.0, rule.update in (SARSA, EXPECTED_SARSA)
+    guarded, looks_ahead = shaped > np.uint64(0), rule.update in (SARSA, EXPECTED_SARSA)
     draw_ties(ties, splitmix64(course.stream))
     share, ahead, acting = UNDECIDED, SCRATCH, shaped
     step, episodes, ended, ended_return = course.used
