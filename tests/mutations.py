@@ -98,8 +98,8 @@ MUTATIONS = [
     Mutation(
         "truncation treated as termination",
         "learning/general_loop.py",
-        "        if not terminated:\n            if looks_ahead",
-        "        if not terminated and length < limit:\n            if looks_ahead",
+        "            if not terminated:\n                if looks_ahead",
+        "            if not terminated and length < course.limit:\n                if looks_ahead",
         ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
     ),
     Mutation(
@@ -112,14 +112,14 @@ MUTATIONS = [
     Mutation(
         "ties of the general loop drawn at once",
         "learning/general_loop.py",
-        "tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)",
+        "tie = learners.ties[state] if learners.ties.shape[0] > 0 else splitmix64(counter)",
         "tie = splitmix64(counter)",
         ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
     ),
     Mutation(
         "a tie never drawn again",
         "learning/general_loop.py",
-        "return max(old, new) >= highest(values, 0)",
+        "return (old if old > new else new) >= highest(values, ONLY_ROW)",
         "return False",
         ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",),
     ),
@@ -135,8 +135,8 @@ MUTATIONS = [
     Mutation(
         "sign of the shaping term",
         "learning/general_loop.py",
-        "return discount * there - here, there",
-        "return here - discount * there, there",
+        "return discount * there - carried, there",
+        "return carried - discount * there, there",
         (
             "tests/unit/test_published_mistakes.py::test_a_cut_episode_keeps_the_potential_of_its_last_state",
             "tests/property/test_theorems.py::test_learnt_shaping_rewards_sum_to_nothing_but_the_start",
@@ -256,8 +256,8 @@ MUTATIONS = [
     Mutation(
         "a stream shared between seeds",
         "learning/training.py",
-        "stream_start(each[k].seed, stream)",
-        "stream_start(each[0].seed, stream)",
+        "stream_start(settings[k].seed, stream)",
+        "stream_start(settings[0].seed, stream)",
         (
             "tests/unit/test_published_mistakes.py::test_equal_seeds_agree_and_different_seeds_differ",
         ),
@@ -293,8 +293,8 @@ MUTATIONS = [
     Mutation(
         "bootstrapping without discount",
         "learning/q_learning.py",
-        "target += discount * best[next_row]",
-        "target += best[next_row]",
+        "target += discount * cut_off(table, best[next_row])",
+        "target += cut_off(table, best[next_row])",
         (
             "tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",
             "tests/oracle/test_learn_oracle.py::test_learner_equals_the_naive_one",
@@ -303,7 +303,7 @@ MUTATIONS = [
     Mutation(
         "double Q-learning with one table",
         "learning/general_loop.py",
-        "q[1 - table, next_state, best]",
+        "q[SECOND - table, next_state, best]",
         "q[table, next_state, best]",
         ("tests/oracle/test_learn_oracle.py::test_learner_equals_the_naive_one",),
     ),
@@ -677,7 +677,7 @@ MUTATIONS = [
     ),
     Mutation(
         "shortest paths without an error",
-        "planning/direct.py",
+        "planning/solution.py",
         "(max(lower, upper) + rounding)",
         "0.0",
         (

@@ -241,15 +241,6 @@ def test_the_tolerance_that_a_refusal_names_is_within_reach():
     assert cr.solve(task, tolerance=named).error_bound <= named
 
 
-def test_ties_are_all_optimal():
-    open_floor = cr.GridWorld(["S..", "...", "..T"], discount=0.9)
-    optimal = cr.solve(open_floor).optimal
-    east_and_south = [False, True, True, False]
-    assert optimal[[0, 1, 3, 4]].tolist() == [east_and_south] * 4
-    assert optimal[5].tolist() == [False, False, True, False]
-    np.testing.assert_array_equal(cr.solve(open_floor).policy[0], [0, 0.5, 0.5, 0])
-
-
 def test_a_difference_above_the_bound_is_no_tie():
     task = cr.FiniteMDP.from_outcomes(
         [[[(1.0, 1, 1.0)], [(1.0, 1, 1.0 - 1e-6)], [(1.0, 1, 1.0)]], [[], [], []]],

@@ -17,7 +17,7 @@ from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.learning.guard import SHAPED, UNDECIDED, empty_tally, next_turn
+from curricle.learning.guard import SHAPED, UNDECIDED, Tally, next_turn
 from curricle.tasks.kernel import compiled
 from curricle.transfer.calibration import fit_calibration
 
@@ -134,7 +134,7 @@ def adversaries(draw):
 def test_steps_of_a_learner_that_is_behind_are_bounded(guard, turns):
     """The theorem of :class:`Guard`, for any returns and lengths, after every turn."""
     begun = np.zeros((len(turns), 2))
-    compiled(_turns, False)(guard.kernel, empty_tally(), turns, begun)
+    compiled(_turns, False)(guard.kernel, Tally.empty(), turns, begun)
     lengths, shaped, ahead = turns[:, 0], begun[:, 0] == 1, begun[:, 1] == 1
     longest = np.maximum.accumulate(np.where(shaped, lengths, 0))
     behind = np.cumsum(np.where(ahead, 0, lengths))

@@ -109,7 +109,7 @@ def test_a_change_in_another_file_makes_machine_code_stale(copied):
     copy, backed_up = copied
     assert backed_up() == COMPILED
     assert backed_up() == FROM_DISK
-    factored = copy / "planning" / "factored_backups.py"  # compiled, and not called here
+    factored = copy / "planning" / "policy_evaluation.py"  # compiled, and not called here
     factored.write_text(factored.read_text() + "\n# changed\n")
     assert backed_up() == COMPILED
     plain = copy / "planning" / "solution.py"  # not compiled

@@ -18,7 +18,6 @@ from curricle import (
     StatePotential,
     StateShaping,
     learn,
-    solve,
 )
 from curricle.learning import linear
 
@@ -96,31 +95,6 @@ def test_a_number_of_seeds_means_the_first_ones():
 
 
 # -- evaluation ----------------------------------------------------------------------------------
-
-
-def test_checkpoint_0_judges_the_initial_values():
-    optimal = StateActionPotential(LINE, solve(LINE).action_values)
-    result = learn(LINE, budget=10, shaping=QInitialisation(optimal))
-    assert result.greedy_return[0, 0] == pytest.approx(solve(LINE).start_value)
-    assert learn(LINE, budget=10).greedy_return[0, 0] < 150  # all tie: a random walk
-
-
-def test_exact_evaluation_stops_at_the_time_limit():
-    cut = GridWorld("S..T", ends=(), time_limit=3, discount=0.5)
-    stay = StateActionPotential(cut, np.eye(4)[[3] * 4])  # west for ever
-    result = learn(cut, budget=1, shaping=QInitialisation(stay))
-    assert result.greedy_return[0, 0] == -1 - 0.5 - 0.25
-
-
-def test_returns_are_discounted_unless_asked_otherwise():
-    optimal = StateActionPotential(GridWorld("S..T", discount=0.5), np.eye(4)[[1] * 4])
-    for method in ("exact", "rollouts"):
-        for discounted, value in ((True, -1 - 0.5 + 199 / 4), (False, 197)):
-            evaluation = GreedyEvaluation(method, episodes=3, discounted=discounted)
-            result = learn(
-                optimal.task, budget=1, shaping=QInitialisation(optimal), evaluation=evaluation
-            )
-            assert result.greedy_return[0, 0] == pytest.approx(value)
 
 
 def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():

@@ -63,12 +63,3 @@ def test_what_the_loop_does_not_support_is_refused():
         cr.learn(task, OptimisticQLearning(), 10, shaping=guarded)
     with pytest.raises(SettingError, match="sparse tables are for QLearning"):
         cr.learn(task, OptimisticQLearning(), 10, storage=Storage(kind="sparse"))
-
-
-def test_single_precision_learns_the_same_policy():
-    task = cr.GridWorld("S..T")
-    single = cr.learn(task, OptimisticQLearning(), 500, storage=Storage(dtype="float32"))
-    assert single.values.dtype == np.float32
-    assert single.greedy_return[0, -1] == pytest.approx(
-        cr.learn(task, OptimisticQLearning(), 500).greedy_return[0, -1]
-    )

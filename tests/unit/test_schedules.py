@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from curricle import SARSA, DoubleQLearning, FiniteMDP, GridWorld, QLearning, learn
+from curricle import DoubleQLearning, FiniteMDP, GridWorld, QLearning, learn
 from curricle.learning import exponential, harmonic, linear
 from curricle.learning.schedules import constant
 
@@ -24,22 +24,11 @@ def test_schedules_by_hand(schedule, values):
     assert {step: schedule(step) for step in values} == pytest.approx(values)
 
 
-def test_schedules_are_values():
-    assert linear(1, 0, steps=4) == linear(1, 0, steps=4)
-    assert len({constant(1.0), constant(1.0), constant(2.0)}) == 2
-
-
 def test_a_harmonic_learning_rate_averages_the_rewards_of_a_pair():
     # The one step of each episode pays 199 or (at an edge) -1; the rate 1 / n makes Q the mean.
     task = GridWorld("ST", discount=0, time_limit=1)
     result = learn(task, QLearning(learning_rate=harmonic(), epsilon=1, initial_value=50), 100)
     assert result.values[0, 0].tolist() == [-1, 199, -1, -1]
-
-
-@pytest.mark.parametrize("kind", [QLearning, SARSA])
-def test_a_learning_rate_of_0_learns_nothing(kind):
-    result = learn(GridWorld("S.T"), kind(learning_rate=0, initial_value=3.5), 200)
-    assert (result.values[0, :2] == 3.5).all()
 
 
 @pytest.mark.parametrize("steps", [20, 1000])

@@ -105,11 +105,6 @@ def test_exact_evaluation_reads_sparse_tables(limit):
     both(small, QLearning(epsilon=0.3), 800, evaluation=EXACT, eval_freq=50)
 
 
-def test_tasks_of_other_kinds_are_learnt_sparsely_too():
-    both(cr.Pursuit(3, 2, time_limit=40), QLearning(), evaluation=ROLLED)
-    both(cr.GridWorld(["S..", "...", "..T"]), QLearning(), cr.Episodes(20))
-
-
 def test_automatic_storage_is_sparse_where_dense_does_not_fit():
     values = HUNT.states.size * HUNT.actions.size * 8
     kind = {
@@ -308,14 +303,6 @@ def test_sparse_values_are_found_by_state():
     for state in (0, 3, 10):
         with pytest.raises(SettingError, match=f"visited states only: {state} is not one"):
             met.at([2, state])
-
-
-def test_values_of_a_run_are_found_by_state():
-    _, sparse = both(HUNT, QLearning(), 1000, evaluation=ROLLED)
-    met = sparse.values[0]
-    order = np.random.default_rng(0).permutation(len(met.states))
-    np.testing.assert_array_equal(met.at(met.states[order]), met.values[order])
-    assert not met.values.flags.writeable
 
 
 def test_as_many_actions_as_can_be_numbered():

@@ -30,8 +30,7 @@ from curricle.display import block, table
 from curricle.errors import CurriculumError
 from curricle.files import Place, file_name, place_at
 from curricle.learning.guard import Guard
-from curricle.learning.learners import Learner
-from curricle.learning.optimistic_learning import OptimisticQLearning
+from curricle.learning.learners import Learner, OptimisticQLearning
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import QInitialisation, Shaping

@@ -4,10 +4,8 @@ from .learners import (
     DoubleQLearning as DoubleQLearning,
     ExpectedSARSA as ExpectedSARSA,
     Learner as Learner,
-    QLearning as QLearning,
-)
-from .optimistic_learning import (
     OptimisticQLearning as OptimisticQLearning,
+    QLearning as QLearning,
     value_bounds as value_bounds,
 )
 from .potential import (

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from curricle.learning.schedules import ByVisits, Constant, Schedule, at
-from curricle.planning.greedy import ACTION, best_of, highest
+from curricle.planning.greedy import ACTION, ONLY_ROW, best_of, highest
 from curricle.tasks.kernel import (
     HALF,
     STRIDE,
@@ -115,21 +115,21 @@ choices, acts, expectations = Overloaded(choose), Overloaded(act), Overloaded(ex
 def _choose_epsilon_greedy(exploration, values, tie, step, counter):
     bits = splitmix64(counter)
     if bernoulli(bits, at(exploration.epsilon, step)):
-        return integers(bits, values.shape[1]), bits, counter + STRIDE, False
-    return best_of(values, 0, tie)[1] & ACTION, bits, counter + STRIDE, True
+        return integers(bits, np.uint64(values.shape[1])), bits, counter + STRIDE, False
+    return best_of(values, ONLY_ROW, tie)[1] & ACTION, bits, counter + STRIDE, True
 
 
 @acts.body(EpsilonGreedy)
 def _act_epsilon_greedy(exploration, q, row_max, row_argmax, row, step, counter):
     bits = splitmix64(counter)
     if bernoulli(bits, at(exploration.epsilon, step)):
-        return integers(bits, q.shape[1]), bits, counter + STRIDE
+        return integers(bits, np.uint64(q.shape[1])), bits, counter + STRIDE
     return np.uint64(row_argmax[row]) & ACTION, bits, counter + STRIDE
 
 
 @expectations.body(EpsilonGreedy)
 def _expect_epsilon_greedy(exploration, q, state, values, step):
-    epsilon, best = at(exploration.epsilon, step), highest(values, 0)
+    epsilon, best = at(exploration.epsilon, step), highest(values, ONLY_ROW)
     total, ties, mean = 0.0, 0.0, 0.0
     for action in range(values.shape[1]):
         if values[0, action] == best:
@@ -142,7 +142,7 @@ def _expect_epsilon_greedy(exploration, q, state, values, step):
 @choices.body(Softmax)
 def _choose_softmax(exploration, values, tie, step, counter):
     beta = at(exploration.inverse_temperature, step)
-    action, counter = softmax(values, 0, highest(values, 0), beta, counter)
+    action, counter = softmax(values, ONLY_ROW, highest(values, ONLY_ROW), beta, counter)
     return action, splitmix64(counter), counter + STRIDE, False
 
 
@@ -155,7 +155,7 @@ def _act_softmax(exploration, q, row_max, row_argmax, row, step, counter):
 
 @expectations.body(Softmax)
 def _expect_softmax(exploration, q, state, values, step):
-    beta, best = at(exploration.inverse_temperature, step), highest(values, 0)
+    beta, best = at(exploration.inverse_temperature, step), highest(values, ONLY_ROW)
     total, weight = 0.0, 0.0
     for action in range(values.shape[1]):
         w = np.exp(beta * (values[0, action] - best))

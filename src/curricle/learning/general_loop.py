@@ -1,30 +1,40 @@
-"""The general learning loop: all update rules and all shapings, one function for each equation.
+"""The general learning loop: n learners of the same steps, all update rules, shapings and guards.
 
-:func:`curricle.learn` validates the arguments. Q-learning on unshaped rewards has a faster loop of
-its own in ``q_learning.py``, guarded learning one in ``guard.py``. This loop is compiled once for
-all rules and shapings: with bodies chosen by type it would be compiled anew for each combination,
-and compiling takes far longer than the few comparisons that a step of the loop makes.
+One learner acts; all of them learn from every step. There is one of them, or under a guard two:
+without the potential and with it. Q-learning on unshaped rewards, optimistic or not, has a faster
+loop of its own in ``q_learning.py``.
+
+This loop is compiled once for all rules and shapings: with bodies chosen by type it would be
+compiled anew for each combination, and compiling takes far longer than the few comparisons that a
+step of the loop makes. Only the number of learners is a type, so that all the work for a second one
+drops out where there is none. What is done at checkpoints is compiled by itself (:func:`called`).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.arrays import FloatArray, FloatTable, IntArray
 from curricle.learning.exploration import choose, expected_value
-from curricle.learning.record import is_spent, noted_end
+from curricle.learning.guard import SCRATCH, SHAPED, UNDECIDED, GuardKernel, Tally, next_turn
+from curricle.learning.record import Bounds, Record, Used, is_spent, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import stops
-from curricle.learning.tables import tie_bits
-from curricle.planning.greedy import ACTION, acting_rows, best_of, greedy_actions, highest
-from curricle.planning.policy_evaluation import greedy_return
-from curricle.tasks.kernel import STRIDE, first_above, inlined, splitmix64
+from curricle.learning.storage import StaticInt, tie_bits
+from curricle.planning.greedy import ACTION, ONLY_ROW, acting_rows, best_of, greedy_actions, highest
+from curricle.planning.policy_evaluation import EvaluationKernel, address_of, called, greedy_return
+from curricle.tasks.kernel import LINE, STRIDE, compiled, first_above, inlined, splitmix64
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 # What is added to the reward, or to the values acted on.
 PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
 # Update rules.
 Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)
+
+
+FIRST, SECOND = np.uint64(0), np.uint64(1)
+"""Tables of a learner."""
 
 
 class ShapingKernel(NamedTuple):
@@ -37,128 +47,206 @@ class ShapingKernel(NamedTuple):
     pair_values: FloatArray  # (S, A) phi(s, a)
 
 
+class Learners(NamedTuple):
+    """n learners of the same steps. The last one has the shaping, and acts first."""
+
+    n: StaticInt
+    q: FloatTable  # (n, m, S, A) the m tables of each
+    shaping: ShapingKernel
+    action: npt.NDArray[np.uint64]  # (n,) what each would do in the present state, under SARSA
+    bits: npt.NDArray[np.uint64]  # (n,) for the outcome of that action
+    values: FloatArray  # (1, A) work space: the values that a learner acts on
+    ties: npt.NDArray[np.uint64]  # (S,) bits that break the ties of each state, or (0,)
+    guard: GuardKernel
+    tally: Tally
+
+    @classmethod
+    def starting(
+        cls,
+        q: FloatTable,
+        update: int,
+        shaping: ShapingKernel,
+        guard: GuardKernel | None,
+    ) -> "Learners":
+        """Return the learners before their first step, on tables that have their first values."""
+        n_actions = q.shape[3]
+        room = np.zeros(n_actions + LINE // 8)
+        # It is written value by value and then read as a vector, for which the processor waits less
+        # where the vector begins in the middle of a cache line: by up to 17 ns a step.
+        start = (LINE // 2 - room.ctypes.data) % LINE // 8
+        return cls(
+            n=(None,) * len(q),
+            q=q,
+            shaping=shaping,
+            action=np.zeros(len(q), np.uint64),
+            bits=np.zeros(len(q), np.uint64),
+            values=room[start : start + n_actions].reshape(1, n_actions),
+            ties=np.empty(q.shape[2] if guard is None and update == Q_LEARNING else 0, np.uint64),
+            guard=GuardKernel(0.0, 0.0, 0.0) if guard is None else guard,
+            tally=Tally.empty(),
+        )
+
+
+class Course(NamedTuple):
+    """What the loops need besides a model and learners."""
+
+    discount: float
+    limit: int  # steps of an episode
+    turn: int  # steps after which a guarded turn ends, if no episode has ended before
+    stream: np.uint64  # where the run's random stream starts
+    used: Used  # before learning
+    bounds: Bounds
+    eval_freq: int  # steps between checkpoints; checkpoint 0 is before the first step
+    evaluation: EvaluationKernel
+    record: Record
+    noting: int  # the address of :func:`note`
+
+
 class Acting(NamedTuple):
     """The values a policy acts on: Q, the mean of two tables, or either plus w phi under advice."""
 
     q: FloatTable  # (1 or 2, S, A)
-    advice: FloatArray  # (S, A) phi, or (0, A)
+    advised: bool
+    advice: FloatArray  # (S, A) phi, where it is advised
     weight: float
     values: FloatArray  # (1, A) work space
 
 
 @acting_rows.body(Acting)
 def _write_acting_row(view, state, out):
-    for action in range(out.shape[1]):
-        value = np.float64(view.q[0, state, action])
+    for action in range(np.uint64(out.shape[1])):
+        value = np.float64(view.q[FIRST, state, action])
         if view.q.shape[0] == 2:
-            value = 0.5 * (value + view.q[1, state, action])
-        if view.advice.shape[0] > 0:
+            value = 0.5 * (value + view.q[SECOND, state, action])
+        if view.advised:
             value += view.weight * view.advice[state, action]
-        out[0, action] = value
+        out[ONLY_ROW, action] = value
 
 
-acting_values = inlined(_write_acting_row)
+write_acting_row = inlined(_write_acting_row)
 
 
 @greedy_actions.body(Acting)
 def _acting_greedy(view, state, bits):
-    acting_values(view, state, view.values)
-    return best_of(view.values, 0, bits)[1]
+    write_acting_row(view, state, view.values)
+    return best_of(view.values, ONLY_ROW, bits)[1]
 
 
 @inlined
-def state_potential(shaping, state, step):
-    """Return w(t) Phi(s, t), of the potential that holds at `step`."""
-    current = first_above(shaping.steps, step) - np.uint64(1)
-    return at(shaping.weight, step) * shaping.state_values[current, state]
+def acted_on(learners, learner, weight):
+    """Return the view of the values that a learner acts on, with the present weight of phi."""
+    shaped = learner == np.uint64(len(learners.n) - 1)
+    advised, phi = shaped and learners.shaping.kind == ADVICE, learners.shaping.pair_values
+    return Acting(learners.q[learner], advised, phi, weight, learners.values)
 
 
-# -- update rules: the target of Q(s, a) where the episode goes on from s' -----------------------
+# -- the loop ------------------------------------------------------------------------------------
 
 
-@inlined
-def q_learning_target(reward, discount, q, next_state):
-    """Return r + gamma max_b Q(s', b) (paper E1; Watkins 1989)."""
-    real = q.dtype.type  # the precision of the table, as in the fast loop
-    return real(reward) + real(discount) * highest(q[0], next_state)
+def train(model, rule, learners, course):
+    """Learn in place on ``learners.q``, fill the record.
 
-
-@inlined
-def sarsa_target(reward, discount, q, next_state, next_action):
-    """Return r + gamma Q(s', a'), a' the action that will be taken (Rummery, Niranjan 1994)."""
-    return reward + discount * np.float64(q[0, next_state, next_action])
-
-
-@inlined
-def expected_sarsa_target(reward, discount, q, next_state, exploration, values, step):
-    """Return r + gamma sum_b pi(b|s') Q(s', b) (van Seijen et al. 2009).
-
-    The policy pi acts on `values`, (1, A), those of s'.
+    Return the steps and episodes done, and the learner that is ahead: the one that is evaluated.
     """
-    return reward + discount * expected_value(exploration, q, next_state, values, step)
+    return learn_all(model, rule, learners, course)
 
 
-@inlined
-def double_q_learning_target(reward, discount, q, next_state, table, bits):
-    """Return r + gamma Q_other(s', argmax_b Q_table(s', b)) (van Hasselt 2010)."""
-    best = best_of(q[table], next_state, bits)[1] & ACTION
-    return reward + discount * np.float64(q[1 - table, next_state, best])
+@inlined  # so that no reference to an array is counted, which takes time to run and to compile
+def learn_all(model, rule, learners, course):
+    """Do what :func:`train` says."""
+    # Unsigned indices of learners, tables and actions need no test for being negative.
+    n, last = np.uint64(len(learners.n)), np.uint64(learners.q.shape[1] - 1)
+    discount, record, budget = course.discount, course.record, course.bounds
+    shaping, ties, shaped = learners.shaping, learners.ties, n - np.uint64(1)
+    guarded, looks_ahead = shaped > np.uint64(0), rule.update in (SARSA, EXPECTED_SARSA)
+    draw_ties(ties, splitmix64(course.stream))
+    share, ahead, acting = UNDECIDED, SCRATCH, shaped
+    step, episodes, ended, ended_return = course.used
+    early, checkpoint, counter = step > 0, np.int64(0), course.stream + STRIDE
+    fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
+    turn_length, earned, factor = 0, 0.0, 1.0
+    action, bits, drawn = np.uint64(0), np.uint64(0), False
+    weight, carried = at(shaping.weight, step), 0.0  # of the potential, and from step to step
+    while True:
+        if early or step == checkpoint * course.eval_freq:
+            value = greedy_return(course.evaluation, model, acted_on(learners, ahead, weight))
+            so_far = step, episodes, ended, ended_return, value, share if guarded else np.nan
+            q, other = learners.q[ahead, FIRST], learners.q[ahead, last]
+            checkpoint, ends = note_all(course, early, checkpoint, so_far, q, other)
+            if ends:
+                return step, episodes, ahead
+            if early:
+                early = False
+                continue
+            ended, ended_return = 0, 0.0
+        if is_spent(budget, record, step, episodes) or has_failed(model):
+            return step, episodes, ahead
+        if fresh:
+            state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
+            length, episode_return = 0, 0.0
+            carried = 0.0
+            if shaping.kind == STATE:
+                carried = weight * state_potential(shaping, state, step)
+        if fresh or rule.update != SARSA:
+            write_acting_row(acted_on(learners, acting, weight), state, learners.values)
+            action, bits, counter, drawn = decide(learners, rule, state, step, counter)
+        else:
+            action, bits = learners.action[acting], learners.bits[acting]
+        next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
+        step, length, episode_return = step + 1, length + 1, episode_return + reward
+        before, weight = weight, at(shaping.weight, step)
+        table, coin = FIRST, np.uint64(0)
+        if rule.update == DOUBLE_Q_LEARNING:
+            coin, counter = splitmix64(counter), counter + STRIDE
+            table = coin & np.uint64(1)
+        row = counted_row(learners.q, table, state)
+        rate, changed = rate_of(rule.learning_rate, row, action, step - 1), 0.0
+        there, extra, next_action = 0.0, 0.0, np.uint64(0)
+        if shaping.kind == STATE and not terminated:
+            there = weight * state_potential(shaping, next_state, step)
+        if shaping.kind != PLAIN:
+            pair = state, action
+            extra, carried = shaping_reward(shaping, discount, pair, terminated, carried, there)
+        for learner in range(n):
+            target = reward + (extra if learner == shaped else 0.0)
+            # Cutting off at the time limit is not termination: it bootstraps like any other step.
+            if not terminated:
+                if looks_ahead:
+                    view = acted_on(learners, learner, weight)
+                    write_acting_row(view, next_state, learners.values)
+                if rule.update == SARSA:  # what a learner itself would do is what its values are of
+                    drawn_next = decide(learners, rule, next_state, step, counter)
+                    next_action, learners.bits[learner], counter, _ = drawn_next
+                    learners.action[learner] = next_action
+                choice = table, coin, step, next_action
+                target = td_target(rule, learners, learner, discount, target, next_state, choice)
+            new = move(learners.q[learner], table, state, action, rate, target)
+            if learner == acting:
+                changed = new
+        if ties.shape[0] > 0:
+            if not drawn:  # a drawn action was among the highest
+                if shaping.kind == ADVICE:
+                    changed += before * shaping.pair_values[state, action]
+                drawn = draws_again(learners.values, ties[state], changed, action)
+            if drawn:
+                ties[state] = bits
+        ends = noted_end(record, next_state, terminated)
+        state, fresh = next_state, ends or length >= course.limit or truncated(model)
+        if fresh:
+            episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
+        if guarded:  # the learners are compared by what the task maximises
+            turn_length, earned = turn_length + 1, earned + factor * reward
+            factor *= discount
+            if fresh or turn_length >= course.turn:
+                turn = acting, turn_length, earned
+                share, acting = next_turn(learners.guard, learners.tally, turn, share)
+                ahead = SHAPED if share > UNDECIDED else SCRATCH
+                turn_length, earned, factor = 0, 0.0, 1.0
 
 
-@inlined
-def td_target(rule, reward, discount, q, next_state, next_action, values, table, bits, step):
-    """Return the target of the learner's update rule."""
-    if rule.update == SARSA:
-        return sarsa_target(reward, discount, q, next_state, next_action)
-    if rule.update == EXPECTED_SARSA:
-        return expected_sarsa_target(
-            reward, discount, q, next_state, rule.exploration, values, step
-        )
-    if rule.update == DOUBLE_Q_LEARNING:
-        return double_q_learning_target(reward, discount, q, next_state, table, bits)
-    return q_learning_target(reward, discount, q, next_state)
-
-
-@inlined
-def counted_row(q, table, state):
-    """Return the row in which the updates of a state are counted; each table counts its own."""
-    return np.uint64(table) * np.uint64(q.shape[1]) + state
-
-
-@inlined
-def move(q, table, state, action, rate, target):
-    """Move Q(s, a) of a table towards a target, in the table's precision, and return it."""
-    real, old = q.dtype.type, q[table, state, action]
-    new = old + real(rate) * (real(target) - old)
-    q[table, state, action] = new
-    return np.float64(new)
-
-
-@inlined
-def advised(advice, weight, state, action):
-    """Return what advice adds to the value that a policy acts on."""
-    return weight * advice[state, action] if advice.shape[0] > 0 else 0.0
-
-
-@inlined
-def begin(model, shaping, step, counter):
-    """Return the first state of an episode, the stream's counter, and the potential carried."""
-    state, carried = first_state(model, splitmix64(counter)), 0.0
-    if shaping.kind == STATE:
-        carried = state_potential(shaping, state, step)
-    return state, counter + STRIDE, carried
-
-
-@inlined
-def toss(rule, counter):
-    """Return the table that is updated, the bits that chose it, and the stream's counter."""
-    if rule.update != DOUBLE_Q_LEARNING:
-        return 0, np.uint64(0), counter
-    coin = splitmix64(counter)
-    return np.int64(coin & np.uint64(1)), coin, counter + STRIDE
-
-
-# -- ties: Q-learning has a fast loop too and draws them as there, a visit ahead; others at once ---
+# -- what an action is drawn by ------------------------------------------------------------------
+#
+# Q-learning has a fast loop too and draws among ties as there, a visit ahead; others at once.
 
 
 @inlined
@@ -169,10 +257,10 @@ def draw_ties(ties, key):
 
 
 @inlined
-def act(rule, values, ties, state, step, counter):
-    """Return what :func:`choose` does in a state on these acting values."""
-    tie = ties[state] if rule.update == Q_LEARNING else splitmix64(counter)
-    return choose(rule.exploration, values, tie, step, counter)
+def decide(learners, rule, state, step, counter):
+    """Return what is done on ``learners.values`` in a state, as :func:`choose` does."""
+    tie = learners.ties[state] if learners.ties.shape[0] > 0 else splitmix64(counter)
+    return choose(rule.exploration, learners.values, tie, step, counter)
 
 
 @inlined
@@ -184,159 +272,121 @@ def draws_again(values, tie, new, action):
     """
     old = values[0, action]
     if new == old:
-        return best_of(values, 0, tie)[1] & ACTION == action
-    return max(old, new) >= highest(values, 0)
+        return best_of(values, ONLY_ROW, tie)[1] & ACTION == action
+    return (old if old > new else new) >= highest(values, ONLY_ROW)
+
+
+# -- update rules: the target of Q(s, a) where the episode goes on from s' -----------------------
+
+
+@inlined
+def td_target(rule, learners, learner, discount, reward, next_state, choice):
+    """Return the target of a learner's update rule.
+
+    `choice` are the table that is updated, the bits that chose it, the step, and SARSA's next
+    action. The policy of expected SARSA acts on ``learners.values``, those of s'.
+    """
+    q, (table, coin, step, next_action) = learners.q[learner], choice
+    if rule.update == SARSA:  # r + gamma Q(s', a'), a' taken next (Rummery, Niranjan 1994)
+        return reward + discount * np.float64(q[FIRST, next_state, next_action])
+    if rule.update == EXPECTED_SARSA:  # r + gamma sum_b pi(b|s') Q(s', b) (van Seijen et al. 2009)
+        return reward + discount * expected_value(
+            rule.exploration, q, next_state, learners.values, step
+        )
+    if rule.update == DOUBLE_Q_LEARNING:  # r + gamma Q_other(s', argmax_b Q(s', b)) (Hasselt 2010)
+        best = best_of(q[table], next_state, coin)[1] & ACTION
+        return reward + discount * np.float64(q[SECOND - table, next_state, best])
+    real = q.dtype.type  # r + gamma max_b Q(s', b) (E1; Watkins 1989), as precise as the fast loop
+    return np.float64(real(reward) + real(discount) * highest(q[0], next_state))
+
+
+@inlined
+def counted_row(q, table, state):
+    """Return the row in which the updates of a state are counted; each table counts its own."""
+    return np.uint64(table) * np.uint64(q.shape[2]) + state
+
+
+@inlined
+def move(q, table, state, action, rate, target):
+    """Move Q(s, a) of a table towards a target, in the table's precision, and return it."""
+    real, old = q.dtype.type, q[table, state, action]
+    new = old + real(rate) * (real(target) - old)
+    q[table, state, action] = new
+    return np.float64(new)
 
 
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------
 
 
 @inlined
-def state_shaping_reward(shaping, discount, next_state, terminated, step, here):
-    """Return F = gamma Phi(s', t') - Phi(s, t), and Phi(s', t') (Ng, Harada, Russell 1999).
-
-    Phi of a terminal state is 0 (Grzes 2017).
-    """
-    there = 0.0
-    if not terminated:
-        there = state_potential(shaping, next_state, step)
-    return discount * there - here, there
+def state_potential(shaping, state, step):
+    """Return Phi(s, t), of the potential that holds at `step`."""
+    return shaping.state_values[first_above(shaping.steps, step) - np.uint64(1), state]
 
 
 @inlined
-def look_back_reward(shaping, discount, state, action, terminated, before):
-    """Return F = phi(s, a) - phi(s before, a before) / gamma, and phi(s, a).
+def shaping_reward(shaping, discount, pair, terminated, carried, there):
+    """Return what shaping adds to the reward of a step, and what it carries to the next step.
 
-    Wiewiora, Cottrell, Elkan 2003. The last step of an episode also gets the term of its end,
-    gamma (0 - phi(s, a) / gamma), so that phi(s, a) cancels.
+    `there` is w(t') Phi(s', t'), 0 in the end of an episode (Grzes 2017).
     """
-    here = shaping.pair_values[state, action]
-    if terminated:
-        return -before / discount, 0.0
-    return here - before / discount, here
-
-
-@inlined
-def shaping_reward(shaping, discount, state, action, next_state, terminated, step, carried):
-    """Return what shaping adds to the reward of a step, and what it carries to the next step."""
-    if shaping.kind == STATE:
-        return state_shaping_reward(shaping, discount, next_state, terminated, step, carried)
+    state, action = pair
+    if shaping.kind == STATE:  # F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999)
+        return discount * there - carried, there
     if shaping.kind == LOOK_BACK:
-        return look_back_reward(shaping, discount, state, action, terminated, carried)
+        # F = phi(s, a) - phi(s before, a before) / gamma (Wiewiora, Cottrell, Elkan 2003). The last
+        # step of an episode also gets the term of its end, -phi(s, a), so that phi(s, a) cancels.
+        here = 0.0 if terminated else shaping.pair_values[state, action]
+        return here - carried / discount, here
     if shaping.kind == BONUS:
         return shaping.pair_values[state, action], 0.0
-    return 0.0, 0.0
+    return 0.0, 0.0  # advice
 
 
-# -- the loop ------------------------------------------------------------------------------------
+# -- checkpoints -----------------------------------------------------------------------------------
 
 
 @inlined
-def keep_snapshot(record, checkpoint, q, other):
-    """Keep the mean of two tables (S, A) if this is a checkpoint to keep."""
+def note_all(course, early, checkpoint, so_far, q, other):
+    """Note a checkpoint, or `early`, after a warm-up, all those before the present step.
+
+    The latter have the episodes and training returns of the warm-up, and the greedy return before
+    learning. Return the next checkpoint, and whether the stopping rule ends the run at this one.
+    """
+    step, _, _, _, value, share = so_far
+    ends, record, stopping = False, course.record, course.bounds.stopping
+    last = step - 1 if early else step
+    while checkpoint * course.eval_freq <= last:
+        if early:
+            warm = record.episodes[checkpoint], 1, record.training_return[checkpoint]
+            so_far = checkpoint * course.eval_freq, warm[0], warm[1], warm[2], value, share
+        met = called(course.noting, (record, stopping, checkpoint, so_far, q, other))
+        ends, checkpoint = met > 0.0 and not early, checkpoint + 1
+    return checkpoint, ends
+
+
+def note(record, stopping, checkpoint, so_far, q, other):
+    """Fill one checkpoint of a record; return 1 where the stopping rule ends the run there, else 0.
+
+    `so_far` are the steps, the episodes, the number and returns of those ended since the last
+    checkpoint, the greedy return, and the share of a guard; the policy acts on the mean of `q` and
+    `other`, (S, A).
+    """
+    step, episodes, ended, ended_return, value, share = so_far
+    record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
+    record.greedy_return[checkpoint] = value
+    record.guard_share[checkpoint] = share
+    record.episodes[checkpoint] = episodes
     for i in range(record.snapshot_at.shape[0]):
         if record.snapshot_at[i] == checkpoint:
             for state in range(q.shape[0]):
                 for action in range(q.shape[1]):
                     mean = 0.5 * (q[state, action] + other[state, action])
                     record.snapshots[i, state, action] = mean
+    return 1.0 if stops(stopping, record.greedy_return, checkpoint, step) else 0.0
 
 
-@inlined
-def write_checkpoint(record, checkpoint, so_far, q, other, stopping):
-    """Fill one checkpoint of a record, and return whether the stopping rule ends the run there.
-
-    `so_far` are the steps, the episodes, the number and returns of those ended since the last
-    checkpoint, and the greedy return; the policy acts on the mean of `q` and `other`.
-    """
-    step, episodes, ended, ended_return, value = so_far
-    record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
-    record.greedy_return[checkpoint] = value
-    record.episodes[checkpoint] = episodes
-    keep_snapshot(record, checkpoint, q, other)
-    return stops(stopping, record.greedy_return, checkpoint, step)
-
-
-@inlined
-def warm_up_checkpoints(record, step, eval_freq, value, q, other):
-    """Return the first checkpoint from `step` on; those before get the return before learning.
-
-    `value` is that return, a number: evaluating here too would compile the evaluation a second
-    time. Snapshots there are the mean of the tables `q` and `other` before learning.
-    """
-    checkpoint = 0
-    while checkpoint * eval_freq < step:
-        record.greedy_return[checkpoint] = value
-        keep_snapshot(record, checkpoint, q, other)
-        checkpoint += 1
-    return checkpoint
-
-
-def train(model, horizon, rule, shaping, q, evaluation, stream, used, budget, eval_freq, record):
-    """Learn in place on `q` (1 or 2, S, A), fill `record`, return the steps and episodes done.
-
-    `horizon` are the discount and the time limit, `stream` (1,) is the run's random stream,
-    `used` the warm-up, `budget` are the :class:`Bounds`, `eval_freq` the steps between
-    checkpoints (checkpoint 0 is before the first step).
-    """
-    discount, limit = horizon
-    phi, weight = shaping.pair_values, shaping.weight
-    advice = phi[: phi.shape[0] if shaping.kind == ADVICE else 0]
-    shape = 1, q.shape[2]
-    values, next_values, row = np.empty(shape), np.empty(shape), np.empty(shape)
-    step, episodes, ended, ended_return = used
-    first = Acting(q, advice, at(weight, step), row)
-    value = greedy_return(evaluation, model, first) if step > 0 else np.nan
-    last = q[q.shape[0] - 1]
-    checkpoint = warm_up_checkpoints(record, step, eval_freq, value, q[0], last)
-    fresh, state, length, episode_return, carried = True, np.uint64(0), 0, 0.0, 0.0
-    action, bits, counter, drawn = np.uint64(0), np.uint64(0), stream[0] + STRIDE, False
-    ties = np.empty(q.shape[1] if rule.update == Q_LEARNING else 0, np.uint64)
-    draw_ties(ties, splitmix64(stream[0]))
-    looks_ahead = rule.update in (SARSA, EXPECTED_SARSA)
-    while True:
-        if step == checkpoint * eval_freq:
-            acting = Acting(q, advice, at(weight, step), row)
-            so_far = step, episodes, ended, ended_return, greedy_return(evaluation, model, acting)
-            if write_checkpoint(record, checkpoint, so_far, q[0], last, budget.stopping):
-                return step, episodes
-            checkpoint, ended, ended_return = checkpoint + 1, 0, 0.0
-        if is_spent(budget, record, step, episodes) or has_failed(model):
-            return step, episodes
-        if fresh:
-            state, counter, carried = begin(model, shaping, step, counter)
-            length, episode_return = 0, 0.0
-        if fresh or rule.update != SARSA:
-            acting_values(Acting(q, advice, at(weight, step), row), state, values)
-            action, bits, counter, drawn = act(rule, values, ties, state, step, counter)
-        next_state, target, terminated = transition(model, state, action, splitmix64(bits))
-        step, length, episode_return = step + 1, length + 1, episode_return + target
-        extra, carried = shaping_reward(
-            shaping, discount, state, action, next_state, terminated, step, carried
-        )
-        target += extra
-        # Cutting off at the time limit is not termination: it bootstraps like any other step.
-        next_action = np.uint64(0)
-        table, coin, counter = toss(rule, counter)
-        if not terminated:
-            if looks_ahead:
-                acting_values(Acting(q, advice, at(weight, step), row), next_state, next_values)
-            if rule.update == SARSA:
-                next_action, bits, counter, _ = act(
-                    rule, next_values, ties, next_state, step, counter
-                )
-            target = td_target(
-                rule, target, discount, q, next_state, next_action, next_values, table, coin, step
-            )
-        rate = rate_of(rule.learning_rate, counted_row(q, table, state), action, step - 1)
-        new = move(q, table, state, action, rate, target)
-        if rule.update == Q_LEARNING:
-            if not drawn:  # a drawn action was among the highest
-                new += advised(advice, at(weight, step - 1), state, action)
-                drawn = draws_again(values, ties[state], new, action)
-            if drawn:
-                ties[state] = bits
-        fresh = noted_end(record, next_state, terminated) or length >= limit or truncated(model)
-        if fresh:
-            episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
-        state, action = next_state, next_action
+def address_of_note(record: Record, stopping: Any, q: FloatTable) -> int:
+    """Return where the machine code of :func:`note` for tables such as `q`, (S, A), begins."""
+    so_far = 0, 0, 0, 0.0, 0.0, 0.0
+    return address_of(compiled(note, False), record, stopping, 0, so_far, q, q)

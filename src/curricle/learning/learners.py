@@ -1,6 +1,7 @@
 """The learners: an update rule, a learning rate and an exploration, for :func:`learn`."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -10,8 +11,8 @@ from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning import general_loop
 from curricle.learning.exploration import EpsilonGreedy, LearnerKernel, Softmax
-from curricle.learning.schedules import HARMONIC, ByVisits, Schedule, within
-from curricle.tasks.mdp import Task
+from curricle.learning.schedules import HARMONIC, ByVisits, Schedule, harmonic, within
+from curricle.tasks.mdp import Task, generative_model, has_tables, tables
 
 
 @dataclass(frozen=True)
@@ -84,14 +85,14 @@ class Learner:
 
         `visits`, (rows of all tables, A), count the updates from here on if its rate depends on it.
         """
-        given: Any = within("learning_rate", self._rate, 0.0, 1.0)
+        schedule: Any = within("learning_rate", self._rate, 0.0, 1.0)
         visits = np.zeros((1, 1), np.int64) if visits is None else visits
-        rate = ByVisits(given, visits) if self.counts else given.kernel
+        rate = ByVisits(schedule, visits) if self.counts else schedule.kernel
         if self.inverse_temperature is not None:
             beta = within("inverse_temperature", self.inverse_temperature, 0.0, 1e100)
             return LearnerKernel(self.update, rate, Softmax(beta.kernel))
-        given = self.default_epsilon if self.epsilon is None else self.epsilon
-        epsilon = within("epsilon", given, 0.0, 1.0)
+        chance = self.default_epsilon if self.epsilon is None else self.epsilon
+        epsilon = within("epsilon", chance, 0.0, 1.0)
         return LearnerKernel(self.update, rate, EpsilonGreedy(epsilon.kernel))
 
 
@@ -151,3 +152,138 @@ class DoubleQLearning(Learner):
 
     update: ClassVar[int] = general_loop.DOUBLE_Q_LEARNING
     tables: ClassVar[int] = 2
+
+
+@dataclass(frozen=True)
+class OptimisticQLearning(Learner):
+    """Q-learning that acts on values started at the highest that the task allows.
+
+    U(s,a) += alpha (r + gamma min(highest, max_b U(s',b)) - U(s,a)) is acted on, greedily
+    (Even-Dar, Mansour 2001). Q(s,a), :class:`QLearning` from the same steps, is evaluated, returned
+    and transferred; it starts at the lowest value, so that its greedy policy keeps to what was
+    tried.
+    The learning rate is that of Jin et al. 2018, without their bonus for pairs seldom tried.
+
+    A potential by :class:`QInitialisation` or :class:`LookAheadAdvice` is added to the start of
+    both tables. Other shapings, guards and sparse tables are refused. Further training goes on from
+    Q and the counts of visits: U is Q where a pair was visited.
+
+    Parameters
+    ----------
+    learning_rate : float or Schedule, optional
+        alpha of both tables; here every schedule counts the visits of each pair. By default
+        (H + 1) / (H + n) at visit n, H = min(time limit, 1 / (1 - discount)).
+    epsilon, inverse_temperature : optional
+        As for other learners, but epsilon is 0 by default.
+    initial_value : float, optional
+        Q before learning; the lowest value by default.
+    value_range : (float, float), optional
+        Lowest and highest value of a state. By default from the rewards in the task's tables
+        (:func:`value_bounds`).
+
+    Raises
+    ------
+    SettingError
+        When a number is out of range; by :func:`learn` when the task does not tell H or the range.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> learner = OptimisticQLearning()
+    >>> learn(GridWorld("S..T"), learner, budget=500).greedy_return[0, -1].round(2)
+    np.float64(193.05)
+    """
+
+    learning_rate: float | Schedule | None = None  # type: ignore[assignment]
+    initial_value: float | None = None  # type: ignore[assignment]
+    value_range: tuple[float, float] | None = None
+
+    update: ClassVar[int] = general_loop.Q_LEARNING
+    tables: ClassVar[int] = 2
+    counts: ClassVar[int] = 1
+    default_epsilon: ClassVar[float] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.value_range is not None:
+            object.__setattr__(self, "value_range", _checked_range(self.value_range))
+        super().__post_init__()
+
+    def _check_initial_value(self) -> None:
+        if self.initial_value is not None:
+            super()._check_initial_value()
+
+    @property
+    def _rate(self) -> float | Schedule:
+        return harmonic() if self.learning_rate is None else self.learning_rate
+
+    def for_task(self, task: Task) -> Self:
+        """Return the learner with its task's settings, or SettingError if the task tells none."""
+        rate: Any = self.learning_rate
+        if rate is None:
+            rate = harmonic(half=_horizon("OptimisticQLearning without learning_rate", task) + 1.0)
+        bounds = self.value_range
+        if bounds is None:
+            if not has_tables(task):
+                raise SettingError(
+                    "OptimisticQLearning needs value_range=(lowest, highest), as a task without "
+                    f"tables does not tell its rewards: got {task!r}"
+                )
+            bounds = value_bounds(task)
+        initial = bounds[0] if self.initial_value is None else self.initial_value
+        return replace(self, learning_rate=rate, initial_value=initial, value_range=bounds)
+
+
+def value_bounds(task: Task) -> tuple[float, float]:
+    """Return a lower and an upper bound of the values of a task's states, from its rewards alone.
+
+    An episode has at most H rewards, H = 1 / (1 - discount) or the time limit where the discount is
+    1; of those paid on entering a terminal state it has at most one.
+
+    Raises
+    ------
+    SettingError
+        When the task has neither a discount below 1 nor a time limit.
+    TaskError
+        When it has no tables.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> value_bounds(GridWorld("S.T", discount=0.5))
+    (-2.0, 199.0)
+    """
+    mdp = tables(task)
+    horizon = 1.0 / (1.0 - mdp.discount) if mdp.discount < 1.0 else _horizon("value_bounds", task)
+    rows = np.unique(mdp.outcome_row[~mdp.terminal])
+    possible, ends = mdp.probability[rows] > 0, mdp.terminal[mdp.next_state[rows]]
+    on, last = mdp.reward[rows][possible & ~ends], mdp.reward[rows][possible & ends]
+    going = [horizon * on.min(), horizon * on.max()] if on.size else []
+    low = high = 0.0
+    if on.size and horizon > 1.0:
+        low, high = (horizon - 1.0) * min(on.min(), 0.0), (horizon - 1.0) * max(on.max(), 0.0)
+    ending = [low + last.min(), high + last.max()] if last.size else []
+    return float(min(going + ending)), float(max(going + ending))
+
+
+def _horizon(name: str, task: Task) -> float:
+    """Return min(time limit, 1 / (1 - discount)), or raise SettingError where both are infinite."""
+    model = generative_model(task)
+    limit = math.inf if model.time_limit is None else float(model.time_limit)
+    ahead = 1.0 / (1.0 - model.discount) if model.discount < 1.0 else math.inf
+    if math.isinf(min(limit, ahead)):
+        raise SettingError(
+            f"{name} needs a horizon, as the task has neither a discount below 1 nor a time limit: "
+            f"got {task!r}"
+        )
+    return max(1.0, min(limit, ahead))
+
+
+def _checked_range(bounds: Any) -> tuple[float, float]:
+    """Return a range of values as two floats, or raise SettingError unless low <= high."""
+    name = "value_range of OptimisticQLearning"
+    if not isinstance(bounds, tuple | list) or len(bounds) != 2:
+        raise SettingError(f"{name} must be (lowest, highest): got {bounds!r}")
+    low, high = (number(name, bound, SettingError) for bound in bounds)
+    if low > high:
+        raise SettingError(f"{name} must have lowest <= highest: got {bounds!r}")
+    return low, high

@@ -1,6 +1,6 @@
 """One seed's training: its tables, the loop that fills them, what it leaves."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -9,26 +9,28 @@ import numpy as np
 
 from curricle.arrays import FloatTable, IntArray, frozen
 from curricle.learning import general_loop
+from curricle.learning.general_loop import Acting, Course, Learners
 from curricle.learning.guard import (
     SCRATCH,
-    SHAPED,
     UNDECIDED,
-    Guard,
-    TwoLearners,
-    empty_tally,
     longest_turn,
-    train_guarded,
 )
-from curricle.learning.learners import Learner
-from curricle.learning.optimistic_learning import OptimisticQLearning, train_optimistically
+from curricle.learning.learners import Learner, OptimisticQLearning
 from curricle.learning.potential import PairPotential
 from curricle.learning.q_learning import train_q_learning
 from curricle.learning.record import Bounds, Record, Used
 from curricle.learning.seeds import SeedSettings
-from curricle.learning.shaping import NOTHING_ADDED, QInitialisation, Shaping
+from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import StoppingKernel, stops
-from curricle.learning.storage import SparseValues, Storage
-from curricle.learning.tables import DenseTable, SparseTable, StaticInt, reorder
+from curricle.learning.storage import (
+    DenseTable,
+    OptimisticTables,
+    SparseTable,
+    SparseValues,
+    StaticInt,
+    Storage,
+    reorder,
+)
 from curricle.learning.value_lookup import no_sources
 from curricle.planning.policy_evaluation import EvaluationKernel
 from curricle.tasks.kernel import compiled, splitmix64
@@ -54,8 +56,8 @@ class Outcome:
     values: FloatTable | SparseValues | None
     steps: int
     episodes: int
-    out_of_memory: bool
     evaluation_steps: int
+    out_of_memory: bool = False
     own_rewards: bool = True
     advice: Any = 0.0
 
@@ -68,7 +70,6 @@ class _Seed(NamedTuple):
     out: FloatTable | None
     record: Record
     used: Used
-    visits: IntArray | None  # (rows of all tables, A), counted while learning
     evaluation: EvaluationKernel
 
     @property
@@ -108,143 +109,112 @@ class Run:
         n = self.longest // self.eval_freq + 1
         record = Record.empty(n, *kept, unknown_ends=unknown)
         used = settings.warm_up.write(record, self.eval_freq)
-        shaping, evaluation = settings.shaping, self.evaluation.for_run(start)
-        seed = _Seed(start, settings, out, record, used, self._visits(), evaluation)
-        if isinstance(self.learner, OptimisticQLearning):
-            return self._train_optimistically(seed, self.learner)
-        if shaping is not None and shaping.guard is not None:
-            return self._train_guarded(seed, shaping.guard, shaping)
-        return self._train_plainly(seed) if self.plain(shaping) else self._train_shaped(seed)
+        evaluation = self.evaluation.for_run(start)
+        seed = _Seed(start, settings, out, record, used, evaluation)
+        if not self.plain(settings.shaping):
+            return self._train_learners(seed)
+        return self._train_sparsely(seed) if self.rows else self._train_densely(seed)
 
     def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
         if self.learner.update != general_loop.Q_LEARNING:
             return False
-        if isinstance(self.learner, OptimisticQLearning):
-            return False
         return shaping is None or (shaping.starts_at_potential and shaping.guard is None)
 
-    def _train_plainly(self, seed: _Seed) -> Outcome:
-        key = np.uint64(splitmix64(seed.start))
-        if not self.rows:
-            q = self._filled(seed.initial, seed.out)
-            steps, episodes = self._loop(train_q_learning, seed, self._dense(q, key))
-            q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
-            return self._outcome(seed, steps, episodes)
-        table = self._sparse(seed.initial, key)
-        steps, episodes = self._loop(train_q_learning, seed, table)
-        values = _visited(table) if self.storage.save_values else None
-        early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]
-        full = early and not self._stopped(seed.record, steps)
-        return Outcome(seed.record, values, steps, episodes, full, seed.evaluation.steps)
+    def _train_densely(self, seed: _Seed) -> Outcome:
+        q = self._filled(seed.initial, seed.out)
+        acts, table = q, self._dense(q, seed)
+        if isinstance(self.learner, OptimisticQLearning):
+            assert self.learner.value_range is not None
+            lowest, highest = self.learner.value_range
+            acts = np.add(q, highest - lowest, dtype=q.dtype)
+            if self.task.terminal is not None:
+                acts[self.task.terminal] = 0.0
+            table = OptimisticTables(self._dense(acts, seed), table, highest)
+        steps, episodes = self._loop(train_q_learning, seed, table, acts[None])
+        q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
+        return self._outcome(seed, q, steps, episodes)
 
-    def _outcome(self, seed: _Seed, steps: int, episodes: int, **more: Any) -> Outcome:
-        """Return what a seed with dense tables leaves."""
-        spent = seed.evaluation.steps
-        return Outcome(seed.record, seed.out, steps, episodes, False, spent, **more)
+    def _dense(self, q: FloatTable, seed: _Seed) -> Any:
+        best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
+        key, far = np.uint64(splitmix64(seed.start)), (None,) * (q.nbytes > NEAR)
+        return DenseTable(q, best, greedy, key, self._width, far)
 
-    def _stopped(self, record: Record, steps: int) -> bool:
-        """Return whether a run that ended at so many steps ended by its stopping rule."""
+    def _train_sparsely(self, seed: _Seed) -> Outcome:
+        table = self._sparse(seed.initial, np.uint64(splitmix64(seed.start)))
+        steps, episodes = self._loop(train_q_learning, seed, table, table.q[None])
         checkpoint, rest = divmod(steps, self.eval_freq)
-        return not rest and bool(stops(self.stopping, record.greedy_return, checkpoint, steps))
+        stopped = not rest and stops(self.stopping, seed.record.greedy_return, checkpoint, steps)
+        early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]
+        values = _visited(table) if self.storage.save_values else None
+        return self._outcome(seed, values, steps, episodes, out_of_memory=early and not stopped)
 
-    def _train_shaped(self, seed: _Seed) -> Outcome:
+    def _train_learners(self, seed: _Seed) -> Outcome:
+        """Train one learner with a shaping, under a guard another one beside it."""
         shaping, record = seed.settings.shaping or QInitialisation(), seed.record
-        q = np.empty((self.learner.tables, *self.shape), self.storage.dtype)
-        for table in q:
-            self._filled(seed.initial, table)
-        steps, episodes = self._loop(general_loop.train, seed, shaping.kernel(), q)
+        guard, n = shaping.guard, 1 if shaping.guard is None else 2
+        q = np.empty((n, self.learner.tables, *self.shape), self.storage.dtype)
+        for k, tables in enumerate(q):
+            for table in tables:
+                self._filled(None if guard is not None and k == SCRATCH else seed.initial, table)
+        kernel = None if guard is None else guard.kernel
+        start = Learners.starting(q, self.learner.update, shaping.kernel(), kernel)
+        steps, episodes, ahead = self._loop(general_loop.train, seed, start, q[-1])
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
-            step = checkpoint * self.eval_freq
-            values += shaping.offset(step) + shaping.advice(step)
-        return self._shaped_outcome(seed, q, shaping, steps, episodes)
-
-    def _shaped_outcome(
-        self, seed: _Seed, q: FloatTable, shaping: Shaping | None, steps: int, episodes: int
-    ) -> Outcome:
-        """Return what a seed leaves whose tables, (n, S, A), were learnt with a shaping or none."""
-        shaping = shaping or QInitialisation()
-        if seed.out is not None:
-            initial = shaping.potential if shaping.starts_at_potential else None
-            seed.out[...] = q.mean(axis=0) + shaping.offset(steps)
-            seed.out[self._only_ends(seed.record, q, initial)] = 0.0
-        own, advice = shaping.own_rewards, shaping.advice(steps)
-        return self._outcome(seed, steps, episodes, own_rewards=own, advice=advice)
-
-    def _train_guarded(self, seed: _Seed, guard: Guard, shaping: Shaping) -> Outcome:
-        record = seed.record
-        q = np.empty((2, self.learner.tables, *self.shape), self.storage.dtype)
-        for learner, initial in (SCRATCH, None), (SHAPED, seed.initial):
-            for table in q[learner]:
-                self._filled(initial, table)
-        both = TwoLearners.starting(q, NOTHING_ADDED, shaping.kernel())
-        steps, episodes, ahead = self._loop(
-            train_guarded, seed, guard.kernel, empty_tally(), both, turns=True
-        )
-        kept = zip(record.snapshot_at, record.snapshots, strict=True)
-        for checkpoint, values in kept:
-            if record.guard_share[checkpoint] > UNDECIDED:
+            if guard is None or record.guard_share[checkpoint] > UNDECIDED:
                 step = checkpoint * self.eval_freq
                 values += shaping.offset(step) + shaping.advice(step)
-        return self._shaped_outcome(
-            seed, q[ahead], shaping if ahead == SHAPED else None, steps, episodes
+        if guard is not None and ahead == SCRATCH:
+            shaping = QInitialisation()
+        if seed.out is not None:
+            initial = shaping.potential if shaping.starts_at_potential else None
+            seed.out[...] = q[ahead].mean(axis=0) + shaping.offset(steps)
+            seed.out[self._only_ends(record, q[ahead], initial)] = 0.0
+        own, advice = shaping.own_rewards, shaping.advice(steps)
+        return self._outcome(seed, seed.out, steps, episodes, own_rewards=own, advice=advice)
+
+    def _outcome(self, seed: _Seed, values: Any, steps: int, episodes: int, **more: Any) -> Outcome:
+        return Outcome(
+            seed.record,
+            None if seed.out is None and not self.rows else values,
+            steps,
+            episodes,
+            seed.evaluation.steps,
+            **more,
         )
 
-    def _train_optimistically(self, seed: _Seed, learner: OptimisticQLearning) -> Outcome:
-        assert learner.value_range is not None
-        lowest, highest = learner.value_range
-        q = self._filled(seed.initial, seed.out)
-        optimistic = np.add(q, highest - lowest, dtype=q.dtype)
-        if self.task.terminal is not None:
-            optimistic[self.task.terminal] = 0.0
-        tables = (
-            self._dense(q, np.uint64(splitmix64(seed.start))),
-            self._dense(optimistic, np.uint64(splitmix64(seed.start))),
-        )
-        steps, episodes = self._loop(train_optimistically, seed, highest, *tables)
-        q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
-        return self._outcome(seed, steps, episodes)
+    def _loop(self, loop: Callable[..., Any], seed: _Seed, learns: Any, q: FloatTable) -> Any:
+        """Run a loop on a table or learners and return what it returns.
 
-    def _visits(self) -> IntArray | None:
-        """Return counts of updates, of which there are none yet; None if none are needed."""
-        n_tables, n_actions = self.learner.counts, self.task.actions.size
-        if not n_tables:
-            return None
-        rows = self.rows + 1 if self.rows else n_tables * self.task.states.size
-        return np.zeros((rows, n_actions), np.int64)
-
-    def _loop(
-        self, loop: Callable[..., Any], seed: _Seed, *tables: Any, turns: bool = False
-    ) -> Any:
-        """Run a loop on its tables and return what it returns; a guarded one also takes turns."""
+        `q`, (m, S, A), are the tables of the learner that acts first.
+        """
         discount, limit = self.task.discount, self.task.time_limit
-        horizon: Any = discount, np.int64(NO_LIMIT if limit is None else limit)
-        if turns:
-            horizon = *horizon, np.int64(longest_turn(*horizon))
         steps, episodes = self.limits
-        with self.opened(seed.settings, seed.start, tables) as model:
-            found = compiled(loop, isinstance(model, Functions))(
-                model,
-                horizon,
-                self.learner.kernel(seed.visits),
-                *tables,
-                seed.evaluation,
-                np.array([seed.start], dtype=np.uint64),
+        with self.opened(seed.settings, seed.start, q) as model:
+            course = Course(
+                discount,
+                limit := int(NO_LIMIT if limit is None else limit),
+                longest_turn(discount, limit),
+                np.uint64(seed.start),
                 seed.used,
                 Bounds(steps - seed.settings.charged, episodes, self.stopping),
                 self.eval_freq,
+                seed.evaluation.compiled_for(model, _evaluated(learns)),
                 seed.record,
+                general_loop.address_of_note(seed.record, self.stopping, q[0]),
             )
+            rule = self.learner.kernel(self._visits())
+            totals = compiled(loop, isinstance(model, Functions))(model, rule, learns, course)
         if seed.record.halted[0]:
             raise KeyboardInterrupt  # what is half learnt must not be taken for a result
-        return found
+        return totals
 
     def opened(
-        self, settings: SeedSettings, start: int, tables: Sequence[Any]
+        self, settings: SeedSettings, start: int, q: FloatTable
     ) -> AbstractContextManager[Any]:
         """Return a context with the model that one seed's loop samples.
 
-        `start` is where its random stream starts, `tables` are the loop's own, what it learns last.
+        `start` is where its random stream starts, `q`, (m, S, A), the tables that are acted on.
         """
         return open_model(self.task, start)
 
@@ -257,6 +227,14 @@ class Run:
     def _width(self) -> StaticInt:
         n_actions = self.task.actions.size
         return (None,) * (n_actions if n_actions <= UNROLLED else 0)
+
+    def _visits(self) -> IntArray | None:
+        """Return counts of updates, of which there are none yet; None if none are needed."""
+        n_tables, n_actions = self.learner.counts, self.task.actions.size
+        if not n_tables:
+            return None
+        rows = self.rows + 1 if self.rows else n_tables * self.task.states.size
+        return np.zeros((rows, n_actions), np.int64)
 
     def _filled(self, potential: Any, q: FloatTable | None = None) -> FloatTable:
         """Return a table, a new one unless given, of the initial value plus the potential."""
@@ -282,11 +260,6 @@ class Run:
         same: Any = (tables[:, ends] == start.astype(tables.dtype)).all(axis=(0, 2))
         return np.asarray(ends[same])
 
-    def _dense(self, q: FloatTable, key: np.uint64) -> DenseTable:
-        far = (None,) * (q.nbytes > NEAR)
-        best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
-        return DenseTable(q, best, greedy, key, self._width, far)
-
     def _sparse(self, potential: PairPotential | None, key: np.uint64) -> SparseTable:
         # Pages of np.empty and np.zeros take no memory before they are written to.
         n_actions, rows, dtype = self.task.actions.size, self.rows + 1, self.storage.dtype
@@ -310,6 +283,13 @@ class Run:
             self._width,
             (None,),
         )
+
+
+def _evaluated(learns: Any) -> Any:
+    """Return the view of a table, or of learners, that their loop evaluates."""
+    if not isinstance(learns, Learners):
+        return learns.learnt if isinstance(learns, OptimisticTables) else learns
+    return Acting(learns.q[0], False, learns.shaping.pair_values, 0.0, learns.values)
 
 
 def _visited(table: SparseTable) -> SparseValues:

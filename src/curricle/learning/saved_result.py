@@ -16,9 +16,9 @@ from curricle.learning.learners import (
     DoubleQLearning,
     ExpectedSARSA,
     Learner,
+    OptimisticQLearning,
     QLearning,
 )
-from curricle.learning.optimistic_learning import OptimisticQLearning
 from curricle.learning.schedules import Schedule
 from curricle.learning.storage import SparseValues
 from curricle.tasks.mdp import generative_model

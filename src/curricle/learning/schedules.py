@@ -168,7 +168,8 @@ def _schedule_at(schedule, step):
     if schedule.shape == CONSTANT:
         return schedule.first
     if schedule.shape == LINEAR:
-        done = min(1.0, step / schedule.span)
+        done = step / schedule.span
+        done = done if done < 1.0 else 1.0
         return schedule.first + (schedule.last - schedule.first) * done
     if schedule.shape == EXPONENTIAL:
         return schedule.last + (schedule.first - schedule.last) * 0.5 ** (step / schedule.span)

@@ -16,8 +16,7 @@ from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
 from curricle.learning.guard import Guard
-from curricle.learning.learners import SARSA, Learner
-from curricle.learning.optimistic_learning import OptimisticQLearning
+from curricle.learning.learners import SARSA, Learner, OptimisticQLearning
 from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
 from curricle.tasks.mdp import Task, generative_model, same_task

@@ -111,7 +111,7 @@ class StoppingRule:
             f"a rise below {self.plateau}": self.plateau,
         }
         joint = " or " if self.when == "any" else " and "
-        until = joint.join(words for words, given in conditions.items() if given is not None)
+        until = joint.join(words for words, value in conditions.items() if value is not None)
         if until:
             until = f", until {until} over {counted(self.patience, 'evaluation')}"
         if self.settled is not None:
@@ -123,8 +123,8 @@ class StoppingRule:
         """Return the rule for compiled loops; for `level` and `floor` see ``levels``."""
         value = self.threshold if self.fraction is None else level
         level, plateau, drop, settled = (
-            math.nan if given is None else float(given)
-            for given in (value, self.plateau, self.drop, self.settled)
+            math.nan if bound is None else float(bound)
+            for bound in (value, self.plateau, self.drop, self.settled)
         )
         every = self.when == "all"
         numbers = level, plateau, drop, settled, floor
@@ -154,7 +154,7 @@ class StoppingRule:
             Steps that the seed took in all; later checkpoints repeat its last value.
         """
         kernel, greedy = self.kernel(level, floor), np.asarray(greedy_return, dtype=np.float64)
-        found = list[Decision]()
+        decisions = list[Decision]()
         for checkpoint, step in enumerate(np.asarray(steps).tolist()):
             if used is not None and step > used:
                 break
@@ -164,10 +164,10 @@ class StoppingRule:
             rise, share = float(rise_of_last(*last)), float(share_of_rise(greedy, checkpoint))
             recent = float(recent_return(greedy, checkpoint))
             about = float(greedy[0]), lowest, highest, rise, share, recent
-            found.append(Decision(self, kernel, step, ends, *about))
+            decisions.append(Decision(self, kernel, step, ends, *about))
             if ends or step >= self.max_steps:
                 break
-        return found
+        return decisions
 
 
 _BOUNDS: dict[str, tuple[float, ...]] = {"threshold": (), "plateau": (0.0,), "drop": (0.0,)}
@@ -249,7 +249,8 @@ def share_of_rise(greedy, checkpoint):
         return np.nan
     lowest, highest, last, earlier = np.inf, -np.inf, 0.0, 0.0
     for i in range(checkpoint + 1):
-        lowest, highest = min(lowest, greedy[i]), max(highest, greedy[i])
+        lowest = greedy[i] if greedy[i] < lowest else lowest  # as `min`, which compiles slowly
+        highest = greedy[i] if greedy[i] > highest else highest
         if i >= recent:
             last += greedy[i]
         elif i >= before:
@@ -277,18 +278,18 @@ def stops(rule, greedy, checkpoint, step):
         return False
     if highest_of_last(rule, greedy, checkpoint) < greedy[0] - rule.drop:
         return True
-    given, met = 0, 0
+    conditions, met = 0, 0
     if not np.isnan(rule.level):
-        given += 1
+        conditions += 1
         met += lowest_of_last(rule, greedy, checkpoint) >= rule.level
     if not np.isnan(rule.plateau):
-        given += 1
+        conditions += 1
         met += rise_of_last(rule, greedy, checkpoint) < rule.plateau
     if not np.isnan(rule.settled):
-        given += 1
+        conditions += 1
         rises = share_of_rise(greedy, checkpoint)
         met += rises < rule.settled and recent_return(greedy, checkpoint) > rule.floor
-    return met > 0 and (met == given or not rule.every)
+    return met > 0 and (met == conditions or not rule.every)
 
 
 @dataclass(frozen=True)
@@ -351,20 +352,22 @@ class Decision:
             (kernel.plateau, self.rise, "rise", ".3g", over, plateau),
             (kernel.settled, self.share, "rise", ".2g", "of its range", settled),
         )
-        found = list[str]()
+        reasons = list[str]()
         for bound, value, name, form, of, unknown in conditions:
             if not math.isnan(bound):
                 sign = "<" if value < bound else ">="
                 compared = f"{name} {value:{form}} {sign} {bound:{form}} {of}"
-                found.append(unknown if math.isnan(value) else compared)
+                reasons.append(unknown if math.isnan(value) else compared)
         if self.dropped:
-            found.append(
+            reasons.append(
                 f"dropped: greedy {self.highest:.4g} < {self.start:.4g} - {self.kernel.drop:.4g}, "
                 f"where it started, {over}"
             )
         if self.unlearnt:
-            found.append(f"greedy {self.recent:.4g} <= {kernel.floor:.4g}, too low to have settled")
-        return found
+            reasons.append(
+                f"greedy {self.recent:.4g} <= {kernel.floor:.4g}, too low to have settled"
+            )
+        return reasons
 
     def __str__(self) -> str:
         used = f"{self.step:,} of at most {self.rule.max_steps:,} steps used"
@@ -387,9 +390,9 @@ def levels(
     settles = rule.settled is not None and evaluated
     if rule.fraction is None and not settles:
         return None, -math.inf
-    found = target(task, evaluation, episodes=BATCHES * evaluation.rollouts(task))
-    level = None if rule.fraction is None else found.level(rule.fraction)
-    return level, found.floor if settles else -math.inf
+    solved = target(task, evaluation, episodes=BATCHES * evaluation.rollouts(task))
+    level = None if rule.fraction is None else solved.level(rule.fraction)
+    return level, solved.floor if settles else -math.inf
 
 
 # -- what a stopping rule decided ------------------------------------------------------------------
@@ -398,14 +401,14 @@ def levels(
 class Decisions(list[list[Decision]]):
     """What a stopping rule decided at each checkpoint of each seed: a list of K lists."""
 
-    def __init__(self, each: Iterable[list[Decision]], seeds: Sequence[int]):
-        super().__init__(each)
+    def __init__(self, of_seeds: Iterable[list[Decision]], seeds: Sequence[int]):
+        super().__init__(of_seeds)
         self.seeds = tuple(seeds)
 
     @property
     def in_words(self) -> str:
         """What ended training, and of how many seeds; empty without a rule."""
-        ends = Counter(one[-1].criterion or "none yet" for one in self if one)
+        ends = Counter(decisions[-1].criterion or "none yet" for decisions in self if decisions)
         return ", ".join(f"{words} ({number})" for words, number in ends.most_common())
 
     def __repr__(self) -> str:
@@ -413,8 +416,9 @@ class Decisions(list[list[Decision]]):
         return f"Decisions({counted(len(self), 'seed')}: {words})"
 
     def _repr_html_(self) -> str:
-        last = [(seed, one[-1]) for seed, one in zip(self.seeds, self, strict=True) if one]
-        rows = [(seed, f"{one.step:,}", str(one)) for seed, one in last]
+        of_seeds = zip(self.seeds, self, strict=True)
+        last = [(seed, decisions[-1]) for seed, decisions in of_seeds if decisions]
+        rows = [(seed, f"{decision.step:,}", str(decision)) for seed, decision in last]
         head = ["seed", "step", "last decision"]
         return block(repr(self), rows and table(head, rows, wide=head[-1:]))
 

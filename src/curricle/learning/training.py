@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
-from curricle.learning.learners import Learner, QLearning
+from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.run import Outcome, Run
@@ -118,7 +118,7 @@ def learn(
     evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
     storage = given_or_default("storage", storage, Storage)
     generative = generative_model(task)
-    given, learner = learner, learner.for_task(task)
+    asked, learner = learner, learner.for_task(task)
     if generative.actions.size > MOST_ACTIONS:
         raise SettingError(
             f"a task to be learnt may have at most {MOST_ACTIONS:,} actions: got "
@@ -127,11 +127,11 @@ def learn(
     most = limits(budget)
     eval_freq = spacing(eval_freq, budget)
     longest = longest_run(generative.time_limit, budget, eval_freq)
-    each = seed_settings(
+    settings = seed_settings(
         seeds,
         learner,
         most,
-        lambda one: one.for_task(task),
+        lambda shaping: shaping.for_task(task),
         shaping=shaping,
         warm_up=warm_up,
         charged=charged,
@@ -139,23 +139,23 @@ def learn(
     kernel = evaluation.kernel(task)
     snapshots = whole_number("snapshots", snapshots, 0, SettingError)
     stopping = stopping_kernel(budget, task, evaluation)
-    threads = _threads(generative, workers, len(each), _most_steps(longest, eval_freq, kernel))
-    guarded = any(one.shaping is not None and one.shaping.guard is not None for one in each)
+    threads = _threads(generative, workers, len(settings), _most_steps(longest, eval_freq, kernel))
+    guarded = any(seed.shaping is not None and seed.shaping.guard is not None for seed in settings)
     rows = rows_allowed(
         storage,
         generative,
-        tables=2 * learner.tables if guarded else learner.tables,
+        tables=learner.tables * (2 if guarded else 1),
         counts=learner.counts,
-        seeds=len(each) if storage.save_values else max(1, threads),
+        seeds=len(settings) if storage.save_values else max(1, threads),
         steps=longest,
     )
     run = Run(generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows)
     if rows:
-        _check_sparse(run, each)
+        _check_sparse(run, settings)
     with shown(progress) as bars:
-        values, outcomes = train_all(run, each, stream, snapshots, threads, bars)
-    numbers = tuple(one.seed for one in each)
-    return learning_result(task, given, numbers, values, outcomes, eval_freq)
+        values, outcomes = train_all(run, settings, stream, snapshots, threads, bars)
+    numbers = tuple(seed.seed for seed in settings)
+    return learning_result(task, asked, numbers, values, outcomes, eval_freq)
 
 
 def _threads(task: Any, workers: int | None, seeds: int, steps: int) -> int:
@@ -181,16 +181,16 @@ def stopping_kernel(budget: Budget, task: Task, evaluation: GreedyEvaluation) ->
     return budget.kernel(*levels(budget, task, evaluation))
 
 
-def given_or_default(name: str, given: Any, kind: type, default: type | None = None) -> Any:
+def given_or_default(name: str, argument: Any, kind: type, default: type | None = None) -> Any:
     """Return an argument of this kind, or its default where it is None; SettingError otherwise."""
-    given = (default or kind)() if given is None else given
-    instance(name, given, kind, SettingError)
-    return given
+    argument = (default or kind)() if argument is None else argument
+    instance(name, argument, kind, SettingError)
+    return argument
 
 
 def train_all(
     run: Run,
-    each: Sequence[SeedSettings],
+    settings: Sequence[SeedSettings],
     stream: str,
     snapshots: int,
     threads: int,
@@ -202,27 +202,27 @@ def train_all(
     """
     save, values = run.storage.save_values, None
     if save and not run.rows:
-        values = np.empty((len(each), *run.shape), run.storage.dtype)
+        values = np.empty((len(settings), *run.shape), run.storage.dtype)
 
     def train(k: int) -> Outcome:
         out = None if values is None else values[k]
-        start = stream_start(each[k].seed, stream)
-        return run.train(each[k], start, out, 0 if k else snapshots)
+        start = stream_start(settings[k].seed, stream)
+        return run.train(settings[k], start, out, 0 if k else snapshots)
 
-    grow = bars.bar(stream or "learning", len(each))
+    grow = bars.bar(stream or "learning", len(settings))
 
     def ended(k: int) -> None:
         grow()
-        bars.tell(each[k].seed)
+        bars.tell(settings[k].seed)
 
-    outcomes = over_seeds(train, len(each), threads, ended)
-    return tuple(one.values for one in outcomes) if save and run.rows else values, outcomes
+    outcomes = over_seeds(train, len(settings), threads, ended)
+    return tuple(outcome.values for outcome in outcomes) if save and run.rows else values, outcomes
 
 
-def _check_sparse(run: Run, each: Sequence[SeedSettings]) -> None:
+def _check_sparse(run: Run, settings: Sequence[SeedSettings]) -> None:
     """Raise SettingError unless the loop for sparse tables can train every seed."""
-    for shaping in (one.shaping for one in each):
-        if not run.plain(shaping):
+    for shaping in (seed.shaping for seed in settings):
+        if not run.plain(shaping) or isinstance(run.learner, OptimisticQLearning):
             entering = "no shaping" if shaping is None else shaping.name
             raise SettingError(
                 "sparse tables are for QLearning with QInitialisation or LookAheadAdvice, without "

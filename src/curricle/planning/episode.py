@@ -110,7 +110,7 @@ class Episode:
             terminated=path.terminated,
             fps=OF_TASKS,
             texts=Drawn(scene.text, path.states),
-            action_names=[_words(actions, one) for one in path.actions.tolist()],
+            action_names=[_words(actions, action) for action in path.actions.tolist()],
         )
 
     def save(self, path: str | Path, *, fps: float | None = None) -> Path:
@@ -132,13 +132,13 @@ class Episode:
     def _gif(self, fps: float) -> bytes:
         number("fps", fps, SettingError, low=0.01)
         # A GIF counts hundredths of a second.
-        each = 10 * round(100 / min(fps, FASTEST))
+        shown = 10 * round(100 / min(fps, FASTEST))
         quick = Image.Quantize.FASTOCTREE  # several times faster than Pillow's own choice
         first, *others = (
             Image.fromarray(frame).quantize(method=quick, dither=Image.Dither.NONE)
             for frame in self.frames
         )
-        durations = [each] * len(others) + [max(each, LAST)]
+        durations = [shown] * len(others) + [max(shown, LAST)]
         content = io.BytesIO()
         first.save(
             content,
@@ -197,8 +197,8 @@ def _side_by_side(moments: Sequence[list[str]]) -> Iterator[str]:
     across = max(1, (LINE + APART) // (width + APART))
     for first in range(0, len(moments), across):
         row = moments[first : first + across]
-        for each in zip_longest(*row, fillvalue=""):
-            yield (" " * APART).join(line.ljust(width) for line in each).rstrip()
+        for lines in zip_longest(*row, fillvalue=""):
+            yield (" " * APART).join(line.ljust(width) for line in lines).rstrip()
         if len(row[0]) > 1:
             yield ""
 

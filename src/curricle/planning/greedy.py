@@ -2,7 +2,7 @@
 
 A *view* is a NamedTuple of the values that a policy is greedy on. Loops read it with
 :func:`greedy_action` and :func:`acting_row`. Here are the views of fixed values;
-``learning/tables.py`` adds those of the tables that a learner fills.
+``learning/storage.py`` adds those of the tables that a learner fills.
 """
 
 from typing import NamedTuple
@@ -26,6 +26,8 @@ TIED = np.uint64(1 << 15)
 """Flag of an action that was drawn among several of the same value."""
 ACTION = np.uint64((1 << 15) - 1)
 """The bits of the action itself."""
+ONLY_ROW = np.uint64(0)
+"""The row of a table of one row; a literal 0 would be compiled for once more."""
 MULTIPLIER = np.uint64(0xD1342543DE82EF95)
 """Turns bits that have chosen an action into ones that can break a tie."""
 
@@ -35,7 +37,8 @@ def highest(table, row):
     """Return the highest value of a row."""
     best = highest_of_lanes(table, row, np.uint64(0))
     for first in range(LANES, np.uint64(table.shape[1]), LANES):
-        best = max(best, highest_of_lanes(table, row, first))
+        other = highest_of_lanes(table, row, first)
+        best = other if other > best else best
     return best
 
 
@@ -43,7 +46,8 @@ def highest(table, row):
 def ties_in_word(table, row, first, value):
     """Return which of up to 64 values of a row equal `value`, from entry `first` on: a bit each."""
     tied, end = np.uint64(0), np.uint64(table.shape[1])
-    for start in range(first, min(first + WORD, end), LANES):
+    end = end if end < first + WORD else first + WORD
+    for start in range(first, end, LANES):
         tied |= ties_in_lanes(table, row, start, value) << (start - first)
     return tied
 
@@ -106,7 +110,7 @@ class EqualValues(NamedTuple):
 
 @greedy_actions.body(EqualValues)
 def _greedy_on_equal_values(view, state, bits):
-    return best_of(view.values, np.uint64(0), bits)[1]
+    return best_of(view.values, ONLY_ROW, bits)[1]
 
 
 @acting_rows.body(EqualValues)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
-from curricle.planning import backups, factored_backups
+from curricle.planning import backups
 from curricle.planning.backups import MixedPolicy
 from curricle.tasks.mdp import FiniteMDP, Task, improper_states, tables
 from curricle.tasks.models import FactoredModel, joint_landing, predators_on_prey
@@ -139,9 +139,9 @@ class FactoredPlanningModel(Frozen):
         return replace(model, mean_reward=mean, discount=factored_model.discount)
 
     @property
-    def _planes(self) -> factored_backups.Planes:
+    def _planes(self) -> backups.Planes:
         m = self.factored_model
-        return factored_backups.Planes(
+        return backups.Planes(
             self.mean_reward, m.landing, m.prey_policy, self.terminal, self.discount
         )
 
@@ -152,7 +152,7 @@ class FactoredPlanningModel(Frozen):
     def greedy_backup(self) -> tuple[Any, float]:
         """Return the greedy backup, and the lowest reward, at most 0."""
         m, space = self.factored_model, np.empty((3, self._plane_size))
-        backup = factored_backups.GreedyPlanes(self._planes, m.predators, space)
+        backup = backups.GreedyPlanes(self._planes, m.predators, space)
         return backup, min(0.0, float(m.rewards.min()))
 
     def policy_backup(self, policy: Policy) -> Any:
@@ -160,7 +160,7 @@ class FactoredPlanningModel(Frozen):
         m = self.factored_model
         rows = joint_landing(m.landing, m.predators).view(np.uint32)
         mixed = mixed_policy(policy, self.terminal, rows)
-        return factored_backups.PolicyPlanes(self._planes, mixed, np.empty(self._plane_size))
+        return backups.PolicyPlanes(self._planes, mixed, np.empty(self._plane_size))
 
     def largest_sum(self, policy: Policy | None) -> float:
         """Return a bound of the sum of a pair's probabilities, or of a state's under a policy."""
@@ -183,7 +183,7 @@ class FactoredPlanningModel(Frozen):
         """Return r + gamma times the mean of `values` over the prey's moves, (S,)."""
         rows = np.empty((len(self.factored_model.landing), self._plane_size))
         for cell, plane in enumerate(rows):
-            factored_backups.expect(self._planes, values, cell, plane)
+            backups.expect(self._planes, values, cell, plane)
         return rows.ravel()
 
 

@@ -1,11 +1,14 @@
 """Evaluation of a greedy policy: its expected return, exactly or by rollouts."""
 
-from contextlib import nullcontext
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
+from numba import types
+from numba._dispatcher import compute_fingerprint
+from numba.extending import intrinsic
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of, whole_number
@@ -59,6 +62,7 @@ class RolloutEvaluation(NamedTuple):
     total: FloatArray  # (2,) work space
     taken: IntArray  # (1,) steps of all episodes so far
     halted: BoolArray  # (1,) true once nobody waits for it
+    address: int = 0  # where :meth:`compiled_for` has put the machine code
 
     @property
     def steps(self) -> int:
@@ -71,6 +75,11 @@ class RolloutEvaluation(NamedTuple):
         return RolloutEvaluation(
             *self[:3], stream, np.zeros(2), np.zeros(1, np.int64), HALTED.get()
         )
+
+    def compiled_for(self, model: Any, view: Any) -> "RolloutEvaluation":
+        """Return this with its machine code for such a view in such a model."""
+        loop = compiled(rollout_return, isinstance(model, Functions))
+        return self._replace(address=address_of(loop, self, model, view))
 
 
 class GreedyChain(NamedTuple):
@@ -106,6 +115,7 @@ class ExactEvaluation(NamedTuple):
     alive: IntArray  # (2, S) work space: the states where that is not 0
     chain: GreedyChain  # work space
     halted: BoolArray  # (1,) true once nobody waits for it
+    address: int = 0  # where :meth:`compiled_for` has put the machine code
 
     @property
     def steps(self) -> int:
@@ -117,6 +127,11 @@ class ExactEvaluation(NamedTuple):
         sizes = *self.tables.outcome_row.shape, self.tables.probability.shape[1]
         return ExactEvaluation(*self[:4], *_work_space(*sizes), HALTED.get())
 
+    def compiled_for(self, model: Any, view: Any) -> "ExactEvaluation":
+        """Return this with its machine code for such a view; it needs no model but its tables."""
+        fixed = fixed_views.bodies.get(type(view), lambda view: view)(view)
+        return self._replace(address=address_of(compiled(exact_return, False), self, fixed))
+
 
 class NoEvaluation(NamedTuple):
     """No evaluation: every return is NaN."""
@@ -127,6 +142,10 @@ class NoEvaluation(NamedTuple):
         return 0
 
     def for_run(self, start: int) -> "NoEvaluation":
+        """Return this."""
+        return self
+
+    def compiled_for(self, model: Any, view: Any) -> "NoEvaluation":
         """Return this."""
         return self
 
@@ -250,29 +269,72 @@ def greedy_policy_return(
 
     Rollouts draw as :func:`learn` does at step 0 for the same seed and stream.
     """
-    generative, start = generative_model(task), stream_start(seed, stream)
+    start = stream_start(seed, stream)
     kernel = evaluation.kernel(task).for_run(start)
-    # An exact evaluation reads tables of its own: one loop for all models that sample such tasks.
-    opened = open_model(generative, start)
+    if isinstance(kernel, NoEvaluation):
+        return np.nan
     if isinstance(kernel, ExactEvaluation):
-        opened = nullcontext(kernel.tables)
-        view = _of_one_type(view, kernel.tables.outcome_row.shape)
-    with opened as model:
-        loop = compiled(_greedy_return, isinstance(model, Functions))
+        if isinstance(view, Values | EqualValues):  # one type, as of the tables that learn
+            values = np.broadcast_to(view.values, kernel.tables.outcome_row.shape)
+            view = Values(np.array(values, np.float64, order="C"))
+        return float(compiled(exact_return, False)(kernel, view))
+    with open_model(generative_model(task), start) as model:
+        loop = compiled(rollout_return, isinstance(model, Functions))
         return float(loop(kernel, model, view))
 
 
-def _of_one_type(view: Any, shape: tuple[int, ...]) -> Any:
-    """Return fixed values as read-only float64 of all pairs, for which one loop is compiled."""
-    if not isinstance(view, Values | EqualValues):
-        return view
-    values = np.ascontiguousarray(np.broadcast_to(view.values, shape), np.float64).view()
-    values.flags.writeable = False
-    return Values(values)
+# -- machine code that loops call at its address ---------------------------------------------------
+#
+# What is done at a checkpoint takes longer to compile than all that is done at a step. It is
+# compiled once for all loops, which call it at an address that they are given: Numba would compile
+# what they call by name into each of them anew.
 
 
-def _greedy_return(evaluation, model, view):
-    return greedy_return(evaluation, model, view)
+CALLABLE = set[tuple[Any, ...]]()
+"""The types of arguments for which there is machine code to be called at its address."""
+_ADDRESSES = dict[Any, int]()
+
+
+def address_of(loop: Any, *arguments: Any) -> int:
+    """Return where the machine code of a compiled function for such arguments begins."""
+    key = None
+    with suppress(NotImplementedError):  # of a user's compiled functions
+        key = loop, compute_fingerprint(arguments)  # thirty times faster than Numba's types
+    if key not in _ADDRESSES:
+        kinds = tuple(loop.typeof_pyval(argument) for argument in arguments)
+        loop.compile(kinds)  # or read from the disk, or nothing, where it is there
+        CALLABLE.add(kinds)
+        machine = loop.overloads[kinds]
+        name = machine.fndesc.llvm_func_name
+        _ADDRESSES[key] = int(machine.library.get_pointer_to_function(name))
+    return _ADDRESSES[key] if key else _ADDRESSES.pop(key)
+
+
+@intrinsic
+def called(_, address, arguments):
+    """Return the float64 that the machine code at an address returns for a tuple of arguments.
+
+    Nothing at run time knows what the machine code takes: :func:`address_of` must have been given
+    an example of these arguments.
+    """
+    kinds = tuple(types.unliteral(kind) for kind in arguments)
+    if kinds not in CALLABLE:
+        raise TypeError(f"no machine code takes arguments of types {kinds}")
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        convention = context.call_conv
+        kind = convention.get_function_type(types.float64, kinds).as_pointer()
+        parts = [
+            context.cast(builder, builder.extract_value(args[1], place), kind_there, kind_taken)
+            for place, (kind_there, kind_taken) in enumerate(zip(arguments, kinds, strict=True))
+        ]
+        code = builder.inttoptr(args[0], kind)
+        status, value = convention.call_function(builder, code, types.float64, kinds, parts)
+        with builder.if_then(status.is_error):
+            convention.return_status_propagate(builder, status)
+        return value
+
+    return types.float64(address, arguments), build
 
 
 # -- compiled ------------------------------------------------------------------------------------
@@ -285,7 +347,12 @@ def greedy_return(evaluation, model, view):
     """
 
 
-evaluations = Overloaded(greedy_return, outlined=True)
+def fixed_values(view):
+    """Return the values that a view is greedy on as a view of fewer types; by default itself."""
+
+
+evaluations = Overloaded(greedy_return)
+fixed_views = Overloaded(fixed_values, otherwise=lambda view: view)
 
 
 @evaluations.body(NoEvaluation)
@@ -295,26 +362,48 @@ def _no_return(evaluation, model, view):
 
 @evaluations.body(RolloutEvaluation)
 def _rollout_return(evaluation, model, view):
-    own, stream, total = evaluation_model(model), evaluation.stream, evaluation.total
+    return called(evaluation.address, (evaluation, model, view))
+
+
+@evaluations.body(ExactEvaluation)
+def _exact_return(evaluation, model, view):
+    return called(evaluation.address, (evaluation, fixed_values(view)))
+
+
+@inlined  # it counts no references, like those that give it the model
+def mean_of_rollouts(evaluation, model, view):
+    """Return the mean return of episodes of the greedy policy."""
+    played, stream, total = evaluation_model(model), evaluation.stream, evaluation.total
     record, policy = ReturnRecord(evaluation.discount, total), GreedyPolicy(view)
     total[0] = 0.0
     for _ in range(evaluation.episodes):
-        state, total[1] = first_state(own, draw(stream)), 1.0
+        state, total[1] = first_state(played, draw(stream)), 1.0
         left, goes_on = evaluation.horizon, True
         while goes_on:
-            most = min(left, SLICE)
-            n, state, terminated = simulate_episode(own, policy, state, stream, most, record, 0)
+            most = left if left < SLICE else SLICE
+            n, state, terminated = simulate_episode(played, policy, state, stream, most, record, 0)
             evaluation.taken[0] += n
             left -= n
-            ended = terminated or truncated(own) or evaluation.halted[0]
+            ended = terminated or truncated(played) or evaluation.halted[0]
             goes_on = left > 0 and not ended
         if evaluation.halted[0]:
             break
     return total[0] / evaluation.episodes
 
 
-@evaluations.body(ExactEvaluation)
-def _exact_return(evaluation, model, view):
+def rollout_return(evaluation, model, view):
+    """Return the mean return of episodes of the greedy policy."""
+    return mean_of_rollouts(evaluation, model, view)
+
+
+def exact_return(evaluation, view):
+    """Return the expected return of the greedy policy, from its Markov chain."""
+    return return_of_chain(evaluation, view)
+
+
+@inlined
+def return_of_chain(evaluation, view):
+    """Do what :func:`exact_return` says."""
     write_chain(evaluation, view)
     return chain_return(evaluation)
 

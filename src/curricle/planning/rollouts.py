@@ -205,11 +205,11 @@ def random_rollouts(
     generative = generative_model(task)
     first = stream_start(seed, "random_rollouts")
     policy, stream = UniformPolicy(np.uint64(generative.actions.size)), np.array([first], np.uint64)
-    given = None if starts is None else _starts(generative, starts)
-    if given is not None and len(given) != n:
-        raise SettingError(f"starts must be as many as episodes, {n}: got {len(given)}")
+    states = None if starts is None else _starts(generative, starts)
+    if states is not None and len(states) != n:
+        raise SettingError(f"starts must be as many as episodes, {n}: got {len(states)}")
     with open_model(generative, first) as model:
-        steps, ends = simulate(model, policy, stream, episodes=n, limit=length, starts=given)
+        steps, ends = simulate(model, policy, stream, episodes=n, limit=length, starts=states)
     taken = np.arange(length) < ends.lengths[:, None]
     states = np.repeat(ends.last_states[:, None], length + 1, axis=1)
     states[:, :-1][taken] = steps.states

@@ -1,13 +1,14 @@
 """Exact planning: optimal values and the values of a policy, each with a proven error bound."""
 
-from dataclasses import dataclass, field
+import warnings
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, frozen
+from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray, frozen
 from curricle.checks import number, numbers
 from curricle.display import block, table
 from curricle.errors import SettingError
@@ -18,17 +19,18 @@ from curricle.planning.backups import (
     Precision,
     iterate,
 )
-from curricle.planning.direct import (
-    LARGEST_DIRECT,
-    best_policy,
-    policy_values,
-    shortest_paths,
-    solved,
-    transitions,
-)
 from curricle.planning.models import PlanningModel, Policy, TabularPlanningModel, model_of
 from curricle.progress import Bars, Progress, shown
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, Task, improper_states, normalised, tables
+from curricle.tasks.mdp import (
+    PROBABILITY_TOLERANCE,
+    FiniteMDP,
+    Task,
+    improper_states,
+    normalised,
+    steps_to,
+    tables,
+)
+from curricle.tasks.spaces import state_name
 from curricle.text import brief_repr
 
 EPSILON = float(np.finfo(np.float64).eps)
@@ -244,25 +246,25 @@ def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -
     """Return a policy as (S,) actions or (S, A) probabilities; SettingError names the bad state."""
     if not isinstance(policy, np.ndarray) or policy.dtype.kind not in "iuf":
         numbers("a policy", policy, SettingError)
-    given, n_states = np.asarray(policy), len(terminal)
-    if given.shape == (n_states,):
-        if not np.issubdtype(given.dtype, np.integer):
+    choices, n_states = np.asarray(policy), len(terminal)
+    if choices.shape == (n_states,):
+        if not np.issubdtype(choices.dtype, np.integer):
             raise SettingError(
-                f"a policy of one action a state must be integers: got {given.dtype}"
+                f"a policy of one action a state must be integers: got {choices.dtype}"
             )
-        bad = np.flatnonzero((given < 0) | (given >= n_actions))
+        bad = np.flatnonzero((choices < 0) | (choices >= n_actions))
         if bad.size:
             raise SettingError(
                 f"a policy's actions must lie in 0..{n_actions - 1}: state {bad[0]} has "
-                f"{given[bad[0]]}"
+                f"{choices[bad[0]]}"
             )
-        return given
-    if given.shape != (n_states, n_actions):
+        return choices
+    if choices.shape != (n_states, n_actions):
         raise SettingError(
             f"a policy must have shape ({n_states},) or ({n_states}, {n_actions}): got "
-            f"{given.shape}"
+            f"{choices.shape}"
         )
-    table = normalised(given.astype(np.float64, copy=False))
+    table = normalised(choices.astype(np.float64, copy=False))
     good = (table >= 0).all(axis=1) & (abs(table.sum(axis=1) - 1) <= PROBABILITY_TOLERANCE)
     bad = np.flatnonzero(~good & ~terminal)
     if bad.size:
@@ -293,9 +295,9 @@ def _iterate(
     horizon = float(np.max(lengths)) + (model.discount == 1)
     if not horizon * model.largest_reward < np.inf:
         raise _unbounded(model, horizon)
-    given = 0.0 if tolerance is None else 0.999 * tolerance / horizon
+    enough = 0.0 if tolerance is None else 0.999 * tolerance / horizon
     relative = 0.999 * RELATIVE_TOLERANCE / horizon if tolerance is None else 0.0
-    precision = Precision(given, relative, unit, model.largest_reward, horizon, model.discount)
+    precision = Precision(enough, relative, unit, model.largest_reward, horizon, model.discount)
     values, change = _fixed_point(model, policy, lengths, precision, bars)
     rounding = unit * (model.largest_reward + float(abs(values).max()))
     if model.largest_reward > 0:  # products below the normal numbers have an error of their own
@@ -402,6 +404,145 @@ def _lengths(model: PlanningModel, policy: Policy | None, bars: Bars) -> FloatAr
     )
     residual = change + _unit(model, policy) * (1 + float(lengths.max()))
     return np.asarray(lengths / (1 - residual)) if residual < 1 else np.inf
+
+
+# -- systems solved directly -----------------------------------------------------------------------
+#
+# Sweeps take as many steps as an episode has; a direct solution does not. It proves nothing by
+# itself: it is backed up, and what is left is bounded.
+#
+# At discount 1 some policy may never end. Where each such policy costs without bound, V* is finite
+# and solves V = TV alone (Bertsekas, Tsitsiklis 1991). Two things prove it, and bound the error. If
+# W >= TW + c, c > 0, then r <= W - PW - c: what goes on for ever gets at most -c a step. And if
+# TV <= V + d, then U = V + t (W - V) with t = d / c <= 1 has TU <= U, hence U >= V*.
+
+
+LARGEST_DIRECT = 5_000
+"""States up to which systems are solved directly, in seconds even where they are dense."""
+MOST_IMPROVEMENTS = 1_000
+COSTS = 2.0 ** -np.arange(1, 41, 3)
+"""What endless ways are tried to cost at least, in units of the largest reward."""
+
+
+def transitions(mdp: FiniteMDP, chances: FloatArray) -> Any:
+    """Return the chance of each next state that goes on, a sparse (S, S) array, for (S, A) ones."""
+    from scipy.sparse import csr_array  # takes time, and few need it
+
+    n_states = mdp.states.size
+    state, action = np.nonzero(np.where(mdp.terminal[:, None], 0.0, chances))
+    row = mdp.outcome_row[state, action]
+    weight = chances[state, action][:, None] * mdp.probability[row]
+    after = mdp.next_state[row]
+    weight[mdp.terminal[after]] = 0.0
+    source = np.repeat(state, after.shape[1])
+    return csr_array((weight.ravel(), (source, after.ravel())), shape=(n_states, n_states))
+
+
+def solved(step: Any, discount: float, right: FloatArray) -> FloatArray:
+    """Return x of x = `right` + discount `step` x, (S,); not finite where there is none."""
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import spsolve
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a singular system
+        return np.asarray(spsolve((eye_array(len(right)) - discount * step).tocsc(), right))
+
+
+def policy_values(model: TabularPlanningModel, policy: Any) -> FloatArray:
+    """Return V of a policy, (S,) actions or (S, A) chances, by one linear system."""
+    chances = np.eye(model.n_actions)[policy] if policy.ndim == 1 else policy
+    live, paid = ~model.terminal, np.zeros(len(policy))
+    paid[live] = (chances[live] * model.mean_reward[model.mdp.outcome_row[live]]).sum(axis=1)
+    return solved(transitions(model.mdp, chances), model.discount, paid)
+
+
+def backed_up(model: TabularPlanningModel, values: FloatArray) -> FloatArray:
+    """Return r + gamma P V of all pairs, (S, A), as sweeps compute it; 0 in terminal states."""
+    mdp = model.mdp
+    rows = model.mean_reward + model.discount * (mdp.probability * values[mdp.next_state]).sum(1)
+    return np.where(model.terminal[:, None], 0.0, rows[mdp.outcome_row])
+
+
+def best_policy(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, IntArray]:
+    """Return V of the policy that policy iteration ends with, (S,), and its actions (Howard 1960).
+
+    It starts from a policy that ends. At discount 1 one that improves it never ends only if it need
+    not pay for going on: it is returned with values that are not finite.
+    """
+    mdp, places = model.mdp, np.arange(len(model.terminal))
+    nearest = np.where(mdp.probability > 0, steps_to(mdp, mdp.terminal)[mdp.next_state], np.inf)
+    policy = nearest.min(axis=1)[mdp.outcome_row].argmin(axis=1)
+    for _ in range(MOST_IMPROVEMENTS):
+        values = policy_values(model, policy)
+        q = backed_up(model, values)
+        better, now = q.argmax(axis=1), q[places, policy]
+        rounding = 8 * unit * (model.largest_reward + abs(values).max(initial=0.0))
+        gains = q[places, better] > now + rounding
+        if not gains.any():  # also where values are not finite
+            break
+        policy = np.where(gains, better, policy)
+        if model.discount == 1 and model.endless(policy).size:
+            return np.full(len(policy), np.nan), policy
+    return values, policy
+
+
+def shortest_paths(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, float]:
+    """Return V* at discount 1, (S,), and its error bound, where not every policy ends.
+
+    `unit` is the relative rounding error of a backup. SettingError where there is no finite V*, or
+    where an endless way costs less than can be told from nothing.
+    """
+    away = steps_to(model.mdp, model.mdp.terminal)
+    endless, why = np.flatnonzero(np.isinf(away)), "no way leads to an end"
+    if not endless.size and len(away) > LARGEST_DIRECT:
+        endless, why = model.endless(None), f"{len(away):,} states are too many to tell"
+    if not endless.size:
+        (values, policy), why = best_policy(model, unit), "the way costs nothing"
+        endless = model.endless(policy)
+        for cost in () if endless.size else COSTS * model.largest_reward:
+            above, last = best_policy(replace(model, mean_reward=model.mean_reward + cost), unit)
+            error = _error(model, policy, unit, values, above)
+            if error < np.inf:
+                return values, error
+            endless = model.endless(last)
+    state = int((endless if endless.size else model.endless(None))[0])
+    raise SettingError(
+        "discount 1 needs every policy considered to end, or to cost without bound: from "
+        f"{state_name(model.mdp.states, state)} an episode can go on for ever, and {why}; a "
+        "discount below 1 bounds the values"
+    )
+
+
+def _error(
+    model: TabularPlanningModel,
+    policy: IntArray,
+    unit: float,
+    values: FloatArray,
+    above: FloatArray,
+) -> float:
+    """Return how far `values`, of a policy that ends, are from V*; infinite if not known.
+
+    `above` is W of the comment above. V* is at least what the policy is worth.
+    """
+    live, places = ~model.terminal, np.arange(len(policy))
+    counted = model.counting_steps()
+    lengths = policy_values(counted, policy)
+    if not np.isfinite([values, above, lengths]).all():
+        return np.inf
+    rounding, rounding_above, rounding_lengths = (
+        unit * (of.largest_reward + float(abs(array).max()))
+        for of, array in ((model, values), (model, above), (counted, lengths))
+    )
+    q = backed_up(model, values)
+    short = float(abs(q[places, policy] - values)[live].max()) + rounding
+    left = abs(backed_up(counted, lengths)[places, policy] - lengths)[live].max() + rounding_lengths
+    cost = float((above - backed_up(model, above).max(axis=1))[live].min()) - rounding_above
+    over = max(0.0, float((q.max(axis=1) - values)[live].max())) + rounding
+    if not (left < 1 and 0 < over <= cost):
+        return np.inf
+    lower = short * float(lengths.max()) / (1 - left)
+    upper = over / cost * max(0.0, float((above - values).max()))
+    return float((max(lower, upper) + rounding) * model.largest_sum(None) * (1 + 64 * unit))
 
 
 # -- how often a policy is where -------------------------------------------------------------------

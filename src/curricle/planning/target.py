@@ -66,7 +66,7 @@ class Target:
         episodes: int = ROLLOUTS,
     ) -> "Target":
         """Return a target, evaluated exactly where it can be, else by `episodes` rollouts."""
-        given = GreedyEvaluation() if evaluation is None else evaluation
+        asked = GreedyEvaluation() if evaluation is None else evaluation
         generative = generative_model(task)
         pairs = generative.states.size * generative.actions.size
         solution, typical = None, float("nan")
@@ -77,9 +77,9 @@ class Target:
             sizes = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
             typical = float(np.median(sizes)) if sizes.size else 1.0
             outcomes = pairs * mdp.probability.shape[1]
-            if outcomes * given.horizon(task) <= LARGEST_EVALUATED:
+            if outcomes * asked.horizon(task) <= LARGEST_EVALUATED:
                 method = "exact"
-        return cls(task, replace(given, method=method, episodes=episodes), solution, typical)
+        return cls(task, replace(asked, method=method, episodes=episodes), solution, typical)
 
     @cached_property
     def optimum(self) -> float:
@@ -113,11 +113,11 @@ class Target:
         if self.evaluation.method == "exact":
             return greedy_policy_return(self.task, view, self.evaluation), 0.0
         part = replace(self.evaluation, episodes=-(-self.evaluation.rollouts(self.task) // BATCHES))
-        found = [
+        returns = [
             greedy_policy_return(self.task, view, part, seed=k, stream="source_learning")
             for k in range(BATCHES)
         ]
-        return float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(BATCHES))
+        return float(np.mean(returns)), float(np.std(returns, ddof=1) / np.sqrt(BATCHES))
 
     def level(self, fraction: float) -> float:
         """Return worst + fraction (optimum - worst), worst being the random policy's return.

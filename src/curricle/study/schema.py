@@ -57,8 +57,13 @@ from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, unfit_name
 from curricle.deep.learner import DeepLearner
 from curricle.deep.shaping import PolicyReuse, WeightTransfer
 from curricle.interop.encoders import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
-from curricle.learning.learners import SARSA, DoubleQLearning, ExpectedSARSA, QLearning
-from curricle.learning.optimistic_learning import OptimisticQLearning
+from curricle.learning.learners import (
+    SARSA,
+    DoubleQLearning,
+    ExpectedSARSA,
+    OptimisticQLearning,
+    QLearning,
+)
 from curricle.learning.schedules import Schedule, exponential, harmonic, linear
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.shaping import (

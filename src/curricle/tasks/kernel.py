@@ -201,10 +201,10 @@ class Overloaded:
         otherwise: Callable[..., Any] | None = None,
     ):
         self.function = function
-        self._bodies: dict[type, Callable[..., Any]] = {}
+        self.bodies: dict[type, Callable[..., Any]] = {}
 
         def choose(first: Any, *_: Any) -> Callable[..., Any] | None:
-            return self._bodies.get(getattr(first, "instance_class", type(None)), otherwise)
+            return self.bodies.get(getattr(first, "instance_class", type(None)), otherwise)
 
         options: Any = {**INLINED, "forceinline": not outlined}
         overload(function, jit_options=options, strict=False)(choose)
@@ -213,7 +213,7 @@ class Overloaded:
         """Return the decorator that makes a plain function the body for one type."""
 
         def register(function: Callable[..., Any]) -> Callable[..., Any]:
-            self._bodies[kind] = function
+            self.bodies[kind] = function
             return function
 
         return register

@@ -13,8 +13,7 @@ from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray,
 from curricle.checks import text
 from curricle.display import block, table
 from curricle.errors import SettingError, TaskError
-from curricle.learning.learners import Learner, QLearning
-from curricle.learning.optimistic_learning import OptimisticQLearning
+from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.result import (
     LearningResult,
     learning_result,
@@ -25,7 +24,6 @@ from curricle.learning.run import Run
 from curricle.learning.seeds import SeedSettings, seed_settings, threads_for
 from curricle.learning.stopping import Budget, limits, longest_run, spacing
 from curricle.learning.storage import Storage
-from curricle.learning.tables import DenseTable
 from curricle.learning.training import given_or_default, stopping_kernel, train_all
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
@@ -439,12 +437,8 @@ class _TaughtRun(Run):
     samplers: dict[int, TaskSampler]  # filled with the teacher's draws, by seed
 
     @contextmanager
-    def opened(
-        self, settings: SeedSettings, start: int, tables: Sequence[Any]
-    ) -> Generator[TaughtModel]:
+    def opened(self, settings: SeedSettings, start: int, q: FloatTable) -> Generator[TaughtModel]:
         """Return a context with the model of all tasks, in which the teacher draws."""
-        learnt = tables[-1]
-        q = learnt.q[None] if isinstance(learnt, DenseTable) else learnt
         raised = list[BaseException]()
         record = EpisodeRecord.empty(self.task_set.limit)
         lesson = self._lesson(settings.seed, record, raised)
