@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison import running
+from curricle.comparison import plan as running
 from curricle.curriculum.result import StoredValues
 from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study
