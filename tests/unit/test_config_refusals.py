@@ -269,6 +269,8 @@ def test_a_file_that_cannot_be_read(tmp_path):
     with pytest.raises(ConfigError, match=r"missing\.toml cannot be read: No such file"):
         read_study(tmp_path / "missing.toml")
     (tmp_path / "latin.toml").write_bytes(b"name = '\xe4'")
+    with pytest.raises(ConfigError, match=r"a \.\.\. cannot be read: File name too long"):
+        read_study("a" * 5000)
     with pytest.raises(ConfigError, match=r"latin\.toml cannot be read: it is not UTF-8"):
         read_study(tmp_path / "latin.toml")
 

@@ -4,7 +4,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -15,6 +15,7 @@ from curricle.curriculum.node import OF_TARGETS
 from curricle.errors import ConfigError, CurricleError
 from curricle.study.schema import DEEP, LEARNERS, SHOWN, KeyPath, NameGraph, Settings, shown, table
 from curricle.study.task_tables import text_of
+from curricle.text import shortened
 
 # -- TOML, read without trust: bounded in size and in depth ----------------------------------------
 
@@ -32,12 +33,15 @@ TOO_LONG = f"whole numbers must have at most {LONGEST_NUMBER:,} bits"
 
 def toml_of(path: Path) -> tuple[str, dict[str, Any]]:
     """Return a file's text and what it says; ConfigError where it cannot be read as TOML."""
-    if path.is_dir() and (path / "study.json").exists():  # a store's first file
-        raise ConfigError(f"{path} is a folder of results, which StudyResults(FOLDER) reads")
     try:
         text = text_of(path)
     except ValueError as error:
-        raise ConfigError(f"{path} cannot be read: {error}") from None
+        with suppress(OSError):  # of a path that is too long
+            if (path / "study.json").is_file():  # a store's first file
+                raise ConfigError(
+                    f"{path} is a folder of results, which StudyResults(FOLDER) reads"
+                ) from None
+        raise ConfigError(f"{shortened(str(path))} cannot be read: {error}") from None
     try:
         return text, parsed(text)
     except ValueError as error:
