@@ -503,7 +503,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     encode : callable, optional
         observation -> number of the state, for potentials over a task.
     tolerance : float or None
-        The largest residual allowed, as a share of the largest |Phi| in the episode; for a
+        The largest residual allowed, as a share of the largest abs(Phi) in the episode; for a
         `ValueSource` at least 0.001, as networks round. None allows any, for potentials that
         change, such as a network in training: shaping is sound for these too (Devlin, Kudenko
         2012).

@@ -287,7 +287,7 @@ class ObservationMapping(TaskMapping):
     def pairs(
         self, values: ValueSource, batch: Any, scale: float = 1.0, shift: float = 0.0
     ) -> FloatArray:
-        """Return phi(s, a) of n stacked observations, (n, A), as :meth:`TaskMapping.pairs`."""
+        """Return phi(s, a) of n stacked observations, (n, A) float64."""
         if self.target.n_actions is None:
             raise MappingError(f"pairs need actions that are numbered: got {self.target.actions}")
         if not values.of_actions:
