@@ -484,13 +484,17 @@ def write_saved(
     """Write a whole ``.npz`` file, make its folders, and return its path; StoreError."""
     file = saved_path(path)
     others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
-    content = archive_content(arrays, others)
+    write_in_folder(file, archive_content(arrays, others), f"a {kind}")
+    return file
+
+
+def write_in_folder(file: Path, content: bytes, what: str) -> None:
+    """Write a whole file and make its folders; StoreError names `what` could not be written."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(file, content)
     except OSError as error:
-        raise StoreError(f"a {kind} cannot be written to {file}: {reason(error)}") from None
-    return file
+        raise StoreError(f"{what} cannot be written to {file}: {reason(error)}") from None
 
 
 def read_saved(path: str | Path, kind: str) -> SavedFile:

@@ -11,8 +11,8 @@ from typing import Any, Self
 from curricle.arrays import IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.learner import DeepLearner
-from curricle.errors import CurricleError, SettingError, StoreError, reason
-from curricle.files import local_file, read_saved, write_whole
+from curricle.errors import CurricleError, SettingError
+from curricle.files import local_file, read_saved, write_in_folder
 from curricle.interop.tabulated_task import check_sight
 from curricle.learning.result import LearningResult
 from curricle.learning.shaping import QInitialisation, Shaping
@@ -82,11 +82,7 @@ class TrainedPolicy:
             file = file.with_name(f"{file.name}.zip")
         content = io.BytesIO()
         self.model.save(content)
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(file, content.getvalue())
-        except OSError as error:
-            raise StoreError(f"a policy cannot be written to {file}: {reason(error)}") from None
+        write_in_folder(file, content.getvalue(), "a policy")
         return file
 
     @classmethod

@@ -15,8 +15,8 @@ from PIL import Image
 
 from curricle.arrays import FloatArray, frozen
 from curricle.checks import number
-from curricle.errors import SettingError, StoreError, reason
-from curricle.files import local_file, write_whole
+from curricle.errors import SettingError
+from curricle.files import local_file, write_in_folder
 from curricle.planning.rollouts import Trajectory
 from curricle.show.scenes import scene_of
 from curricle.tasks.mdp import Task, generative_model
@@ -121,12 +121,7 @@ class Episode:
         file = local_file(path)
         if file.suffix.lower() != ".gif":
             raise SettingError(f"an episode is saved as a GIF: got the file name {file.name!r}")
-        content = self._gif(self.fps if fps is None else fps)
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(file, content)
-        except OSError as error:
-            raise StoreError(f"an episode cannot be written to {file}: {reason(error)}") from None
+        write_in_folder(file, self._gif(self.fps if fps is None else fps), "an episode")
         return file
 
     def _gif(self, fps: float) -> bytes:
